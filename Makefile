@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # One process for each core; tests of one file share their fixtures, so that a file stays in one process.
 IN_PARALLEL ?= --numprocesses 2 --dist loadfile --quiet
 
-.PHONY: demo check test lint results paper clean
+.PHONY: demo check test lint docs results paper clean
 
 $(VENV)/.made: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -30,6 +30,15 @@ lint: $(VENV)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The site, in build/docs; a warning is an error. Everything is made anew: half a minute.
+docs: $(VENV)/.docs
+	rm -rf build/docs build/doctrees docs/gallery docs/reference/generated
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -d build/doctrees docs build/docs
+
+$(VENV)/.docs: $(VENV)/.made
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
 # docs/results.md from one commit (benchmarks/README.md has times); what is finished is not done again. DATA holds NPZ
 # files.
 DATA ?= ../shared/data
@@ -45,4 +54,4 @@ paper: $(VENV)/.made
 	$(BIN)/python benchmarks/paper.py --json $(PAPER)/paper.json --output $(PAPER)
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache build dist rpil-demo.html
+	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache build dist docs/gallery docs/reference/generated rpil-demo.html

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTIONAL = PROJECT["optional-dependencies"]
-FOR_USERS = set(OPTIONAL) - {"all", "dev", "value"}
+FOR_USERS = set(OPTIONAL) - {"all", "dev", "docs", "value"}
 PACKAGES = {"sklearn": "scikit-learn"}
 """Modules whose packages have other names."""
 
@@ -63,6 +63,15 @@ def test_an_import_is_seen(source, expected):
 def test_the_extra_all_holds_every_extra_for_users():
     (everything,) = OPTIONAL["all"]
     assert set(re.findall(r"\w+", everything)) == {"rpil", *FOR_USERS}
+
+
+def test_every_file_of_the_library_is_in_the_package():
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    patterns = tool["setuptools"]["package-data"]["rpil"]
+    library = ROOT / "src" / "rpil"
+    packed = {path for pattern in patterns for path in library.glob(pattern)}
+    others = {path for path in library.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    assert others == packed
 
 
 def test_every_requirement_has_a_lowest_version():

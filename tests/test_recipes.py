@@ -26,6 +26,7 @@ from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.results.html.page import Article, render_page
+from rpil.results.view import About, make_view
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil
@@ -228,7 +229,12 @@ def test_engine_recipe():
 
 def test_report_section_recipe():
     page = render_page(
-        [Article("Audit", make_audit(), "toy.csv", sections=[("Who recorded this", "Five people & a robot.")])]
+        [
+            Article(
+                make_view(make_audit(), About("Audit", "toy.csv")),
+                sections=[("Who recorded this", "Five people & a robot.")],
+            )
+        ]
     )
     assert "Who recorded this" in page
     assert "Five people &amp; a robot." in page

@@ -22,6 +22,7 @@ _HOME = {
     "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
+    "audit": "rpil.estimators.auditing",
     "compare": "rpil.simulation.comparison",
     "compare_methods": "rpil.estimators.methods",
     "load": "rpil.estimators.persistence",
@@ -52,6 +53,7 @@ __all__ = [
     "SoftmaxPolicy",
     "TorchPolicy",
     "__version__",
+    "audit",
     "compare",
     "compare_methods",
     "load",
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
 
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
+    from rpil.estimators.auditing import audit
     from rpil.estimators.cloning import BehavioralCloning
     from rpil.estimators.methods import compare_methods
     from rpil.estimators.persistence import load, save

@@ -128,12 +128,13 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
 
 def test_every_output_has_a_writer(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
-    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
+    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.json"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
     given = outputs.Audited(make_audit(), "data.csv", recording, find_faults(recording.demonstrations), {})
-    outputs.write_outputs(paths, given, 1.0, stages.append)
+    with click.Context(click.Command("audit")):
+        outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())
 

@@ -140,3 +140,21 @@ def test_doubts_groups_and_contradicting_labels_are_printed():
         "3: its label contradicts the other answers; look again.",
         "One part says most.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("python", "shell"),
+    [
+        ("name it action, or name the columns with action= (found 'x').", "with --action (found 'x')."),
+        ("say so with id=", "say so with --id"),
+        ("or say what they are with action= or action_kind=.", "with --action or --action-kind."),
+        ("set these aside with skip_bad=True", "aside with --skip-bad"),
+        ("judge all as one, add exclude='a task'.", "add --exclude 'a task'."),
+        ("read it into memory with rpil.read.", "into memory with --no-stream."),
+        ("fit again, with checkpoint= if one was kept", "fit again, with --resume if one was kept"),
+        ("give ids that rpil.read gives", "give ids that rpil.read gives"),
+        ("column 'grid=3' has id=4, my_id= and x.id=", "column 'grid=3' has id=4, my_id= and x.id="),
+    ],
+)
+def test_messages_for_python_name_options_in_a_shell(python, shell):
+    assert terminal.to_one_line(python).endswith(shell)

@@ -104,8 +104,8 @@ def test_names_with_a_prefix_leave_out_the_others():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"id": "run"}, "no column is called 'run'; correct id .found 'episode'"),
-        ({"action": "acton"}, "no column is called 'acton'; correct action .found 'action'"),
+        ({"id": "run"}, "no column is called 'run'; correct id= .found 'episode'"),
+        ({"action": "acton"}, "no column is called 'acton'; correct action= .found 'action'"),
         ({"order": "*"}, "order needs one column, but 'episode', 'x', 'v', 'action' are called"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
     ],

@@ -212,24 +212,26 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
     for rows in (None, SHUFFLED):
         (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
         notes = read_recording(tmp_path / "a.csv").description.notes
-        assert notes == ("Constant within each demonstration: seed, wind; leave out what those who acted did not see.",)
+        assert notes == (
+            "Constant within each demonstration: seed, wind; leave out what the demonstrators did not see.",
+        )
 
 
 def test_an_id_in_two_files_is_refused(tmp_path):
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text(text(BASE))
-    with pytest.raises(DataError, match=r"demonstration '0': it is both in a.csv and in b.csv; give each"):
+    with pytest.raises(DataError, match=r"demonstration 0: it is both in a.csv and in b.csv; give each"):
         formats.read(tmp_path)
 
 
 REFUSED = {
     "no id": (
         text({n: v for n, v in BASE.items() if n != "episode"}),
-        "name it episode_index, or name the column with --id",
+        "name it episode_index, or name the column with id=",
     ),
     "no action": (
         text({n: v for n, v in BASE.items() if n != "action"}),
-        "name it action, or name the columns with --act",
+        "name it action, or name the columns with action=",
     ),
     "no names": (text(BASE).split("\n", 1)[1], "the first row holds numbers, not names; put the names of the columns"),
     "a word among numbers": (

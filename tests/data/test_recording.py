@@ -128,6 +128,16 @@ def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path)
     assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
 
 
+def test_observations_that_are_too_small_are_said(tmp_path):
+    moves = np.random.default_rng(0).normal(size=N)
+    pq.write_table(
+        pa.table({"episode": np.arange(N) // 10, "x": moves, "y": 1e-300 * moves, "action": moves}),
+        tmp_path / "a.parquet",
+    )
+    (note,) = read_recording(tmp_path / "a.parquet").description.notes
+    assert note.startswith("Too small: values of y differ by less than 1e-150")
+
+
 def test_a_column_that_repeats_values_is_no_order(tmp_path):
     table = TABLE.set_column(1, "frame_index", pa.array(np.zeros(N, int))).drop_columns(["index", "timestamp"])
     pq.write_table(table, tmp_path / "a.parquet")
@@ -144,7 +154,8 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
     rows[[40, 41]] = rows[[41, 40]]
     pq.write_table(TABLE.take(rows), tmp_path / "a.parquet")
     with pytest.raises(
-        DataError, match=r"a.parquet, row 42: rows are not in the order of 'frame_index'; sort the file"
+        DataError,
+        match=r"a.parquet, demonstration 1, row 42: rows are not in the order of 'frame_index'; sort the file",
     ):
         open_dataset(tmp_path / "a.parquet")
     pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")

@@ -1,4 +1,4 @@
-"""Every example runs, and its last line reports what it should: enough right actions, or the better policy."""
+"""Every example runs and reports what it should: enough right actions, the better policy, or who is good."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,14 @@ LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 
 COMPARED = "compare_choices.py"
 
+PRINTED = {
+    "plot_ranking.py": r"nobody stands out.*score: 0\.6\d\n",
+    "plot_steps.py": r"mean weight: 0\.0\d of slips, 0\.[78]\d of all other steps\n",
+    "plot_methods.py": r"together: two groups; .*within each day: .*'unlike': 10.*RPIL +AUROC 1\.00; 20 right",
+    "plot_step_weights.py": r"0\.0\d in a gust.*alike: 1\d of 30 reach.*\nstep weights: 30 of 30 reach the goal\n",
+}
+"""Of the examples that the site shows with their results: patterns of what they print."""
+
 RUN = """
 import runpy, sys
 for path in sys.argv[1:]:
@@ -24,12 +33,10 @@ for path in sys.argv[1:]:
 """
 
 
-@pytest.mark.slow
-def test_examples():
-    """All in one process of their own, because torch is imported in seconds."""
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
+def printed(names: Iterable[str]) -> list[str]:
+    """What these examples print, all in one process of their own."""
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RUN, *(EXAMPLES / name for name in LEAST)],
+        [sys.executable, "-W", "error", "-c", RUN, *(EXAMPLES / name for name in names)],
         env=os.environ | {"MPLBACKEND": "agg"},
         capture_output=True,
         text=True,
@@ -37,13 +44,30 @@ def test_examples():
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    printed = run.stdout.split("--- end of an example\n")[:-1]
-    for (name, least), text in zip(LEAST.items(), printed, strict=True):
+    return run.stdout.split("--- end of an example\n")[:-1]
+
+
+@pytest.mark.slow
+def test_examples():
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
+    for (name, least), text in zip(LEAST.items(), printed(LEAST), strict=True):
         assert float(re.findall(r"0\.\d+", text)[-1]) > least, name
 
 
+@pytest.mark.slow
+def test_examples_of_the_site():
+    for (name, pattern), text in zip(PRINTED.items(), printed(PRINTED), strict=True):
+        assert re.search(pattern, text, re.DOTALL), (name, text)
+
+
+def test_the_site_runs_these():
+    text = (EXAMPLES.parent / "docs" / "conf.py").read_text(encoding="utf-8")
+    (names,) = re.findall(r"^RUN = \((.*)\)$", text, re.MULTILINE)
+    assert {f"{name}.py" for name in re.findall(r"\w+", names)} == set(PRINTED)
+
+
 def test_every_example_is_run():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, COMPARED}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, COMPARED, *PRINTED}
 
 
 @pytest.mark.slow

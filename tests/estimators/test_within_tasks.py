@@ -53,6 +53,13 @@ def test_python_and_the_command_say_the_same(both, judged):
     assert judged.audit_.assumptions[0].startswith("Demonstrations are judged within their tasks: left (11:")
 
 
+def test_the_demonstrations_of_all_tasks_have_traces(judged):
+    audit = judged.audit_
+    assert set(audit.traces) == set(audit.ids)
+    for m, name in enumerate(audit.ids):
+        assert len(audit.traces[name].taken) == audit.lengths[m]
+
+
 def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
     table = pq.read_table(both)
     pq.write_table(table.filter(pa.compute.equal(table["task"], "left")), tmp_path / "left.parquet")
@@ -81,6 +88,11 @@ def test_labels_and_pairs_go_to_their_task(both):
     assert audit.answers.pairs.tolist() == [[2, 9]]
     with pytest.raises(DataError, match="no demonstration is called '77'"):
         rpil_of(rpil.open(both), labels={77: "good"})
+    left_out = rpil_of(
+        rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
+    )
+    assert left_out.audit_.ids[0] == 1
+    assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):

@@ -122,7 +122,10 @@ def changed(table, name, row, value):
             lambda t: changed(t, "observation.1", 1500, None),
             r"0.parquet, demonstration \d+, row 1501: column 'observation.1' has no",
         ),
-        (lambda t: changed(t, "action", 1500, None), "0.parquet, row 1501: column 'action' has no value"),
+        (
+            lambda t: changed(t, "action", 1500, None),
+            r"0.parquet, demonstration \d+, row 1501: column 'action' has no value",
+        ),
         (lambda t: changed(t, "episode_index", 0, None), "0.parquet, row 1: column 'episode_index' has no value"),
         (lambda t: t.drop_columns(["action"]), "no column holds the action"),
         (lambda t: t.slice(0, 0), "there are no demonstrations"),

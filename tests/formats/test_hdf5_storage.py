@@ -106,7 +106,7 @@ def test_what_was_not_written_is_filled_in_where_that_is_asked_for(tmp_path, how
         array = hdf5.array_at(file, "x")
         with fill_chunks():
             assert array[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
-        with pytest.raises(DataError, match=r"x\.hdf5: x .*--fill-missing"):
+        with pytest.raises(DataError, match=r"x\.hdf5: x .*fill_missing=True"):
             array[:]
 
 
@@ -119,7 +119,7 @@ def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
         file.create_dataset("rewards", (n,), "f4", chunks=(5,))[:5] = 1
         file.create_dataset("infos/packed", data=np.arange(n), scaleoffset=8, chunks=(5,))
     assert len(rpil.read(path)) == 3
-    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in .*--fill-missing"):
+    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in .*fill_missing=True"):
         rpil.read(path, observations="rewards")
     with pytest.raises(DataError, match=r"infos/packed .*\(scaleoffset\)"):
         rpil.read(path, observations="infos/packed")
@@ -134,7 +134,7 @@ def test_timeouts_that_were_not_written_are_all_false_where_that_is_asked_for(tm
     path = d4rl(tmp_path / "x.hdf5", terminal=(0, 1, 2), timeouts=False)
     with h5py.File(path, "r+") as file:
         file.create_dataset("timeouts", (36,), bool)
-    with pytest.raises(DataError, match=r"x\.hdf5: timeouts .*--fill-missing"):
+    with pytest.raises(DataError, match=r"x\.hdf5: timeouts .*fill_missing=True"):
         rpil.read(path)
     assert len(rpil.read(path, fill_missing=True)) == 3
 

@@ -14,8 +14,9 @@ from hostile import write_long_list
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.formats.lerobot_check import find_defects
-from rpil.formats.parquet_pages import page_sizes
+from rpil.formats.lerobot.check import find_defects
+from rpil.formats.parquet_pages import Stored, page_sizes
+from rpil.formats.store import opened
 
 ROWS = 500
 TABLE = pa.table(
@@ -30,7 +31,8 @@ TABLE = pa.table(
 
 
 def sizes(path, *columns):
-    return page_sizes(fs.LocalFileSystem(), str(path), pq.ParquetFile(path), columns)
+    with opened(fs.LocalFileSystem(), str(path)) as stored:
+        return page_sizes(stored, columns)
 
 
 def counted(path, *columns):
@@ -91,7 +93,8 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
         bad[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
         path.write_bytes(bad)
         try:
-            groups = page_sizes(fs.LocalFileSystem(), str(path), file, ["state.pos", "text"])
+            with fs.LocalFileSystem().open_input_file(str(path)) as stream:
+                groups = page_sizes(Stored(file, stream, path.name), ["state.pos", "text"])
         except DataError as error:
             assert "x.parquet" in str(error)  # noqa: PT017
         else:

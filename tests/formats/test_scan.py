@@ -11,9 +11,9 @@ import pytest
 from rpil.data.errors import DataError
 from rpil.formats.columns import Columns
 from rpil.formats.layout import Layout
-from rpil.formats.order import Order
+from rpil.formats.places import Order, Places, find_places
 from rpil.formats.rows import TableRows
-from rpil.formats.scan import Places, scan
+from rpil.formats.scan import scan
 
 PLACES = Places(("a", "b", "c"), np.array([0, 3, 4, 8]), Order())
 TABLE = {
@@ -43,9 +43,12 @@ def test_all_sizes_of_tables_give_the_same(batch, monkeypatch):
 
 
 @pytest.mark.parametrize("batch", [1, 3, 100])
-def test_places_are_read_where_they_are_not_known(batch, monkeypatch):
-    places = found(batch, monkeypatch, None).places
+def test_places_are_found_by_the_ids(batch, monkeypatch):
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", batch)
+    rows = TableRows(pa.table(TABLE), "toy")
+    places, same = find_places(rows, COLUMNS, "toy")
     assert (places.ids, places.offsets.tolist()) == (PLACES.ids, [0, 3, 4, 8])
+    assert same is rows
 
 
 def test_missing_values_are_counted_and_the_first_fault_is_kept(monkeypatch):

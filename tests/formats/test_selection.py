@@ -39,6 +39,8 @@ def read(request, tmp_path):
         ({"only": [5, 0]}, [0, 5]),
         ({"only": range(2)}, [0, 1]),
         ({"only": 3}, [3]),
+        ({"only": 0}, [0]),
+        ({"without": 0}, [1, 2, 3, 4, 5]),
         ({"without": "3,0"}, [1, 2, 4, 5]),
         ({"only": "4-1", "without": 2}, [1, 3, 4]),
         ({"only": "0-5"}, [0, 1, 2, 3, 4, 5]),
@@ -65,8 +67,8 @@ def test_an_id_may_look_like_a_range_or_a_list(read):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"only": "7"}, "no demonstration is called '7'; .* correct --only or only="),
-        ({"without": "0,x"}, "no demonstration is called 'x'; .* correct --without or without="),
+        ({"only": "7"}, "no demonstration is called '7'; .* correct only="),
+        ({"without": "0,x"}, "no demonstration is called 'x'; .* correct without="),
         ({"only": "4-99999999999"}, "no demonstration is called '99999999999'"),
         ({"only": "1", "without": [1]}, "leave no demonstration"),
     ],

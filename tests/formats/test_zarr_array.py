@@ -158,7 +158,7 @@ def test_a_chunk_that_is_not_there(tmp_path, separator, zarr_format, shards):
     (tmp_path / "x" / found.chunk_files[1][(1, 0, 0)]).unlink()
     found = opened_array(tmp_path / "x")
     np.testing.assert_array_equal(found[0:3], VALUES[:3])
-    with pytest.raises(DataError, match=r"1 of its 4 chunks .* demonstrations 0, 1, .*--fill-missing"):
+    with pytest.raises(DataError, match=r"1 of its 4 chunks .* demonstrations 0, 1, .*fill_missing=True"):
         found[0:4]
     with fill_chunks():
         filled = found[0:11]

@@ -46,7 +46,7 @@ def test_more_than_half_below_at_many_levels_are_no_minority(n_upper, is_doubted
     score = np.where(np.arange(10) < n_upper, 1.0, -0.2)
     doubts = found(scored(score, deviation=TAIL))
     assert [doubt.sentence for doubt in doubts] == [
-        "More than half score lower, at many levels: it is open who is unlike whom."
+        "More than half score lower, at many levels: it is open which are unlike the others."
     ] * is_doubted
     assert all(len(doubt.members) == 0 for doubt in doubts)
     assert sentences(scored(score)) == []  # a cluster of its own may be the larger group

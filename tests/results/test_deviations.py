@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,28 @@ import pytest
 import rpil
 from audits import make_audit
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
+from rpil.inference.settings import HeldOutSettings
 from rpil.results.deviations import MAX_STEPS, deviations
+from rpil.results.evidence import beside_final_policy
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
 AUDIT = make_audit(("typical", "unlike"), step_log_ratio=RATIO, lengths=[40, 40])
+
+
+def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> Comparison:
+    """Discrete actions, or continuous ones beside a policy with the mean 0."""
+    n_parts = actions.shape[1] if actions.ndim > 1 else 0
+    space = Box(np.full(n_parts, -99.0), np.full(n_parts, 99.0)) if n_parts else Discrete(3)
+    offsets, labels = np.array([0, len(actions) // 2, len(actions)]), np.zeros(2, dtype=int)
+    data = FitData(np.ones((len(actions), 1)), actions, offsets, space, labels, action_names=names)
+
+    def outputs(rows: np.ndarray) -> np.ndarray:
+        return np.zeros((len(rows), n_parts)) if n_parts else np.log(np.full((len(rows), 3), 1 / 3))
+
+    return beside_final_policy(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
 
 
 def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:
@@ -27,33 +44,57 @@ def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() ->
         np.testing.assert_array_equal(np.sort(rows), np.arange(50, 56))
         return np.log(np.tile([0.2, 0.7, 0.1], (len(rows), 1)))
 
-    phrases = deviations(AUDIT, Discrete(3), np.array(["left", "none", "right"]), actions, outputs)
+    phrases = deviations(AUDIT, compared(actions), np.array(["left", "none", "right"]), outputs)
     assert phrases == ("", "it takes action right where the trusted most likely take none (4 of its 6 worst steps)")
     assert replace(AUDIT, deviations=phrases).reasons[1].endswith(f": {phrases[1]}.")
 
 
 def test_actions_that_the_trusted_take_too_are_no_deviation() -> None:
-    phrases = deviations(
-        AUDIT, Discrete(2), np.arange(2), np.zeros(80, dtype=int), lambda rows: np.log([[0.9, 0.1]] * len(rows))
-    )
+    actions = np.zeros(80, dtype=int)
+    phrases = deviations(AUDIT, compared(actions), np.arange(2), lambda rows: np.log([[0.9, 0.1]] * len(rows)))
     assert phrases == ("", "")
 
 
-def test_part_furthest_from_the_trusted_is_named_in_units_of_their_spread() -> None:
+def no_outputs(rows: np.ndarray) -> np.ndarray:
+    raise AssertionError
+
+
+def phrase_of(actions: np.ndarray, names: tuple[str, ...] = ()) -> str:
+    return deviations(AUDIT, compared(actions, names), np.empty(0), no_outputs)[1]
+
+
+def test_part_with_most_of_the_evidence_is_named_with_its_value_beside_the_band_of_the_trusted() -> None:
     rng = np.random.default_rng(0)
-    actions = rng.normal(size=(80, 2)) * [1.0, 0.1]
-    actions[50:56] = [2.0, -1.0]  # 2 and 10 standard deviations
-    box = Box(np.array([-5.0, -5.0]), np.array([5.0, 5.0]))
-    _, phrase = deviations(AUDIT, box, np.empty(0), actions, lambda rows: np.zeros((len(rows), 2)))
-    spread = 1.4826 * np.median(np.abs(actions[:40, 1]))
-    assert phrase == f"part 1 of its action is too low by {1 / spread:.1f} times the spread of the trusted"
-    assert 7 < 1 / spread < 14
-    _, named = deviations(AUDIT, box, np.empty(0), actions, lambda rows: np.zeros((len(rows), 2)), ("arm", "grip"))
-    assert named == phrase.replace("part 1", "part grip")
-    # A part that is constant among the trusted has no spread to compare with.
-    wider, box = np.column_stack([actions, np.zeros(80)]), Box(np.full(3, -5.0), np.full(3, 5.0))
-    _, same = deviations(AUDIT, box, np.empty(0), wider, lambda rows: np.zeros((len(rows), 3)))
-    assert same == phrase
+    actions = rng.normal(size=(80, 2)) * [1.0, 10.0]
+    actions[50:56] = [2.0, -70.0]  # 2 and 7 standard deviations
+    low, high = np.quantile(actions[:40, 1], [0.05, 0.95])
+    said = f"is at -70 where the trusted are at {low:.0f} to {high:.0f} ("
+    phrase = phrase_of(actions, ("arm", "elbow"))
+    assert re.fullmatch(rf"at step 1[0-5] its elbow {re.escape(said)}\d\d% of the evidence there\)", phrase)
+    assert int(phrase.split("(")[1][:2]) >= 70
+    assert phrase_of(actions) == phrase.replace("elbow", "action part 1")
+    assert phrase_of(actions[:, 1:]) == phrase.replace("elbow", "action").partition(" (")[0]
+    # A part that is constant holds no evidence.
+    assert phrase_of(np.column_stack([actions, np.zeros(80)]), ("arm", "elbow", "grip")) == phrase
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (41.3, 55.2, 61.8, "41 where the trusted are at 55 to 62"),
+        (0.5, 0.512, 0.561, "0.50 where the trusted are at 0.51 to 0.56"),
+        (3.0, 0.0, 0.0, "3 where the trusted are at 0"),
+    ],
+)
+def test_values_have_the_digits_that_tell_them_apart(value: float, low: float, high: float, said: str) -> None:
+    actions = np.repeat([low, high, value, value], 20)[:, None]
+    actions[:40] = np.tile([low, high], 20)[:, None]
+    assert f"is at {said}" in phrase_of(actions)
+
+
+def test_what_stays_within_the_band_is_no_deviation() -> None:
+    actions = np.tile([-1.0, 1.0], 40)[:, None]
+    assert phrase_of(actions) == ""
 
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
@@ -65,17 +106,14 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
         asked.extend(rows.tolist())
         return np.log([[0.9, 0.1]] * len(rows))
 
-    _, phrase = deviations(audit, Discrete(2), np.arange(2), np.ones(100, dtype=int), outputs)
+    _, phrase = deviations(audit, compared(np.ones(100, dtype=int)), np.arange(2), outputs)
     assert sorted(asked) == list(range(100 - MAX_STEPS, 100))
     assert f"{MAX_STEPS} of its {MAX_STEPS} worst steps" in phrase
 
 
 @pytest.mark.parametrize("changes", [{"finding": "nobody stands out"}, {"verdicts": ("open", "unlike")}])
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
-    def outputs(rows: np.ndarray) -> np.ndarray:
-        raise AssertionError
-
-    assert deviations(replace(AUDIT, **changes), Discrete(2), np.arange(2), np.ones(80, dtype=int), outputs) == ()
+    assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2), no_outputs) == ()
 
 
 def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from time import process_time
 
 import numpy as np
 
-from audits import make_audit
+from audits import make_audit, make_traces
 from rpil.inference.answers import Answers
 from rpil.results.subset import select
 
@@ -42,6 +42,13 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     np.testing.assert_array_equal(part.answers.pairs, [[0, 1]])
     np.testing.assert_array_equal(part.answers.outcome, [2.0, 3.0])
     np.testing.assert_array_equal(part.columns, [[4.0, 5.0], [6.0, 7.0]])
+
+
+def test_traces_follow_their_names():
+    audit = make_audit()
+    audit = replace(audit, traces={audit.ids[m]: make_traces(9, seed=m) for m in (1, 2, 5)})
+    part = select(audit, [5, 0, 1], ["a", "b", "c"])
+    assert part.traces == {"a": audit.traces[audit.ids[5]], "c": audit.traces[audit.ids[1]]}
 
 
 def test_copies_stay_copies_where_the_first_is_left_out():

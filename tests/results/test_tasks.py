@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from audits import make_audit
+from audits import make_audit, make_traces
 from rpil.results.tasks import ALONE, join_audits, split_by_task
 
 
@@ -41,6 +41,15 @@ def test_facts_stay_with_their_tasks():
     places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
     audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
     assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
+
+
+def test_traces_stay_with_their_demonstrations():
+    steps = {"lengths": [1, 1]}
+    one = make_audit(("open",) * 2, **steps, traces={1: make_traces(1)})
+    other = make_audit(("open",) * 2, **steps, ids="ab", traces={"a": make_traces(1, seed=1)})
+    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    assert audit.traces == {**one.traces, **other.traces}
 
 
 def test_without_any_audit_nothing_is_known():

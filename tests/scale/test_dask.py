@@ -235,7 +235,7 @@ def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(closed, tmp_p
         monkeypatch.setattr(engine.RemoteBlocks, "run", run_with_an_end)
         monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
         checkpoint = tmp_path / "checkpoint"
-        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*--resume") as caught:
+        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*checkpoint=") as caught:
             small_rpil(engine=DaskEngine(client), checkpoint=checkpoint).fit(demonstrations())
         with suppress(Exception):
             client.close()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import shlex
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.given import read_known
-from rpil.cli.options import FitOptions
+from rpil.cli.options import FitOptions, command_words
+from rpil.cli.options_file import LISTS
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
+    from rpil.results.provenance import Provenance
     from rpil.results.record import Audit
     from rpil.scale.protocol import Engine
 
@@ -83,7 +86,8 @@ class Commands(click.Group):
             sys.exit(INTERRUPTED)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
-            message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            message = _with_commas(error.format_message(), list(args or sys.argv[1:]))
+            message = message.rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _exit_with_error(f"{message}; see {command} --help.")
         except (click.ClickException, DataError, MissingExtraError) as error:
             _exit_with_error(str(error))
@@ -92,6 +96,16 @@ class Commands(click.Group):
                 raise
             _exit_with_error(f"{error.filename}: {error.strerror}; check the path.")
         sys.exit(code)
+
+
+def _with_commas(message: str, words: Sequence[str]) -> str:
+    """The message of click, with what was meant where several columns stand after an option, as ``--action x y``."""
+    extra = re.search(r"unexpected extra arguments? \((.*)\)", message)
+    for k, word in enumerate(words):
+        values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
+        if extra and word.removeprefix("--") in LISTS and " ".join(values[1:]) == extra[1]:
+            return f"{message}; write {word} {shlex.quote(','.join(values))}"
+    return message
 
 
 def tell_if_interrupted(kept: str) -> None:
@@ -121,9 +135,16 @@ def open_recording(
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
+    from rpil.formats.guesses import RoleError
 
     progress(f"reading {file}")
-    return formats.read_recording(file, columns, on_disk=stream)
+    try:
+        return formats.read_recording(file, columns, on_disk=stream)
+    except RoleError as error:
+        if not error.guess:
+            raise
+        words = [word for name, value in error.guess.items() for word in (f"--{name}", value)]
+        raise DataError(f"{error.sentence}; perhaps: {shlex.join(['rpil', 'audit', file, *words])}.") from error
 
 
 def read_reference(
@@ -197,7 +218,9 @@ def fit_rpil(
     if n_tasks > 1:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
-    known = read_known(recording, options)
+    from rpil.estimators.within_tasks import Known
+
+    known = Known.of(recording, options.labels, options.operator, None, None)
     return _fit(file, recording.demonstrations, known, options, progress, engine), _names(known)
 
 
@@ -211,16 +234,31 @@ def audit_by_task(
 ) -> tuple[Audit, Mapping[str, str]]:
     """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
     `reference`; and the demonstrators as `fit_rpil`."""
-    from rpil.estimators.within_tasks import judge_within_tasks
+    from rpil.estimators.within_tasks import Known, judge_within_tasks
     from rpil.formats.dataset import Dataset
 
-    known = read_known(recording, options, reference)
+    known = Known.of(recording, options.labels, options.operator, None, None, reference)
 
     def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
         there = engine if isinstance(demonstrations, Dataset) else None
         return _fit(file, demonstrations, own, options, progress, there).audit_
 
-    return judge_within_tasks(recording, known, judge), _names(known)
+    audit = judge_within_tasks(recording, known, judge)
+    return replace(audit, provenance=_provenance(file, recording, options)), _names(known)
+
+
+def _provenance(file: str, recording: Recording, options: FitOptions) -> Provenance:
+    """That of an audit with the options of the command line."""
+    from rpil.data.id_values import is_id_file
+    from rpil.estimators.auditing import changed_options
+    from rpil.results.provenance import Provenance
+
+    ctx = click.get_current_context()
+    command = shlex.join(command_words(ctx, str(ctx.info_name), without=("resume", "quiet")))
+    settings = changed_options(options.features, options.adversary, CommandSettings.current().fit)
+    who = options.operator if options.operator and is_id_file(options.operator) else None
+    files = options.labels, who, ctx.params.get("reference")
+    return Provenance.of(recording, file, command, options.seed, settings, files)
 
 
 def _names(known: Known) -> dict[str, str]:

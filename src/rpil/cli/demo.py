@@ -23,6 +23,7 @@ from rpil.results.html.number_format import format_number
 from rpil.results.html.page import Article, html_environment, write_page
 from rpil.results.html.pictures import returns_figure, score_figure
 from rpil.results.record import Audit
+from rpil.results.view import About, make_view
 from rpil.results.words import SIDES
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Policy, Returns, rollout
@@ -216,17 +217,15 @@ def _render_section(macro: str, *values: Any) -> Markup:
 def _overcooked_article(result: OvercookedResult) -> Article:
     low, high = result.auroc_ci95
     figure = score_figure(result.audit, result.quality, "Score of the player")
+    about = About("Overcooked: real people", "cramped_room", seconds=result.seconds)
     return Article(
-        title="Overcooked: real people",
-        audit=result.audit,
-        source="cramped_room",
+        make_view(result.audit, about),
         summary=f"{result.audit.finding.capitalize()}; agreement of the ranking with a score that it did not see: "
         f"AUROC {result.auroc:.2f} (95\u00a0% interval {low:.2f} to {high:.2f}).",
         sections=[
             ("The data", _render_section("overcooked_data", result)),
             ("Does the ranking agree with an unseen score?", _render_section("overcooked_agreement", result, figure)),
         ],
-        seconds=result.seconds,
     )
 
 
@@ -239,14 +238,12 @@ def _lunarlander_article(result: LunarLanderResult) -> Article:
         summary += f" Mean return {means['rpil']}, and {means['trust_all']} when all are trusted."
         figure = returns_figure([(POLICY_NAMES[name], p.mean, *p.ci95) for name, p in result.returns.items()])
         section = _render_section("lunarlander_returns", result, figure, POLICY_NAMES)
+    about = About("LunarLander: half of the demonstrations corrupted", LANDER_ENV, seconds=result.seconds)
     return Article(
-        title="LunarLander: half of the demonstrations corrupted",
-        audit=result.audit,
-        source=LANDER_ENV,
-        summary=summary,
+        make_view(result.audit, about),
+        summary,
         sections=[
             ("The data", _render_section("lunarlander_data")),
             ("Returns of the policies", section),
         ],
-        seconds=result.seconds,
     )

@@ -4,19 +4,18 @@ is fast."""
 from __future__ import annotations
 
 import shlex
-import time
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
-from rpil.cli.check import audit_fault_lines, check
+from rpil.cli.audit import audit, print_next_steps, report
+from rpil.cli.check import check
 from rpil.cli.commands import (
     Commands,
     CommandSettings,
-    audit_by_task,
     check_paths,
     connect_engine,
     fit_rpil,
@@ -26,29 +25,20 @@ from rpil.cli.completion import install_completion
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
-from rpil.cli.label import LABELS_FILE, label
+from rpil.cli.label import label
 from rpil.cli.options import (
     ERROR_CHOICE,
     FitOptions,
     OutputFile,
-    WordLimit,
-    command_words,
     json_option,
     pop_columns,
     quiet_option,
     seed_option,
     with_fit_options,
-    with_judge_options,
 )
 from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.progress import StageProgress, show_stages
-
-if TYPE_CHECKING:
-    from rpil.results.record import Audit
-
-N_LABELS = 3
-"""Demonstrations that an audit proposes to label."""
+from rpil.cli.review import review
 
 
 def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
@@ -79,98 +69,8 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (check, info, label, keep, convert, evaluate):
+for command in (audit, report, check, info, label, review, keep, convert, evaluate):
     main.add_command(command)
-
-
-@main.command()
-@file_argument
-@click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
-@click.option(
-    "--weights",
-    type=OutputFile(".parquet", ".csv"),
-    metavar="OUT.parquet|OUT.csv",
-    help="Also write a training weight for every step.",
-)
-@click.option(
-    "--verdicts",
-    type=OutputFile(".csv", ".parquet", ".json"),
-    metavar="OUT.csv|OUT.parquet|OUT.json",
-    help="Also write a table with one row for every demonstration.",
-)
-@click.option(
-    "--keep",
-    type=OutputFile(".json"),
-    metavar="OUT.json",
-    help="Also write the ids of the demonstrations to keep, all but unlike or bad ones, as LeRobot takes them.",
-)
-@click.option(
-    "--fail-on",
-    type=WordLimit(),
-    metavar="unlike|bad[:N]",
-    help="Exit with code 1 where more than N demonstrations, by default 0, are unlike or bad.",
-)
-@click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
-@click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
-@json_option
-@with_judge_options
-@click.pass_context
-def audit(
-    ctx: click.Context,
-    /,
-    file: str,
-    suggest: int | None,
-    all_rows: bool,
-    json_wanted: bool,
-    fail_on: str | None,
-    **options: Any,
-) -> int:
-    """Print how far each demonstration can be trusted, the least trusted first.
-
-    No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
-    """
-    start = time.perf_counter()
-    outputs = {title: options.pop(title) for title in OUTPUTS}
-    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    reference = options.pop("reference")
-    check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
-    stream = commands.resolve_stream(file, stream, scheduler, reference)
-    if options["features"] == "auto":
-        options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
-    with _show_stages(quiet) as progress:
-        columns = pop_columns(options)
-        with connect_engine(scheduler, progress) as engine:
-            read = open_recording(file, columns, progress, stream)
-            good = commands.read_reference(reference, file, columns, progress)
-            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
-        progress("looking for recording faults")
-        from rpil.faults.recorded import faults_of
-        from rpil.faults.settings import FaultSettings
-
-        faults = faults_of(read, None, None, False, FaultSettings())
-        audited = Audited(result, file, read, faults, who)
-        write_outputs(outputs, audited, time.perf_counter() - start, progress)
-    if json_wanted:
-        suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
-        click.echo(
-            terminal.to_json(
-                {"run": result.run_id, "input": read.description.to_dict()}
-                | result.to_dict()
-                | {"faults": faults.to_dict()}
-                | suggested
-            )
-        )
-    else:
-        terminal.print_lines([*read.description.short(), *judged_within(result), ""])
-        terminal.print_audit(result, all_rows)
-        terminal.print_lines(audit_fault_lines(faults, result, file))
-        _print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
-    for title, path in outputs.items():
-        if path is not None:
-            click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
-            if not json_wanted and not quiet:
-                terminal.print_lines(lines_after_output(title, path, audited))
-    return tell_if_too_many(result, fail_on)
 
 
 @main.command()
@@ -221,7 +121,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
-        _print_next_steps(ctx, model.audit_, quiet)
+        print_next_steps(ctx, model.audit_, quiet)
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
     else:
@@ -307,11 +207,3 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
     else:
         click.echo("\n".join(result.sentences()))
     click.echo(f"Report: {output}", err=json_wanted)
-
-
-def _print_next_steps(ctx: click.Context, audit: Audit, quiet: bool, n_labels: int = N_LABELS) -> None:
-    """Print what to do next, with the command to run then; nothing if `quiet`."""
-    if quiet:
-        return
-    labels = ctx.params["labels"] or LABELS_FILE
-    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name))), n_labels))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
@@ -249,14 +249,14 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     )
 
 
-def command_words(ctx: click.Context, name: str) -> list[str]:
-    """The command `name` with the arguments of `ctx`, without --labels, --resume and --quiet."""
+def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "resume", "quiet")) -> list[str]:
+    """The command `name` with the arguments of `ctx`, `without` some options."""
     words = ["rpil", name]
     for param in ctx.command.params:
         value = ctx.params.get(str(param.name))
         if isinstance(param, click.Argument):
             words.append(str(value))
-        elif param.name not in ("labels", "resume", "quiet") and is_given(ctx, param):
+        elif param.name not in without and is_given(ctx, param):
             if isinstance(value, bool):
                 words += param.opts[:1] if value else param.secondary_opts[:1]
             else:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli.commands import tell_if_interrupted
+from rpil.cli.options import command_words
 from rpil.cli.progress import StageProgress
 
 if TYPE_CHECKING:
@@ -20,8 +23,9 @@ if TYPE_CHECKING:
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
     from rpil.results.record import Audit
+    from rpil.results.view import About
 
-OUTPUTS = ("weights", "verdicts", "keep", "report")
+OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -54,25 +58,16 @@ def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[obje
 def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     from rpil.formats.weights import write_weights
+    from rpil.results.html.page import Article, write_page
+    from rpil.results.run_file import write_run
     from rpil.results.verdict_table import kept, write_kept, write_verdicts
+    from rpil.results.view import make_view
 
     audit = given.audit
 
-    def write_report(path: str) -> None:
-        from markupsafe import Markup
-
-        from rpil.results.html.faults import faults_section
-        from rpil.results.html.page import Article, write_page
-
-        def lines(text: Sequence[str]) -> Markup:
-            return Markup("<p>%s</p>") % Markup("<br>").join(text)
-
-        title = f"Audit of {Path(given.source).name}"
-        sections = [("What was read", lines(given.recording.description.short()))]
-        if given.lost:
-            sections.append((f"What is lost without the {audit.words.lower} ones", lines(given.lost)))
-        sections.append(faults_section(given.faults))
-        write_page(path, [Article(title, audit, given.source, sections=sections, seconds=seconds)])
+    ctx = click.get_current_context()
+    command = shlex.join(command_words(ctx, str(ctx.info_name)))
+    view = cache(lambda: make_view(audit, about(given, command, seconds)))
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -86,7 +81,8 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             path, audit, given.demonstrators, given.faults.findings, given.recording.tasks
         ),
         "keep": write_keep,
-        "report": write_report,
+        "report": lambda path: write_page(path, [Article(view())]),
+        "save": lambda path: write_run(path, view()),
     }
     for title in OUTPUTS:
         path = paths[title]
@@ -94,6 +90,28 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             progress(f"writing {path}")
             writers[title](path)
             tell_if_interrupted(f"{path} is written")
+
+
+def about(given: Audited, command: str, seconds: float | None = None) -> About:
+    """What the report shows beside the audit, which a `command` made in so many `seconds`."""
+    from rpil.results.view import About
+
+    read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
+    hub = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source)
+    return About(
+        title=f"Audit of {Path(given.source).name}",
+        source=given.source,
+        read=read.short(),
+        lost=given.lost,
+        faults=given.faults,
+        tasks=given.recording.tasks,
+        demonstrators=given.demonstrators,
+        fps=read.fps or given.recording.times().fps,
+        lerobot=lerobot,
+        hub=hub[1] if hub and lerobot else "",
+        command=command,
+        seconds=seconds,
+    )
 
 
 def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
@@ -132,6 +150,4 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
 
 def judged_within(audit: Audit) -> tuple[str, ...]:
     """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
-    from rpil.results.tasks import AuditOfTasks
-
-    return audit.assumptions[:1] if isinstance(audit, AuditOfTasks) else ()
+    return audit.assumptions[:1] if audit.within else ()

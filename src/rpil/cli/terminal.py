@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import re
 import shlex
 import sys
 import warnings
@@ -41,9 +42,29 @@ def print_warnings() -> Iterator[None]:
         click.echo(f"note: {to_one_line(message)}", err=True)
 
 
+_IN_SHELL = {
+    "checkpoint=": "--resume",
+    "trims=": "--trim",
+    "into memory with rpil.read": "into memory with --no-stream",
+    "on disk with rpil.open": "on disk with --stream",
+}
+_ARGUMENT = re.compile(
+    r"(?<![\w.])(id|action|observations|exclude|order|operator|task|session|outcome|labels|action_kind|embeddings|only"
+    r"|without|skip_bad|memory|fill_missing)=(?:True|'([^']*)'|(?=[\s,.;)]|$))"
+)
+"""What the library's messages say to users of Python, and what a command says in its place."""
+
+
 def to_one_line(text: str) -> str:
-    """The text on one line and without colours."""
-    return " ".join(click.unstyle(text).split())
+    """The text on one line and without colours, in which arguments of Python, as ``action=``, are options."""
+    for python, shell in _IN_SHELL.items():
+        text = text.replace(python, shell)
+    return " ".join(click.unstyle(_ARGUMENT.sub(_option, text)).split())
+
+
+def _option(found: re.Match[str]) -> str:
+    """``--action-kind`` of ``action_kind=``, with its value if it has one."""
+    return f"--{found[1].replace('_', '-')}" + (f" {shlex.quote(found[2])}" if found[2] else "")
 
 
 def to_json(value: object) -> str:

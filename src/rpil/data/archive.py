@@ -125,6 +125,21 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
+def check_shape(array: Array, axes: str, sizes: dict[str, int], missing: bool = False) -> None:
+    """A `ValueError` where an array has not the `axes`, as in `stored`, of the `sizes` so far, to which new ones are
+    added; or, unless values may be `missing`, holds NaN."""
+    letters = axes.split()
+    if array.ndim != len(letters):
+        raise ValueError(axes)
+    for size, letter in zip(array.shape, letters, strict=True):
+        letter, _, more = letter.partition("+")
+        expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
+        if size != expected + int(more or 0):
+            raise ValueError(axes)
+    if not missing and array.dtype.kind == "f" and np.isnan(array).any():
+        raise ValueError(axes)
+
+
 class Decoder:
     """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
 
@@ -139,16 +154,9 @@ class Decoder:
         holds NaN.
         """
         array = self.arrays.pop(node["array"])
-        letters = axes.split()
-        if array.ndim != len(letters) or (dtypes and array.dtype not in dtypes):
+        if dtypes and array.dtype not in dtypes:
             raise ValueError(node)
-        for size, letter in zip(array.shape, letters, strict=True):
-            letter, _, more = letter.partition("+")
-            expected = int(letter) if letter.isdigit() else self.sizes.setdefault(letter, size - int(more or 0))
-            if size != expected + int(more or 0):
-                raise ValueError(node)
-        if not missing and array.dtype.kind == "f" and np.isnan(array).any():
-            raise ValueError(node)
+        check_shape(array, axes, self.sizes, missing)
         return array
 
     def value(self, node: object) -> Any:

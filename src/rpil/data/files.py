@@ -18,6 +18,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
+from rpil.data.held import held_bytes
 
 _SYNCED_AT_ONCE = 32
 """Files: a disk writes many at once as fast as one."""
@@ -44,9 +45,10 @@ def check_exists(path: StrPath) -> Path:
     """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
-        there = os.listdir(path.parent) if path.parent.is_dir() else []
-        close = get_close_matches(path.name, there, 1)
-        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
+        names = map(Path, os.listdir(path.parent) if path.parent.is_dir() else [])
+        there = {name.stem: name for name in names if bool(name.suffix) == bool(path.suffix)}
+        close = get_close_matches(path.stem, there, 1, 0.75)
+        hint = f"perhaps it is {str(path.parent / there[close[0]])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")
     if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
         raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")
@@ -63,7 +65,7 @@ def check_readable(path: StrPath) -> Path:
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
     if path.stat().st_size < _MOST_OF_POINTER:
-        with path.open("rb") as file:
+        with held_bytes(path) as file:
             refuse_pointer(file.read(len(_POINTER)), path)
     return path
 
@@ -115,7 +117,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
 def new_folder(path: StrPath) -> Iterator[Path]:
     """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
 
-    A `DataError` where `path` is there already, or cannot be written. What killed processes left is removed.
+    A `DataError` where `path` is there already, or cannot be written. Temporary files of dead processes are deleted.
     """
     path = Path(path)
     if path.exists():
@@ -149,18 +151,24 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 def beside(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there.
 
-    What killed processes of this computer left beside `path` is removed first.
+    Temporary files beside `path` of dead processes of this computer are deleted first.
     """
+    temporary = temporary_path(path)
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+
+
+def temporary_path(path: Path) -> Path:
+    """A path beside `path` that names this process; what others that were killed left under such names is removed."""
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
     mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
-    try:
-        yield temporary
-    finally:
-        _remove(temporary)
+    return temporary
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -93,8 +93,8 @@ def _places(top: StrPath) -> list[str]:
     return [str(real), *(str(cache / "blobs") for cache in caches)]
 
 
-def copy_folder(path: Path, new: Path, without: str = "") -> None:
-    """Copy what is in a folder that `check_folder` has passed, but the entry `without`; of links what they lead to.
+def copy_folder(path: Path, new: Path, without: Collection[str] = ()) -> None:
+    """Copy what is in a folder that `check_folder` has passed, but the entries `without`; of links what they lead to.
 
     The first error of the system is raised, and permissions are those of new files.
     """
@@ -103,9 +103,11 @@ def copy_folder(path: Path, new: Path, without: str = "") -> None:
         folder, target = waiting.pop()
         target.mkdir()
         for entry in folder.iterdir():
-            if entry.is_dir() and entry != path / without:
+            if folder == path and entry.name in without:
+                continue
+            if entry.is_dir():
                 waiting.append((entry, target / entry.name))
-            elif entry != path / without and not is_dangling(entry):
+            elif not is_dangling(entry):
                 shutil.copyfile(entry, target / entry.name)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rpil.data.errors import DataError
+from rpil.data.held import held_bytes
 
 Parsed = Any
 """A value of JSON."""
@@ -20,7 +21,7 @@ MOST_LISTS = 2 * 10**6
 
 def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
     """The text of a file; a `DataError` where it has more bytes than `limit`."""
-    with path.open("rb") as file:
+    with held_bytes(path) as file:
         content = file.read(limit + 1)
     _check_size(len(content), str(path), limit)
     return content.decode(encoding)

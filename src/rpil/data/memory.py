@@ -65,7 +65,7 @@ def check_memory(n_bytes: float, where: str) -> None:
     if n_bytes > budget():
         raise TooLargeError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
-            "may; allow more with --memory or memory=, or leave it on disk with --stream or rpil.open."
+            "may; allow more with memory=, or leave it on disk with rpil.open."
         )
 
 

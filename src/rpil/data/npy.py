@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,8 @@ from numpy.lib import format as npy
 
 from rpil.data.arrays import as_array
 from rpil.data.errors import DataError
+from rpil.data.guard import guarded
+from rpil.data.held import held
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
@@ -31,9 +36,34 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     return [_read_array(archive, member, where) for member in members]
 
 
-def declared(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    """The shape and the type that an array says it has."""
-    return _head(archive, member)[:2]
+@dataclass(frozen=True)
+class Npz:
+    """The arrays by name in an open NPZ file, which is called `where` in messages."""
+
+    archive: zipfile.ZipFile
+    where: str
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of all arrays, in the order of the file."""
+        return [name.removesuffix(ARRAY) for name in self.archive.namelist() if name.endswith(ARRAY)]
+
+    def declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+        """The shape and the type that an array says it has."""
+        return _head(self.archive, name + ARRAY)[:2]
+
+    def read(self, names: Sequence[str]) -> dict[str, Array]:
+        """Some of the arrays; errors are those of `read_arrays`."""
+        return dict(zip(names, read_arrays(self.archive, [name + ARRAY for name in names], self.where), strict=True))
+
+
+@contextmanager
+def opened_npz(path: Path, where: str = "", remedy: str = "write it again") -> Iterator[Npz]:
+    """The arrays in the file at `path`; a `DataError` where it is damaged."""
+    where = where or path.name
+    fault = "not an NPZ file, or a damaged or truncated one", remedy
+    with guarded(where, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
+        yield Npz(archive, where)
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,7 +19,9 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
+from rpil.results.evidence import beside_sample, traces, worth_a_look
 from rpil.results.record import Audit
+from rpil.results.traces import Traces
 from rpil.scale.ascent import AscentState, ascend, gather_steps
 from rpil.scale.checkpoint import Checkpoint
 from rpil.scale.disk import Streamed
@@ -26,6 +29,9 @@ from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_
 from rpil.scale.memory import InMemory
 from rpil.scale.protocol import Engine, Shards
 from rpil.scale.sample import draw_sample, is_large, sample_steps
+
+MAX_DRAWN_STEPS = 200_000
+"""Steps that are read again for traces."""
 
 
 def is_sampled(task: Task, options: Options) -> bool:
@@ -129,6 +135,7 @@ class SampledFit:
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
         policy = self._ascend(blocks, start, hessian, posed, audit)
+        audit = replace(audit, traces=self._traces(posed, decision, audit))
         return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
 
     def _ascend(
@@ -150,6 +157,19 @@ class SampledFit:
         policy = ascend(blocks, checkpoint.read() or AscentState(start), hessian, settings, progress, checkpoint.keep)
         checkpoint.done()
         return policy
+
+    def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
+        """Those of the demonstrations most worth a look, as far as few steps are read for them."""
+        task, settings = self.task, self.options.settings.judge.held_out
+        assert decision.judgement is not None
+        assert decision.judge is not None
+        assert decision.judge.ratio is not None
+        assert posed.indices is not None
+        drawn = worth_a_look(audit)
+        drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
+        read = np.union1d(posed.indices, drawn)  # the sample says what is typical
+        data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
+        return traces(audit, beside_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array]:

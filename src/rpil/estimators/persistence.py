@@ -5,7 +5,6 @@ The file is an archive of `rpil.data.archive`.
 
 from __future__ import annotations
 
-import json
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -21,9 +20,8 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
-from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
-from rpil.results.words import SIDES
+from rpil.results.restored import check_sound
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
@@ -181,11 +179,8 @@ def _try_out(estimator: SavedEstimator) -> None:
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
         audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
-        bounds = audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and (audit.lengths > 0).all()
-        sound &= bounds and len(audit.ids) == len(audit.verdicts) == len(audit.log_odds)
-        sound &= len(audit.deviations) in (0, len(audit.ids))
-        sound &= audit.finding in FINDINGS and set(audit.verdicts) <= SIDES.keys() and judged == (state is None)
-        json.dumps(audit.to_dict())
+        check_sound(audit)
+        sound &= judged == (state is None)
         one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
         sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
         sound &= state is None or np.isfinite(state.prior.log_odds)

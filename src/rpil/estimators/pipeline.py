@@ -35,6 +35,7 @@ from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
+from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import is_anyone_trusted
@@ -292,20 +293,26 @@ class FullFit:
         return replace(data, labels=task.labels, demonstrators=task.demonstrators)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
+        audit, judged = decision.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
             every = self._demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
-        data, weight = posed.data, decision.audit.step_weight
-        if not is_anyone_trusted(decision.audit.expert_proba, data.lengths):
+        data, weight = posed.data, audit.step_weight
+        if not is_anyone_trusted(audit.expert_proba, data.lengths):
             weight = decision.step  # the steps that are most likely an expert's
         features, policy = self._final_policy(posed, weight)
 
         def outputs(rows: Array) -> Array:
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
-        names = posed.demonstrations.action_names
-        phrases = deviations(decision.audit, data.space, self.task.classes, data.actions, outputs, names)
-        return features, policy, replace(decision, audit=replace(decision.audit, deviations=phrases))
+        found, settings = decision.judgement, self.options.settings.judge.held_out
+        if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
+            compared = beside_final_policy(audit, found, data, outputs, settings)
+        else:
+            compared = beside_judge(found, judged.data, judged.copies, self.options.seed, settings)
+        phrases = deviations(audit, compared, self.task.classes, outputs)
+        drawn = audit.traces or traces(audit, compared, worth_a_look(audit))
+        return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
         data = posed.data

@@ -130,8 +130,8 @@ class RMEnt(PolicyEstimator):
     Parameters
     ----------
     n_trusted : int or float
-        How many demonstrations are trusted, or what share of them, in (0, 1), rounded up; by default half, which is
-        as many bad ones as any estimator can do without knowing more.
+        How many demonstrations are trusted, or what share of them, in (0, 1), rounded up; by default half, because
+        no estimator withstands more bad ones than that.
     features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
         What the policy sees of an observation; "auto" chooses with all demonstrations trusted alike.
     C : float, optional

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
@@ -13,13 +14,15 @@ import numpy as np
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
+from rpil.data.files import StrPath
 from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_answers
 from rpil.data.reference import with_reference
 from rpil.estimators.task import DemonstratorNames, Labels
-from rpil.formats import read_demonstrators
+from rpil.formats import read_answers, read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.subset import select
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
@@ -50,25 +53,50 @@ class Known:
     def of(
         cls,
         recording: Recording,
-        labels: Labels | None,
-        demonstrators: DemonstratorNames | None,
+        labels: Labels | StrPath | None,
+        demonstrators: DemonstratorNames | str | None,
         outcome: Outcome | None,
         order: Sequence[float] | Array | None,
+        reference: Recording | None = None,
     ) -> Known:
-        """What a user says, and where he is silent, what the columns say that were named when it was opened."""
-        ids, source, facts = recording.demonstrations.ids, recording.description.source, recording.facts
-        rows = labels.items() if isinstance(labels, Mapping) else labels or ()
-        by_name, pairs = parse_answers(((str(m), word) for m, word in rows), "the labels") if rows else ({}, [])
-        check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, "the labels")
-        if demonstrators is None and recording.options.operator is not None:
-            demonstrators = read_demonstrators(recording.options.operator, recording)
-        if outcome is not None:
-            facts = replace(facts, outcome=given_outcome(outcome, ids, source), outcome_name="outcome")
-        elif facts.outcome is not None:
-            check_outcome(facts.outcome, f"the outcome {facts.outcome_name!r}", source)
+        """What a user says, and where he is silent, what the columns say that were named when it was opened.
+
+        A path is a file of labels; a text is a file of demonstrators, or their column. Files may speak of
+        demonstrations that are in the data and were left out.
+        """
+        read, source, facts = recording.demonstrations.ids, recording.description.source, recording.facts
+        ids = recording.ids or read
+        if isinstance(labels, str | os.PathLike):
+            where, (by_name, pairs) = str(labels), read_answers(labels)
+            check_ids([*by_name, *chain.from_iterable(pairs)], ids, where, "the labels")
+        else:
+            where, rows = "the labels", labels.items() if isinstance(labels, Mapping) else labels or ()
+            by_name, pairs = parse_answers(((str(m), word) for m, word in rows), where) if rows else ({}, [])
+            check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
+        demonstrators = recording.options.operator if demonstrators is None else demonstrators
+        if isinstance(demonstrators, str):
+            who: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
+            check_ids(who, ids, demonstrators, "the demonstrators")
+        else:
+            who = _by_id(demonstrators, read, source, ids)
         if order is not None:
-            facts = replace(facts, order=given_order(order, ids, source))
-        return cls(by_name, pairs, _by_id(demonstrators, ids, source), facts)
+            facts = replace(facts, order=given_order(order, read, source))
+        known = cls(by_name, pairs, who, facts, answers_source=where).select(range(len(read)), {*map(str, read)})
+        if outcome is not None:
+            facts = replace(known.facts, outcome=given_outcome(outcome, read, source), outcome_name="outcome")
+            return replace(known, facts=facts)
+        return known._beside(reference, source)
+
+    def _beside(self, reference: Recording | None, source: str) -> Known:
+        """The same with the demonstrations of the `reference`; a `DataError` where no outcome differs from another."""
+        known, outcome = self, self.facts.outcome
+        if reference is not None:
+            good = reference.demonstrations.select(slice(None))  # in memory
+            known = replace(self, reference=good, reference_outcome=reference.facts.outcome)
+        if outcome is not None:  # the estimator checks it too, but cannot name the column
+            others = [] if known.reference_outcome is None else [known.reference_outcome]
+            check_outcome(np.concatenate([outcome, *others]), f"the outcome {self.facts.outcome_name!r}", source)
+        return known
 
     @property
     def answers(self) -> list[tuple[str, str]]:
@@ -101,10 +129,12 @@ class Known:
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
 
 
-def _by_id(demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
-    """The demonstrators by the ids of their demonstrations as text."""
+def _by_id(
+    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object]
+) -> dict[str, Hashable]:
+    """The demonstrators by the `ids` of their demonstrations as text; a mapping may have others that are `known`."""
     if isinstance(demonstrators, Mapping):
-        check_ids(demonstrators, ids, source, "the demonstrators")
+        check_ids(demonstrators, known, source, "the demonstrators")
         return {str(m): name for m, name in demonstrators.items()}
     if demonstrators is not None and len(demonstrators) != len(ids):
         raise DataError(
@@ -145,7 +175,8 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
         own = known.select(rows, {str(demonstrations.ids[m]) for m in rows})
         n_pairs += len(own.pairs)
         if len(rows) > 1 or known.reference is not None:
-            audits[group] = _judged(demonstrations.select(rows), own, judge)
+            judged = _judged(demonstrations.select(rows), own, judge)
+            audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
     _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
     return _with_facts(join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), known)
 
@@ -177,9 +208,7 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         said, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = (
-            "leave out --session or session=" if options.session else f"add --exclude {said.task_column} or exclude="
-        )
+        remedy = "leave out session=" if options.session else f"add exclude={said.task_column!r}"
         warnings.warn(
             f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
             f"{what}s as one, {remedy}.",

@@ -58,7 +58,7 @@ def find_faults(
     times : Times
         Timestamps, frame rate and lengths that the recording states, as far as it does.
     expected : mapping of rule to ids, optional
-        What is so on purpose (`read_expected`); these findings are counted and left out.
+        Findings that the user declares expected (`read_expected`); they are counted and left out.
     skip_bad : bool
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.
@@ -83,7 +83,7 @@ def find_faults(
     unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
-        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with --skip-bad")
+        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with skip_bad=True")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)

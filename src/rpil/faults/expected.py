@@ -1,4 +1,4 @@
-"""What is so on purpose: a file that names rules and demonstrations whose findings are left out."""
+"""Findings that the user declares expected: a file that names rules and demonstrations, to be left out."""
 
 from __future__ import annotations
 

@@ -141,8 +141,9 @@ def _measure_block(
 
 
 def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array, Array]:
-    """Of each step: by how much its value is further from both neighbours, on one side, than they are from theirs; and
-    by how much the change to it is larger than those before and after, if it is twice as large."""
+    """Of each step t, with changes d_t to it: the spike, max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t
+    and d_t+1 have opposite signs; and the jump, by how much |d_t| is larger than both |d_t-1| and |d_t+1|, if it is
+    twice as large."""
     around = np.zeros_like(size)  # of the changes before and after that to a step
     np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
     jump = np.where(2.0 * around < size, size - around, 0.0)

@@ -108,11 +108,11 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     usual = s.change_factor * np.quantile(by.largest, 0.75, axis=0, method="lower")
     least = np.maximum(usual, s.smallest_leap * columns.spread)
 
-    def is_spike(m: int, c: int) -> str:
+    def describe_spike(m: int, c: int) -> str:
         at = f"{columns.names[c]} is {by.spike[m, c]:.3g} away from its neighbours at step {by.spike_step[m, c]}"
         return f"{at} ({spikes[c]:.3g} at most is usual)"
 
-    def is_jump(m: int, c: int) -> str:
+    def describe_jump(m: int, c: int) -> str:
         leap = f"{columns.names[c]} leaps by {by.jump[m, c]:.3g} at step {by.jump_step[m, c]}"
         return f"{leap} ({jumps[c]:.3g} at most is usual)"
 
@@ -123,7 +123,7 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
     )
     yield Comparison.above(
-        "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, is_spike
+        "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, describe_spike
     )
     yield Comparison.above(
         "jump",
@@ -131,7 +131,7 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         by.jump,
         jumps,
         lambda m, c: (int(by.jump_step[m, c]) - 1, int(by.jump_step[m, c])),
-        is_jump,
+        describe_jump,
     )
 
 

@@ -41,7 +41,7 @@ def longest_runs(
     n_steps, last = changed.shape[1], changed.size - 1
     counted = np.append(0, np.cumsum(counts))
     step = starts % n_steps
-    # The first step of a run is that of a change.
+    # A run begins with the step that changed, and that step is not counted.
     weight = counted[step + runs] - counted[step + 1]
     key = np.maximum.reduceat(weight * changed.size + (last - np.arange(len(runs))), bounds)
     key = key.reshape(len(changed), len(offsets) - 1).T

@@ -33,7 +33,8 @@ class FaultSettings:
     spike_factor, jump_factor : float
         Times the usual largest spike, and jump, of a demonstration. benchmarks/faults.py.
     smallest : float
-        Share of the smallest spike and jump by which demonstrations do not differ. benchmarks/faults.py.
+        Added to both quartiles before their ratio is taken, so that it is finite; a share of the smallest spike or
+        jump. benchmarks/faults.py.
     change_factor : float
         Times the usual largest change of a demonstration that a spike or jump has at least. benchmarks/faults.py.
     smallest_leap : float

@@ -14,6 +14,7 @@ from rpil.data.arrays import ActionKind, Id, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.held import holding
 from rpil.data.id_values import (
     Label,
     check_labels_file,
@@ -69,12 +70,17 @@ class ReadOptions(TypedDict, total=False):
     skip_bad: bool
 
 
-class OpenOptions(ReadOptions, total=False):
-    """All of `ColumnOptions`."""
+class AuditOptions(ReadOptions, total=False):
+    """All of `ColumnOptions` but the outcome."""
 
     operator: str | None
     task: str | None
     session: str | None
+
+
+class OpenOptions(AuditOptions, total=False):
+    """All of `ColumnOptions`."""
+
     outcome: str | None
 
 
@@ -144,7 +150,8 @@ def read_recording(
     take too much memory. Errors are those of `read`; a value that is missing, or of the wrong kind, is an error only of
     ``read_recording(...).demonstrations``.
     """
-    return find(path).read(options, on_disk=on_disk)
+    with holding():
+        return find(path).read(options, on_disk=on_disk)
 
 
 def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import itertools
 import os
 import shutil
@@ -21,12 +22,14 @@ from rpil.data.guard import guarded
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
-from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, without_suffix
+from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, text_bytes, without_suffix
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.recording import Recording, from_batches, from_table
-from rpil.formats.spool import Copy, is_on_disk, spool
+from rpil.formats.places import in_two_files
+from rpil.formats.recording import Recording, from_batches
+from rpil.formats.rows import Rows, TableRows
+from rpil.formats.spool import is_on_disk, spool
 from rpil.formats.store import copied_rows
-from rpil.formats.table import refuse_id_in_two_files
+from rpil.formats.table_facts import Origin
 from rpil.formats.text_types import exact, exact_type, texts_of, written_as
 from rpil.numerics.types import Array
 
@@ -77,51 +80,46 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
 
 
 def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> Recording:
-    """The recording in text tables, one below the other."""
+    """The recording in text tables, one below the other, of which all texts decide what is a number.
+
+    Rows that stay on disk go through a temporary file for that.
+    """
+    seen: dict[str, str] = {}
+    for file in files if columns.episode == FILE else ():
+        if seen.setdefault(_id_of(file), file.name) != file.name:
+            raise in_two_files(_id_of(file), seen[_id_of(file)], file.name, source)
     decimal = files[0].dialect.decimal
-    if is_on_disk():
-        sizes, batches = _copied(files, columns, decimal, source)
-        return from_batches(batches, columns, source, format_name, notes=notes, files=sizes)
-    import pyarrow as pa
-
-    tables = [_named(_read_table(file, columns, _whole), file, columns) for file in files]
-    may_go_on = columns.episode != FILE
-    refuse_id_in_two_files([table[columns.episode] for table in tables], [f.name for f in files], source, may_go_on)
-    table = exact(pa.concat_tables(tables, promote_options="permissive"), columns, decimal)
-    sizes = {file.name: len(table) for file, table in zip(files, tables, strict=True)}
-    return from_table(table, columns, source, format_name, notes=notes, files=sizes)
-
-
-def _copied(
-    files: Sequence[Text], columns: Columns, decimal: str, source: str
-) -> tuple[dict[str, int], Iterator[pa.Table]]:
-    """Numbers of rows by file, and all rows, which go through a temporary file: all texts decide what is a number."""
-    copies = [(file, copied_rows(_read_table(file, columns, _copy), {})) for file in files]
-    sizes = {file.name: rows.runs[-1][1] for file, rows in copies}
+    found = [(file, _read_table(file, columns, _copy if is_on_disk() else _whole)) for file in files]
 
     def tables() -> Iterator[pa.Table]:
-        for file, rows in copies:
+        for file, rows in found:
             names = [name for name in columns.all if name in file.dialect.names]
-            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, sizes[file.name], names))
+            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, rows.runs[-1][1], names))
 
-    if columns.episode == FILE:
-        import pyarrow as pa
-
-        ids = [pa.chunked_array([[without_suffix(file.name)]]) for file in files]
-        refuse_id_in_two_files(ids, [file.name for file in files], source, False)
     kinds: dict[str, set[str]] = {}
     for table in tables():
         for name, column in texts_of(table, columns, decimal).items():
             kinds.setdefault(name, set()).update(written_as(column, name in columns.actions))
     types = {name: exact_type(found) for name, found in kinds.items()}
-    return sizes, (exact(table, columns, decimal, types) for table in tables())
+    sizes = {file.name: rows.runs[-1][1] for file, rows in found}
+    return from_batches(
+        (exact(table, columns, decimal, types) for table in tables()),
+        columns,
+        Origin(source, format_name, notes=notes),
+        sizes,
+    )
+
+
+def _id_of(file: Text) -> str:
+    """The demonstration that a file is, where no column names it."""
+    return without_suffix(file.name)
 
 
 def _named(table: pa.Table, file: Text, columns: Columns) -> pa.Table:
     """The table with a column of the file's name where this names the demonstration."""
     if columns.episode != FILE:
         return table
-    return table.append_column(FILE, [[without_suffix(file.name)] * len(table)])
+    return table.append_column(FILE, [[_id_of(file)] * len(table)])
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -158,15 +156,16 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
 
     def head(parsing: dict[str, object]) -> pa.Table:
         convert = csv.ConvertOptions(decimal_point=dialect.decimal)
-        with csv.open_csv(path, convert_options=convert, **parsing) as reader:
+        with text_bytes(path) as text, csv.open_csv(text, convert_options=convert, **parsing) as reader:
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(path.name, *_FAULT):
-        kinds = flat.kinds_of(_parsed(path, dialect, head).slice(0, flat.HEAD_ROWS))
-    return find_columns(dialect.names, kinds, path.name, options, default_id)
+        first = _parsed(path, dialect, head)
+        kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
+    return find_columns(dialect.names, kinds, path.name, options, default_id, first)
 
 
-def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _Result:
+def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows:
     """What `read` makes of the columns to read, ids and single actions as text."""
     import pyarrow as pa
     from pyarrow import csv
@@ -178,7 +177,7 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _
     types = {name: pa.string() for name in names if name in texts}
     floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in texts}
 
-    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> _Result:
+    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> Rows:
         decimal = file.dialect.decimal
         convert = csv.ConvertOptions(
             decimal_point=decimal, include_columns=names, column_types=column_types, strings_can_be_null=False
@@ -199,23 +198,24 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., _Result]) -> _
                 raise
             raise DataError(
                 f"{file.path.name}: a column holds values of another type further on; read it into memory with "
-                "--no-stream or rpil.read."
+                "rpil.read."
             ) from error
 
 
-def _whole(path: Path, **options: object) -> pa.Table:
+def _whole(path: Path, **options: object) -> Rows:
     from pyarrow import csv
 
-    return csv.read_csv(path, **options)
+    with text_bytes(path) as text:
+        return TableRows(csv.read_csv(text, **options), path.name)
 
 
-def _copy(path: Path, **options: object) -> Copy:
+def _copy(path: Path, **options: object) -> Rows:
     """A copy of the columns, of which a block at a time is in memory: the first tells the types of other columns."""
     import pyarrow as pa
     from pyarrow import csv
 
-    with csv.open_csv(path, **options) as reader:
-        return spool((pa.Table.from_batches([batch]) for batch in reader), path.name)
+    with text_bytes(path) as text, csv.open_csv(text, **options) as reader:
+        return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), path.name), {})
 
 
 def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object]], _Result]) -> _Result:
@@ -246,8 +246,8 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
             if ragged:
                 ragged.clear()
                 reading.use_threads = False  # only then rows are numbered
-                with suppress(pa.ArrowInvalid):
-                    csv.read_csv(path, reading, parse)
+                with suppress(pa.ArrowInvalid), text_bytes(path) as text:
+                    csv.read_csv(text, reading, parse)
                 row = ragged[0]
                 raise DataError(
                     f"{path.name}, row {row.number - dialect.skip_rows}: {row.actual_columns} values for "
@@ -264,7 +264,12 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     dialect = find_dialect(path)
     column = dialect.names.index(find_text_columns(path, dialect, options).episode)
     encoding, found = dialect.encoding, set()
-    with _open(path, "rt", encoding) as source, _open(output, "wt", encoding) as target:
+    opener = gzip.open if path.suffix.lower() == ".gz" else open
+    with (
+        text_bytes(path) as stream,
+        io.TextIOWrapper(stream, encoding=encoding, newline="") as source,
+        cast(IO[str], opener(output, "wt", encoding=encoding, newline="")) as target,
+    ):
         target.writelines(itertools.islice(source, dialect.skip_rows))
         for lines, values in _rows(source, dialect.separator):
             is_comment = lines.lstrip().startswith("#") and len(values) != len(dialect.names)
@@ -283,11 +288,6 @@ def keep_text_or_file(path: Path, output: Path, ids: Set[str], options: ColumnOp
     if name in ids:
         shutil.copyfile(path, output)
     return {name} & ids
-
-
-def _open(path: Path, mode: str, encoding: str) -> IO[str]:
-    opener = gzip.open if path.suffix.lower() == ".gz" else open
-    return cast(IO[str], opener(path, mode, encoding=encoding, newline=""))
 
 
 def _rows(lines: Iterable[str], separator: str) -> Iterator[tuple[str, list[str]]]:

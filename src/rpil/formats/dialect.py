@@ -6,14 +6,20 @@ import codecs
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
 from rpil.formats.spool import is_on_disk
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
@@ -46,12 +52,19 @@ class Dialect:
         return ", ".join(["CSV", *found])
 
 
-def find_dialect(path: Path) -> Dialect:
-    """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
+@contextmanager
+def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
+    """The bytes of a text table, decompressed."""
     import pyarrow as pa
 
-    damaged = guarded(path.name, "a damaged or truncated compressed file", "write it again")
-    with damaged, pa.input_stream(str(path)) as stream:
+    with held_bytes(path) as file:
+        stream = pa.PythonFile(file)
+        yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream
+
+
+def find_dialect(path: Path) -> Dialect:
+    """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
+    with guarded(path.name, "a damaged or truncated compressed file", "write it again"), text_bytes(path) as stream:
         chunks = _checked(iter(lambda: stream.read(_CHUNK), b""), path.name)
         head = next(chunks, b"")
         encoding = _encoding(chain([head], chunks))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
-from rpil.data.npy import ARRAY, read_arrays
+from rpil.data.npy import opened_npz
 from rpil.formats import table as flat
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
@@ -36,7 +35,7 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
         demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
         own = recording.step_columns(slice(0, demonstrations.n_steps))
         if own is None or _INDEX not in own.column_names:
-            raise DataError(f"{description.source}: no column {_INDEX!r} numbers its steps; leave --embeddings out.")
+            raise DataError(f"{description.source}: no column {_INDEX!r} numbers its steps; leave embeddings= out.")
         steps = own[_INDEX].to_numpy()
         rows = np.minimum(np.searchsorted(index, steps), len(index) - 1)
         lost = np.flatnonzero(index[rows] != steps)
@@ -57,16 +56,10 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the K columns, the index of each row (N,), in order, and the values (N, K)."""
     with guarded(path):
         if path.suffix.lower() == ".npz":
-            with zipfile.ZipFile(path) as stored:
-                members = [name for name in stored.namelist() if name.endswith(ARRAY)]
-                arrays = read_arrays(stored, members, path.name)
-            names = (name.removesuffix(ARRAY) for name in members)
-            columns = {name: np.atleast_1d(array) for name, array in zip(names, arrays, strict=True)}
+            with opened_npz(path) as stored:
+                columns = {name: np.atleast_1d(array) for name, array in stored.read(stored.names).items()}
         else:
-            import pyarrow.parquet as pq
-
-            check_table(path)
-            table = pq.read_table(path)
+            table = read_table(path)
             wanted = [name for name in table.column_names if flat.kind_of_type(table[name].type) in ("list", "number")]
             read = {name: flat.numbers_or_missing(table[name]) for name in wanted}
             columns = {name: values for name, values in read.items() if values is not None}

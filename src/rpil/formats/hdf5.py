@@ -19,6 +19,7 @@ from rpil.data.arrays import Id, check_width
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
+from rpil.data.held import held, held_bytes
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
@@ -42,7 +43,7 @@ def is_hdf5(path: Path) -> bool:
     """Whether the file at `path` says by its name or its first bytes that it is HDF5."""
     if not path.is_file() or path.suffix.lower() in SUFFIXES:
         return path.is_file()
-    with path.open("rb") as file:
+    with held_bytes(path) as file:
         return file.read(len(_SIGNATURE)) == _SIGNATURE
 
 
@@ -62,7 +63,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     except ImportError as error:
         raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
     fault = "no HDF5 file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault), h5py.File(check_readable(path), "r") as file:
+    with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
         yield file
 
 

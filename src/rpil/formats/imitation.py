@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.json_files import read_json
 from rpil.data.memory import check_memory
-from rpil.data.npy import read_arrays, write_npz
+from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
@@ -83,10 +83,11 @@ def _features(path: Path) -> set[str]:
 
 
 def _is_npz(path: Path) -> bool:
-    if not zipfile.is_zipfile(path):
-        return False
-    with zipfile.ZipFile(path) as stored:
-        return {f"{name}.npy" for name in _NPZ} <= {*stored.namelist()}
+    with suppress(DataError):  # which the format NPZ names
+        if path.suffix.lower() == ".npz":
+            with opened_npz(path) as stored:
+                return {*_NPZ} <= {*stored.names}
+    return False
 
 
 def _recording(
@@ -142,10 +143,8 @@ def _arrays(path: Path) -> dict[str, list[Array]]:
     source = path.name
     if path.suffix.lower() in _PICKLES:
         raise DataError(f"{source}: it is a pickle, which can run any code; load it with imitation and save a folder.")
-    with guarded(source, "a damaged or truncated file", "save it again"), zipfile.ZipFile(path) as stored:
-        names = [name for name in (*_NPZ, "rews") if f"{name}.npy" in stored.namelist()]
-        read = read_arrays(stored, [f"{name}.npy" for name in names], source)
-    arrays = dict(zip(names, read, strict=True))
+    with opened_npz(path, remedy="save it again") as stored:
+        arrays = stored.read([name for name in (*_NPZ, "rews") if name in stored.names])
     starts = arrays.pop("indices")
     if starts.ndim != 1 or (starts.size and starts.dtype.kind not in "iu") or not arrays["acts"].ndim:
         raise DataError(f"{source}: indices must be whole numbers, one for each trajectory but the first; repair them.")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,14 +21,13 @@ from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.parquet_pages import open_table
 from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.recording import Recording
 
 if TYPE_CHECKING:
     import h5py
     import pyarrow as pa
-    from pyarrow import dataset
 
 _HDF5 = "main_data.hdf5"
 _METADATA = "metadata.json"
@@ -161,18 +159,18 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
 
     tables, images, n_bytes, n_left_out = [], {}, 0, 0
     for number, folder in _folders(data).items():
-        with _opened(folder, kind, source) as stored:
-            n_rows, leaves = stored.count_rows(), dict(_leaves(stored.schema))
+        with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
+            schema, stored = _stored(folder, kind, source)
+            leaves = dict(_leaves(schema))
             images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
             read = {name: leaf for name, leaf in leaves.items() if name not in images}
-            n_bytes += n_rows * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
+            n_bytes += len(stored) * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
             check_memory(n_bytes, source)
-            for file in stored.files if kind == "parquet" else ():
-                check_table(Path(file))
-            table = stored.to_table(columns={name: dataset.field(*path) for name, (path, _) in read.items()})
+            columns = {name: dataset.field(*path) for name, (path, _) in read.items()}
+            table = dataset.dataset(stored).to_table(columns=columns)
             table.validate(full=True)  # to look at the values of a damaged file would end the process
-        n_steps = _n_steps(folder, n_rows)
-        n_left_out += n_rows > n_steps
+        n_steps = _n_steps(folder, len(stored))
+        n_left_out += len(stored) > n_steps
         table = table.slice(0, n_steps)
         tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
     empty = [number for number, table in zip(_folders(data), tables, strict=True) if not len(table)]
@@ -181,15 +179,21 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
 
 
-@contextmanager
-def _opened(folder: Path, kind: str, source: str) -> Iterator[dataset.Dataset]:
-    """The files of one episode; a `DataError` where they are damaged."""
-    from pyarrow import dataset
+def _stored(folder: Path, kind: str, source: str) -> tuple[pa.Schema, pa.Table]:
+    """The columns of an episode, and the values of those that hold more than images; errors of pyarrow stay so."""
+    import pyarrow as pa
 
-    with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
-        files = sorted(folder.glob(f"*.{kind}"))
-        stored = [read_ipc(file, f"{source}, demonstration {folder.name}") for file in files if kind == "arrow"]
-        yield dataset.dataset(stored or list(map(str, files)), format=None if stored else kind)
+    files = sorted(folder.glob(f"*.{kind}"))
+    if kind == "arrow":
+        table = pa.concat_tables(read_ipc(file, f"{source}, demonstration {folder.name}") for file in files)
+        return table.schema, table
+    schema, tables = pa.schema([]), []
+    for file in files:
+        with open_table(file) as episode:
+            schema = episode.file.schema_arrow
+            names = dict.fromkeys(path[0] for _, (path, leaf) in _leaves(schema) if not _is_image(leaf))
+            tables.append(episode.read(list(names)))
+    return schema, pa.concat_tables(tables)
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:
@@ -222,13 +226,12 @@ def _is_image(kind: pa.DataType) -> bool:
 def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list[int]:
     """Copy folders of episodes; the number of steps of each."""
     lengths = []
-    folders = _folders(data)
+    folders, kind = _folders(data), _json(data / _METADATA)["data_format"]
     for k, i in enumerate(_chosen(ids, folders, source)):
-        copy_folder(folders[i], new / str(k))
+        copy_folder(folders[i], new / str(k), without=(_METADATA,))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        with _opened(folders[i], _json(data / _METADATA)["data_format"], source) as stored:
-            lengths.append(_n_steps(folders[i], stored.count_rows()))
+        lengths.append(_n_steps(folders[i], len(_stored(new / str(k), kind, source)[1])))
     return lengths
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,9 @@ from rpil.data.arrays import group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from rpil.data.guard import guarded
+from rpil.data.missing import allow_missing
 from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
-from rpil.data.npy import ARRAY, declared, read_arrays, write_npz
+from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.recording import Recording, from_demonstrations
@@ -33,22 +33,21 @@ def claims(path: Path) -> bool:
 def read(path: Path, options: ColumnOptions) -> Recording:
     """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
     source = path.name
-    fault = "not an NPZ file, or a damaged or truncated one", "write it again"
-    with guarded(source, *fault), zipfile.ZipFile(path) as stored:
-        found = {name.removesuffix(ARRAY): name for name in stored.namelist() if name.endswith(ARRAY)}
+    with opened_npz(path) as stored:
+        found = stored.names
         wanted = _find_arrays(found, options, source)
         columns = _fact_columns(found, wanted, options, source)
-        clock = _timestamps(stored, found, wanted[-1])
+        clock = _timestamps(stored, wanted[-1])
         optional = dict.fromkeys([_OPTIONAL, options.operator, clock, *columns.facts])
-        names = [name for name in (*wanted, *optional) if name in found]
-        arrays = dict(zip(names, read_arrays(stored, [found[name] for name in names], source), strict=True))
+        arrays = stored.read([name for name in (*wanted, *optional) if name in found])
     observations, actions, steps = (arrays[name] for name in wanted)
-    demonstrations = Demonstrations.from_groups(
-        *(observations, actions, steps),
-        observation_names=arrays.get(_OPTIONAL, ()),
-        source=source,
-        action_kind=options.action_kind,
-    )
+    with allow_missing():  # values are checked when they are asked for
+        demonstrations = Demonstrations.from_groups(
+            *(observations, actions, steps),
+            observation_names=arrays.get(_OPTIONAL, ()),
+            source=source,
+            action_kind=options.action_kind,
+        )
     ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
     columns = replace(columns, ignored=ignored | dict.fromkeys(columns.facts, "session or outcome"))
     if options.operator and options.operator not in arrays:
@@ -63,7 +62,7 @@ def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> l
     """Names of the arrays of observations, actions and ids among those `found`."""
     unused = [name for name in ("exclude", "order", "task") if getattr(options, name)]
     if unused:
-        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out --{unused[0]} or {unused[0]}=.")
+        raise DataError(f"{source}: an NPZ file holds arrays and no columns; leave out {unused[0]}=.")
     wanted = []
     for given, usual in zip((options.observations, options.action, options.id or ()), SPELLINGS, strict=True):
         names = as_list(given) or usual
@@ -81,6 +80,7 @@ def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOp
     others = [name for name in found if name not in (*wanted, _OPTIONAL)]
     outcomes = tuple(filter(may_be_outcome, others))
     columns = Columns(wanted[-1], (), (), True, session=options.session, outcome=options.outcome, outcomes=outcomes)
+    columns = replace(columns, action_kind=options.action_kind)
     unknown = [name for name in columns.facts if name not in others]
     if unknown:
         raise DataError(
@@ -101,16 +101,13 @@ def _per_step(values: Array, name: str, steps: Array, demonstrations: Demonstrat
     return _in_order(values, steps) if len(values) == d.n_steps else np.repeat(values, d.lengths)
 
 
-def _timestamps(stored: zipfile.ZipFile, found: Mapping[str, str], steps: str) -> str | None:
+def _timestamps(stored: Npz, steps: str) -> str | None:
     """The array of times, if it says that it has a number for each of the `steps`: others are not read."""
-    name = next((name for name in TIMESTAMP if name in found), None)
-    if name is None:
-        return None
-    try:
-        shape, dtype = declared(stored, found[name])
-    except ValueError:  # of another version, or no array
-        return None
-    return name if dtype.kind in "iuf" and shape == declared(stored, found[steps])[0] else None
+    name = next((name for name in TIMESTAMP if name in stored.names), None)
+    with suppress(ValueError):  # of another version, or no array
+        if name is not None and stored.declared(name)[1].kind in "iuf":
+            return name if stored.declared(name)[0] == stored.declared(steps)[0] else None
+    return None
 
 
 def _in_order(values: Array, steps: Array) -> Array:
@@ -137,10 +134,8 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
     """
     order = [str(name) for name in read(path, options).demonstrations.ids]
-    with zipfile.ZipFile(path) as stored:
-        members = [name for name in stored.namelist() if name.endswith(ARRAY)]
-        values = read_arrays(stored, members, path.name)
-    arrays = dict(zip((name.removesuffix(ARRAY) for name in members), values, strict=True))
+    with opened_npz(path) as stored:
+        arrays = stored.read(stored.names)
     column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
     owners = arrays[column]
     owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import ARRAY, declared, read_arrays
+from rpil.data.npy import opened_npz
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import Part, from_parts
@@ -27,7 +26,7 @@ from rpil.numerics.types import Array
 
 _EPISODE_FILE = "name of the file"
 _TEXT_BESIDE = "meta.json"
-_NO_NPZ = "not an NPZ file, or a damaged or truncated one", "write it again, or take it out of the folder"
+_TAKE_OUT = "write it again, or take it out of the folder"
 
 
 def claims(path: Path) -> bool:
@@ -83,9 +82,8 @@ def _in_folder(folder: Path) -> list[Path]:
 def _part(name: str, file: Path, about: Path | None) -> Part:
     """The demonstration in one file, whose one array of actions says how many steps it has."""
     where = f"{file.parent.name}/{file.name}"
-    with guarded(where, *_NO_NPZ), zipfile.ZipFile(file) as stored:
-        members = [member for member in stored.namelist() if member.endswith(ARRAY)]
-        arrays = {m.removesuffix(ARRAY): _InFile(file, where, m, *declared(stored, m)) for m in members}
+    with opened_npz(file, where, _TAKE_OUT) as stored:
+        arrays = {name: _InFile(file, where, name, *stored.declared(name)) for name in stored.names}
     actions = [array for array in arrays if plain_name(array) in ACTION and arrays[array].shape]
     actions += [array for array in arrays if ACTION_COLUMNS[1][0].fullmatch(plain_name(array)) and arrays[array].shape]
     if not actions:
@@ -129,8 +127,8 @@ class _InFile:
         return self.shape in ((), (1,)) and self.dtype.kind in "biuf"
 
     def __getitem__(self, rows: slice) -> Array:
-        with guarded(self.where, *_NO_NPZ), zipfile.ZipFile(self.path) as stored:
-            values = read_arrays(stored, [self.member], self.where)[0]
+        with opened_npz(self.path, self.where, _TAKE_OUT) as stored:
+            values = stored.read([self.member])[self.member]
         return values[rows] if values.ndim else values
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import chain
@@ -16,14 +17,12 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.lerobot import format_name
+from rpil.formats.lerobot.metadata import format_name
 from rpil.formats.parquet_pages import check_groups
-from rpil.formats.recording import Recording, from_scan, from_table
+from rpil.formats.recording import Recording, from_batches, from_rows
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.scan import scan
 from rpil.formats.spool import is_on_disk
 from rpil.formats.store import columns_of_file, open_rows, opened
-from rpil.formats.table import refuse_id_in_two_files
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -56,23 +55,16 @@ def read_files(
     batch_rows: int = BATCH_ROWS,
 ) -> Recording:
     """Read files with the same columns into memory; within `rpil.formats.spool.on_disk` they stay where they are."""
-    import pyarrow as pa
-
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
+    origin = Origin(source, format_name(metadata, len(paths)), metadata)
     if is_on_disk():
-        rows = replace(rows, batch_rows=batch_rows)
-        found, origin = scan(rows, layout, columns, source), Origin(source, metadata=metadata)
-        return from_scan(rows, columns, found, origin, format_name(metadata, len(paths)))
+        return from_rows(replace(rows, batch_rows=batch_rows), columns, origin, layout)
     check_memory(rows.n_bytes, source)
-    tables: dict[str, list[pa.Table]] = {}
+    tables, sizes = [], Counter[str]()
     for row, table, _ in rows.tables(0, rows.runs[-1][1], columns.all):
-        table.validate(full=True)  # text from a damaged file need not be Unicode
-        tables.setdefault(rows.files(np.array([row]))[0], []).append(table)
-    whole = {name: pa.concat_tables(found, promote_options="permissive") for name, found in tables.items()}
-    refuse_id_in_two_files([table[columns.episode] for table in whole.values()], list(whole), source)
-    table = pa.concat_tables(whole.values(), promote_options="permissive")
-    files = {name: len(found) for name, found in whole.items()}
-    return from_table(table, columns, source, format_name(metadata, len(paths)), metadata, files=files)
+        tables.append(table)
+        sizes[rows.files(np.array([row]))[0]] += len(table)
+    return from_batches(tables, columns, origin, sizes)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -117,11 +109,12 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
     from pyarrow import fs
 
     filesystem = fs.LocalFileSystem()
-    with opened(filesystem, str(path)) as file:
+    with opened(filesystem, str(path)) as stored:
+        file = stored.file
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(filesystem, str(path), file, options).episode
-        check_groups(filesystem, str(path), file)
+        column = columns_of_file(stored, options).episode
+        check_groups(stored)
         yield schema.empty_table()
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
             rows = pa.Table.from_batches([batch])

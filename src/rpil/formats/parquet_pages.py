@@ -7,11 +7,13 @@ their headers, and to ask it for a column of a damaged footer may end the proces
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from pathlib import Path
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rpil.data.errors import DataError
+from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 
 if TYPE_CHECKING:
@@ -33,61 +35,77 @@ _PACKED_BYTES, _DATA_PAGE, _DICTIONARY_PAGE = 7, 9, 11  # fields of what is said
 _DECODED_BYTES, _PAGE_BYTES, _PAGE, _PAGE_2, _N_VALUES = 2, 3, 5, 8, 1  # fields of the header of a page
 
 
-def check_pages(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> int:
+def check_pages(stored: Stored, columns: Collection[str]) -> int:
     """The bytes that `columns` take in memory.
 
     A `DataError` where the file is damaged, a page is larger than any that is written, or a row group has many numbers
     in lists, which may all be in one list, and they do not fit in memory, are not as many in each row, or are more than
     a step has.
     """
-    return sum(_group_bytes(filesystem, path, file, columns))
+    return sum(_group_bytes(stored, columns))
 
 
-def check_groups(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile) -> None:
+def check_groups(stored: Stored) -> None:
     """A `DataError` as of `check_pages`, or where the columns of one row group do not fit in memory."""
-    sizes = _group_bytes(filesystem, path, file, file.schema_arrow.names)
-    check_memory(max(sizes, default=0), path.rpartition("/")[2])
+    check_memory(max(_group_bytes(stored, stored.file.schema_arrow.names), default=0), stored.name)
 
 
-def _group_bytes(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]) -> list[int]:
+def _group_bytes(stored: Stored, columns: Collection[str]) -> list[int]:
     """The bytes that `columns` take in memory in each row group; errors are those of `check_pages`."""
-    name, found = path.rpartition("/")[2], []
-    for number, chunks in enumerate(page_sizes(filesystem, path, file, columns)):
+    name, found = stored.name, []
+    for number, chunks in enumerate(page_sizes(stored, columns)):
         if any(chunk.largest > _LARGEST_PAGE for chunk in chunks):
             raise DataError(f"{name}: a page of it has over {_LARGEST_PAGE // 2**20} MiB; write it with smaller pages.")
         n = sum(chunk.n_values for chunk in chunks if chunk.is_list)
         if BYTES_PER_NUMBER * n > _LARGEST_PAGE:
             check_memory(BYTES_PER_NUMBER * n, f"{name}, the lists of a row group")
-            n_rows = max(file.metadata.row_group(number).num_rows, 1)
+            n_rows = max(stored.file.metadata.row_group(number).num_rows, 1)
             if n % n_rows or n // n_rows > _LONGEST_LIST:
                 raise DataError(
                     f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
-                    f"{_LONGEST_LIST:,} at most, or leave them out with --exclude or exclude=."
+                    f"{_LONGEST_LIST:,} at most, or leave them out with exclude=."
                 )
         found.append(sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks))
     return found
 
 
-def check_table(path: Path | str, filesystem: fs.FileSystem | None = None) -> None:
-    """A `DataError` where a Parquet file that describes data would not fit in memory; errors of pyarrow as they are."""
-    check_memory(_table_bytes(path, filesystem), Path(path).name)
+def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractContextManager[pa.NativeFile]:
+    """The bytes of a file; see `rpil.data.held`."""
+    return held(str(path), lambda: filesystem.open_input_file(str(path)), filesystem.type_name)
 
 
-def check_column_sizes(paths: Iterable[Path | str], columns: Collection[str], where: str) -> None:
-    """A `DataError` where these columns of Parquet files, which are read together, would not fit in memory."""
-    check_memory(sum(_table_bytes(path, columns=columns) for path in paths), where)
-
-
-def _table_bytes(
-    path: Path | str, filesystem: fs.FileSystem | None = None, columns: Collection[str] | None = None
-) -> int:
-    """What `check_pages` says of a local file, or of one in a `filesystem`; of all columns by default."""
+@contextmanager
+def open_table(path: PurePath | str, filesystem: fs.FileSystem | None = None) -> Iterator[Stored]:
+    """A local Parquet file, or one in a `filesystem`; errors of pyarrow are left as they are."""
     import pyarrow.parquet as pq
     from pyarrow import fs
 
-    filesystem = filesystem or fs.LocalFileSystem()
-    with filesystem.open_input_file(str(path)) as stream, pq.ParquetFile(stream) as file:
-        return check_pages(filesystem, str(path), file, file.schema_arrow.names if columns is None else columns)
+    with input_file(filesystem or fs.LocalFileSystem(), path) as stream, pq.ParquetFile(stream) as file:
+        yield Stored(file, stream, PurePath(path).name)
+
+
+def read_table(
+    path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
+) -> pa.Table:
+    """The rows of a file that `open_table` opens; see `Stored.read`."""
+    with open_table(path, filesystem) as stored:
+        return stored.read(columns)
+
+
+class Stored(NamedTuple):
+    """An open Parquet file, the stream of its bytes, and its name in messages."""
+
+    file: pq.ParquetFile
+    stream: pa.NativeFile
+    name: str
+
+    def read(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Those of the columns that are there, by default all; a `DataError` where they do not fit in memory."""
+        names = self.file.schema_arrow.names
+        chosen = names if columns is None else [name for name in columns if name in names]
+        where = self.name if columns is None or len(columns) > 1 else f"{self.name}, column {columns[0]!r}"
+        check_memory(check_pages(self, chosen), where)
+        return self.file.read(chosen)
 
 
 class Chunk(NamedTuple):
@@ -99,19 +117,16 @@ class Chunk(NamedTuple):
     is_list: bool
 
 
-def page_sizes(
-    filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, columns: Collection[str]
-) -> list[list[Chunk]]:
+def page_sizes(stored: Stored, columns: Collection[str]) -> list[list[Chunk]]:
     """What `columns` hold in each row group; a `DataError` where the file is damaged."""
-    schema, names = file.schema, set(file.schema_arrow.names)
+    schema, names, stream = stored.file.schema, set(stored.file.schema_arrow.names), stored.stream
     parts = [(k, schema.column(k)) for k in range(len(schema))]
     chosen = [(k, part.max_repetition_level > 0) for k, part in parts if _column_of(part.path, names) in columns]
     try:
-        with filesystem.open_input_file(path) as stream:
-            groups = _footer(stream)[_ROW_GROUPS]
-            return [[_chunk(stream, group[_COLUMNS][k], is_list) for k, is_list in chosen] for group in groups]
+        groups = _footer(stream)[_ROW_GROUPS]
+        return [[_chunk(stream, group[_COLUMNS][k], is_list) for k, is_list in chosen] for group in groups]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
-        raise DataError(f"{path.rpartition('/')[2]}: a damaged Parquet file; write it again.") from error
+        raise DataError(f"{stored.name}: a damaged Parquet file; write it again.") from error
 
 
 def _column_of(path: str, names: Collection[str]) -> str:

@@ -1,4 +1,4 @@
-"""Arrays by name, as the flat table: for formats that hold arrays of steps, of one demonstration or of many."""
+"""Makes a recording of arrays of steps, one `Part` for each demonstration or file that holds them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import listed
-from rpil.formats.lerobot import Metadata
+from rpil.formats.lerobot.metadata import Metadata
 from rpil.formats.recording import Recording, from_batches
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.spool import is_on_disk
+from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def from_parts(
     if longer:
         notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
     notes = (*notes, *without_steps(empty))
-    return from_batches(tables, columns, source, format_name, metadata, notes)
+    return from_batches(tables, columns, Origin(source, format_name, metadata, notes))
 
 
 def without_steps(ids: Sequence[object]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import PurePosixPath
@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import Id, check_any, group_rows
+from rpil.data.arrays import SMALLEST, Id, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.missing import are_allowed
-from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, listed, outcome_options
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot import Metadata
-from rpil.formats.order import Order, check_one_id, find_order
-from rpil.formats.rows import Rows, TableRows
-from rpil.formats.scan import Places, Scan, scan
+from rpil.formats.lerobot.metadata import Metadata
+from rpil.formats.places import Order, find_places
+from rpil.formats.rows import Rows, TableRows, read_columns
+from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import is_on_disk, spool
 from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
@@ -121,53 +120,30 @@ class Recording:
         return replace(self, description=description, chosen=chosen)
 
 
-def from_table(
-    table: pa.Table,
-    columns: Columns,
-    source: str,
-    format_name: str,
-    metadata: Metadata = Metadata(),
-    notes: tuple[str, ...] = (),
-    files: Mapping[str, int] | None = None,
-) -> Recording:
-    """The recording in a table, whose rows may lie in any order; a `DataError` where ids are missing.
-
-    `files` are the numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    """
-    check_any(table.num_rows, source)
-    names, group = flat.id_codes(table, columns.episode, lambda row: f"{source}, row {row + 1}")
-
-    def at(row: int) -> str:
-        return f"{source}, demonstration {names[group[row]]!r}, row {row + 1}"
-
-    order = find_order(table, columns, group, at)
-    check_one_id(table, columns, group, order, at)
-    chosen, offsets, place = group_rows(group, order.values)
-    places = Places(tuple(names[g] for g in chosen.tolist()), offsets, order)
-    rows = TableRows(table, source, place, files or {})
-    found = scan(rows, Layout.of(table, columns, metadata.names), columns, source, places)
-    return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
-
-
 def from_batches(
-    tables: Iterable[pa.Table],
-    columns: Columns,
-    source: str,
-    format_name: str,
-    metadata: Metadata = Metadata(),
-    notes: tuple[str, ...] = (),
-    files: Mapping[str, int] | None = None,
+    tables: Iterable[pa.Table], columns: Columns, origin: Origin, sizes: Mapping[str, int] = {}
 ) -> Recording:
-    """`from_table` of tables one below the other; within `rpil.formats.spool.on_disk` they never are in memory all."""
+    """The recording in tables one below the other; within `rpil.formats.spool.on_disk` they never are in memory all.
+
+    `sizes` are the numbers of rows from each file, for formats in which files may state the order of demonstrations.
+    """
     import pyarrow as pa
 
-    if not is_on_disk():
-        table = pa.concat_tables(tables, promote_options="permissive")
-        return from_table(table, columns, source, format_name, metadata, notes, files)
-    rows = copied_rows(spool(tables, source), files or {})
-    head = next(rows.tables(0, 1, columns.data))[1]
-    found = scan(rows, Layout.of(head, columns, metadata.names), columns, source)
-    return from_scan(rows, columns, found, Origin(source, metadata=metadata), format_name, notes)
+    if is_on_disk():
+        return from_rows(copied_rows(spool(tables, origin.source), sizes), columns, origin)
+    whole = list(tables)
+    check_any(len(whole), origin.source)
+    table = pa.concat_tables(whole, promote_options="permissive")
+    return from_rows(TableRows(table, origin.source, sizes=sizes), columns, origin)
+
+
+def from_rows(rows: Rows, columns: Columns, origin: Origin, layout: Layout | None = None) -> Recording:
+    """The recording in rows, which in memory may lie in any order; a `DataError` where ids are missing."""
+    places, rows = find_places(rows, columns, origin.source)
+    if layout is None:
+        head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
+        layout = Layout.of(head, columns, origin.metadata.names)
+    return from_scan(rows, columns, scan(rows, layout, columns, origin.source, places), origin)
 
 
 def from_demonstrations(
@@ -189,21 +165,18 @@ def from_demonstrations(
         "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
     }
     files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
-    recording = from_batches([pa.table({**others, **table})], columns, d.source, format_name, metadata, files=files)
-    return recording if is_on_disk() else replace(recording, load=lambda: d)
+    origin = Origin(d.source, format_name, metadata)
+    return from_batches([pa.table({**others, **table})], columns, origin, files)
 
 
-def from_scan(
-    rows: Rows, columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...] = ()
-) -> Recording:
+def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     places, metadata = found.places, origin.metadata
     columns = columns.without_observations(found.last_actions, "it repeats the last action")
 
     @cache
     def read_clock() -> Clock | None:
-        table = read_columns(rows, clock_columns(columns))
-        return None if table is None else find_clock(table, columns, None, places.offsets)
+        return find_clock(read_columns(rows, clock_columns(columns)), columns, places.offsets)
 
     def load() -> Demonstrations | Dataset:
         data = _dataset(rows, found, origin.source)
@@ -223,14 +196,14 @@ def from_scan(
         return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
 
     return Recording(
-        _describe(columns, found, origin, format_name, notes, read_clock()),
+        _describe(columns, found, origin, read_clock()),
         load,
         step_columns,
         found.operators,
         tasks_of(found.tasks, metadata),
         read_times,
         read_facts,
-        chosen=partial(_chosen, rows, columns, found, origin, format_name, notes),
+        chosen=partial(_chosen, rows, columns, found, origin),
         ids=places.ids,
         faulty=found.statistics.faulty,
     )
@@ -246,38 +219,26 @@ def _dataset(rows: Rows, found: Scan, source: str) -> Dataset:
     return Dataset(places.ids, places.offsets, source, rows, layout, classes, actions.low, actions.high)
 
 
-def _chosen(
-    rows: Rows, columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...], mask: Array
-) -> Recording:
+def _chosen(rows: Rows, columns: Columns, found: Scan, origin: Origin, mask: Array) -> Recording:
     """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
     places, kept = found.places.only(mask)
     part = rows.chosen(kept)
     again = scan(part, found.actions.layout, columns, origin.source, places)
-    return from_scan(part, columns, again, origin.only(places.ids), format_name, notes)
+    return from_scan(part, columns, again, origin.only(places.ids))
 
 
-def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa.Table | None:
-    """Some columns of some of the rows, or of all; None where there are no columns."""
-    import pyarrow as pa
-
-    first, last = (0, rows.runs[-1][1]) if steps is None else (steps.start, steps.stop)
-    tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
-    return pa.concat_tables(tables, promote_options="permissive") if tables else None
-
-
-def _describe(
-    columns: Columns, found: Scan, origin: Origin, format_name: str, notes: tuple[str, ...], clock: Clock | None
-) -> Description:
+def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
     places, metadata, layout = found.places, origin.metadata, found.layout
     n_steps = int(places.offsets[-1])
     seconds, fps = clock.seconds(places.offsets) if clock else (None, None)
     if metadata.fps:
         seconds, fps = n_steps / metadata.fps, metadata.fps
-    names = layout.names
+    names, ranges = layout.names, found.statistics.ranges(layout.names)
+    tiny = [name for name in layout.observation_names if name in ranges and _is_tiny(*ranges[name])]
     constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
     return Description(
         source=origin.source,
-        format=format_name,
+        format=origin.format_name,
         demonstrations=len(places.ids),
         steps=n_steps,
         observations=layout.observation_names,
@@ -295,15 +256,38 @@ def _describe(
         tasks=different(found.tasks, metadata.tasks),
         ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
         missing=found.statistics.missing,
-        ranges=found.statistics.ranges(names),
+        ranges=ranges,
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
-        notes=(*_constant_note(constant), *notes, *metadata.notes(len(places.ids), n_steps)),
+        notes=(
+            *_one_step_note(columns.episode, len(places.ids), n_steps),
+            *_notes_on(constant, tiny),
+            *origin.notes,
+            *metadata.notes(len(places.ids), n_steps),
+        ),
     )
 
 
-def _constant_note(names: list[str]) -> tuple[str, ...]:
-    text = f"Constant within each demonstration: {listed(names)}; leave out what those who acted did not see."
-    return (text,) if names else ()
+def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
+    return (
+        (f"Each demonstration has one step: is {column} the right column of the demonstration?",)
+        if 1 < n == n_steps
+        else ()
+    )
+
+
+def _is_tiny(low: float, high: float) -> bool:
+    return 0 < high / 2 - low / 2 < SMALLEST
+
+
+def _notes_on(constant: list[str], tiny: list[str]) -> Iterator[str]:
+    """Sentences on observations that differ between demonstrations only, or by too little."""
+    if constant:
+        yield f"Constant within each demonstration: {listed(constant)}; leave out what the demonstrators did not see."
+    if tiny:
+        yield (
+            f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number, and so "
+            "count as constant; use smaller units."
+        )
 
 
 def ignored_columns(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:

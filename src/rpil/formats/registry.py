@@ -13,6 +13,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
+from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.data.missing import allow_missing
 from rpil.formats import (
@@ -23,7 +24,6 @@ from rpil.formats import (
     folder,
     hdf5,
     imitation,
-    lerobot_folder,
     minari,
     npz,
     npz_folder,
@@ -35,6 +35,7 @@ from rpil.formats import (
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.embeddings import with_embeddings
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
+from rpil.formats.lerobot import folder as lerobot
 from rpil.formats.recording import Recording
 from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
@@ -42,7 +43,7 @@ from rpil.formats.store import may_be_many_files
 FORMATS: tuple[Format, ...] = (
     parquet.FORMAT,
     csv.FORMAT,
-    lerobot_folder.FORMAT,
+    lerobot.FORMAT,
     zarr.FORMAT,
     minari.FORMAT,
     imitation.FORMAT,
@@ -84,7 +85,7 @@ class Found:
         if on_disk is None and not self.format.stays_on_disk(self.path):
             with suppress(TooLargeError):
                 return self.read(options)
-        with guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
+        with holding(), guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
             if self.format.read_address is not None and not Path(self.path).exists():
                 recording = self.format.read_address(self.path, options)
             else:
@@ -103,7 +104,7 @@ class Found:
         trims: Mapping[Id, tuple[int, int]] | None = None,
     ) -> None:
         """Write some demonstrations to `output`; see `rpil.formats.keep`."""
-        with guarded(str(self.path)):
+        with holding(), guarded(str(self.path)):
             new = self.check_output(output, bool(trims))
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
@@ -128,7 +129,7 @@ class Found:
                 raise not_a_folder(new)
             if trim and self.format.trim is None:
                 able = " and ".join(one.name for one in FORMATS if one.trim is not None)
-                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave --trim out.")
+                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave trims= out.")
             (self.format.check_trim if trim else self.format.check_output)(path, new)
         return check_writable(new)
 

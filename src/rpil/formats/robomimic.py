@@ -21,7 +21,7 @@ from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.lerobot import Metadata
+from rpil.formats.lerobot.metadata import Metadata
 from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
 

@@ -105,9 +105,7 @@ class TableRows:
         return self.source
 
     def files(self, rows: Array) -> list[str]:
-        names, ends = list(self.sizes), np.cumsum(list(self.sizes.values()))
-        there = rows if self.place is None else self.place[rows]
-        return [names[k] for k in np.searchsorted(ends, there, side="right").tolist()] if names else []
+        return names_at(self.sizes, rows if self.place is None else self.place[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +166,26 @@ class ChosenRows:
         return self.rows.files(self._there(rows))
 
 
+def names_at(sizes: Mapping[str, int], rows: Array) -> list[str]:
+    """The name of the file of each of some rows, by the numbers of rows from each file; none where there are none."""
+    names, ends = list(sizes), np.cumsum(list(sizes.values()))
+    return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()] if names else []
+
+
 def shifted(at: Place, rows: int) -> Place:
     """`at` for a table without its first `rows`."""
     return lambda row: at(rows + row)
+
+
+def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa.Table:
+    """Some columns of some of the rows, or of all."""
+    import pyarrow as pa
+
+    first, last = (0, rows.runs[-1][1]) if steps is None else (steps.start, steps.stop)
+    tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
+    return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
+
+
+def place_of(rows: Rows, row: int, columns: list[str], demonstration: Place = lambda _: "") -> str:
+    """The place of a row in messages; some of its `columns` are read."""
+    return next(rows.tables(row, row + 1, columns, demonstration))[2](0)

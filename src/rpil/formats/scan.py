@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import MAX_CLASSES, ActionKind, Id, are_whole, as_actions, kind_by_count, number_reason
+from rpil.data.arrays import MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count, number_reason
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.layout import Layout
-from rpil.formats.order import Order
+from rpil.formats.places import Places
 from rpil.formats.rows import Rows
-from rpil.formats.starts import OrderCheck, Starts
 from rpil.formats.table import Place
 from rpil.formats.table_facts import pairs_of
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -219,32 +217,6 @@ class Statistics:
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Where the M demonstrations of a recording are, and what orders their steps."""
-
-    ids: tuple[Id, ...]
-    offsets: Int[Array, " _"]
-    order: Order
-
-    def demonstration_of(self, row: int) -> str:
-        """The demonstration of a row, for messages."""
-        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
-
-    def only(self, mask: Array) -> tuple[Places, Int[Array, "K 2"]]:
-        """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
-        rows = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)[mask]
-        offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
-        begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
-        runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
-
-    def begins(self, row: int, n_rows: int) -> Array:
-        """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
-        first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
-        return np.asarray(self.offsets[first:last] - row)
-
-
-@dataclass(frozen=True, eq=False)
 class Scan:
     """What one pass over the rows of a recording finds; pairs are of an id, as text, and an operator or a task."""
 
@@ -258,38 +230,19 @@ class Scan:
     """Columns that were to be observations, and repeat the last action."""
 
 
-def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places | None = None) -> Scan:
-    """Read all rows once.
-
-    Parameters
-    ----------
-    places : Places, optional
-        Where the demonstrations are, for rows whose ids have been read; else they are read here, and a `DataError`
-        says where the rows of a demonstration lie apart or are out of order.
-    """
-    starts, orders = Starts(columns.episode), OrderCheck(columns)
+def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
+    """Read all rows once."""
     actions = Actions(layout, columns.action_kind)
     statistics = Statistics(layout.columns, [name for name, _ in layout.actions], layout.masks)
     if not columns.observations_given:
         statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
-    names = list(dict.fromkeys([*columns.data, *pairs, *(() if places else (*columns.orders, *columns.parts))]))
-    for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of if places else _nowhere):
-        if places is not None:
-            begins = places.begins(row, len(table))
-        else:
-            table.validate(full=True)  # text from a damaged file need not be Unicode
-            begins = starts.add(row, table, at)
-            orders.add(table, begins, at)
+    names = list(dict.fromkeys([*columns.data, *pairs]))
+    for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of):
         actions.add(table, at)
-        statistics.add(table, begins)
+        statistics.add(table, places.begins(row, len(table)))
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
-    places = places or Places(*starts.finish(rows, columns.episode, source), orders.finish(source))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = statistics.leave_out_repeats(len(layout.observations))
     return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)
-
-
-def _nowhere(row: int) -> str:
-    return ""

@@ -23,9 +23,9 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot import Metadata, choose_files, read_metadata
-from rpil.formats.parquet_pages import check_pages
-from rpil.formats.rows import BATCH_ROWS, ChosenRows
+from rpil.formats.lerobot.metadata import Metadata, choose_files, read_metadata
+from rpil.formats.parquet_pages import Stored, check_pages, input_file
+from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
 from rpil.formats.table_facts import file_names
@@ -86,11 +86,9 @@ class ParquetRows:
         return next(PurePosixPath(g.path).name for g in self.groups if row < g.last)
 
     def files(self, rows: Array) -> list[str]:
-        names, ends = file_names(group.path for group in self.groups), [group.last for group in self.groups]
         if self.sizes is not None:
-            names, ends = list(self.sizes), np.cumsum(list(self.sizes.values())).tolist()
-        if not names:
-            return []
+            return names_at(self.sizes, rows)
+        names, ends = file_names(group.path for group in self.groups), [group.last for group in self.groups]
         return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()]
 
     def tables(
@@ -99,9 +97,8 @@ class ParquetRows:
         import pyarrow as pa
 
         for path, groups in itertools.groupby(self.between(first, last).groups, key=lambda group: group.path):
-            with opened(self.filesystem, path) as file:
+            with opened(self.filesystem, path) as (file, _, name):
                 for group in groups:
-                    name = PurePosixPath(path).name
                     n_rows = group.last - group.first
                     if group.number >= file.num_row_groups or file.metadata.row_group(group.number).num_rows != n_rows:
                         raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
@@ -110,8 +107,7 @@ class ParquetRows:
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
-                            if any(pa.types.is_dictionary(field.type) for field in table.schema):
-                                table.validate(full=True)  # text from a damaged file need not be Unicode
+                            table.validate(full=True)  # text from a damaged file need not be Unicode
                             yield row + a, table, _place(path, row + a, shift, demonstration)
                         row += len(batch)
                     if row != group.last:
@@ -119,7 +115,7 @@ class ParquetRows:
 
 
 @contextmanager
-def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
     """The open file, whose pages are checked as they are read; a `DataError` where it is no Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -127,10 +123,12 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
-        with filesystem.open_input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
+        with input_file(filesystem, path) as stream, pq.ParquetFile(stream, **options) as file:
             # A text that repeats stays in memory once.
             texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
-            yield pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options) if texts else file
+            if texts:
+                file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
+            yield Stored(file, stream, PurePosixPath(path).name)
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:
@@ -147,7 +145,7 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
     """Whether a file begins as Parquet does, and lacks the end."""
-    with filesystem.open_input_file(path) as stream:
+    with input_file(filesystem, path) as stream:
         refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
         size = stream.size()
         return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
@@ -218,20 +216,20 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def columns_of_file(filesystem: fs.FileSystem, path: str, file: pq.ParquetFile, options: ColumnOptions) -> Columns:
+def columns_of_file(stored: Stored, options: ColumnOptions) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     import pyarrow as pa
 
-    schema, name = file.schema_arrow, PurePosixPath(path).name
-    check_unique(schema.names, name)
+    file, schema = stored.file, stored.file.schema_arrow
+    check_unique(schema.names, stored.name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
-    check_pages(filesystem, path, file, plain)
-    head = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
-    if head is not None:
-        kinds |= flat.kinds_of(pa.Table.from_batches([head]))
-    return find_columns(schema.names, kinds, name, options)
+    check_pages(stored, plain)
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
+    head = None if batch is None else pa.Table.from_batches([batch])
+    kinds |= {} if head is None else flat.kinds_of(head)
+    return find_columns(schema.names, kinds, stored.name, options, head=head)
 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:
@@ -246,7 +244,7 @@ def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:
     from pyarrow import fs
 
     path = str(copy.path)
-    with opened(fs.LocalFileSystem(), path) as file:
+    with opened(fs.LocalFileSystem(), path) as (file, _, _):
         counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
     ends = np.cumsum(counts).tolist()
     groups = (RowGroup(path, k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True)))
@@ -265,8 +263,8 @@ def open_rows(
     groups: list[RowGroup] = []
     columns, layout, metadata, first, begins, n_bytes = None, None, Metadata(), PurePosixPath(paths[0]).name, 0, 0
     for path in paths:
-        name = PurePosixPath(path).name
-        with opened(filesystem, path) as file:
+        with opened(filesystem, path) as stored:
+            file, _, name = stored
             if path == paths[0]:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(filesystem, paths)
             row = 0
@@ -275,9 +273,9 @@ def open_rows(
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns = columns or columns_of_file(filesystem, path, file, options)
+            columns = columns or columns_of_file(stored, options)
             check_columns(file, columns, name, first)
-            n_bytes += check_pages(filesystem, path, file, columns.all)
+            n_bytes += check_pages(stored, columns.all)
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)

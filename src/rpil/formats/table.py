@@ -25,6 +25,9 @@ Place = Callable[[int], str]
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
+GUESSED_ROWS = 20_000
+"""Rows by which the roles of columns with strange names are guessed."""
+
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
@@ -97,7 +100,7 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
     return DataError(
         f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
-        "leave the column out with --exclude or exclude=."
+        "leave the column out with exclude=."
     )
 
 
@@ -213,21 +216,6 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
         return list(texts), rows.astype(np.int64)
     encoded = column.combine_chunks().dictionary_encode()
     return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
-
-
-def refuse_id_in_two_files(
-    columns: Sequence[pa.ChunkedArray], files: Sequence[str], source: str, may_go_on: bool = True
-) -> None:
-    """A `DataError` where a demonstration is in two files, unless it `may_go_on` at the beginning of the second."""
-    seen: dict[object, int] = {}
-    for k, column in enumerate(columns if len(columns) > 1 else ()):
-        for m in column.unique().to_pylist():
-            j = seen.setdefault(m, k)
-            goes_on = may_go_on and j == k - 1 and columns[j][-1].as_py() == m == column[0].as_py()
-            if j != k and not goes_on:
-                remedy = "give each demonstration its own id, in one file"
-                raise DataError(f"{source}, demonstration {m!r}: it is both in {files[j]} and in {files[k]}; {remedy}.")
-            seen[m] = k
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:

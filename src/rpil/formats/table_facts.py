@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.names import EPISODE, natural_key, plain_name, quoted
 from rpil.formats.columns import LENGTH, SPLITS, Columns
-from rpil.formats.lerobot import Metadata
+from rpil.formats.lerobot.metadata import Metadata
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
@@ -37,15 +37,20 @@ class Origin:
     ----------
     source : str
         The name of the data in messages.
-    files : sequence of M str
-        The file of each; empty for formats in which files say nothing of order and sessions.
+    format_name : str
     metadata : Metadata
         Of LeRobot.
+    notes : tuple of str
+        What a user should know, in sentences.
+    files : sequence of M str
+        The file of each; empty for formats in which files say nothing of order and sessions.
     """
 
     source: str
-    files: Sequence[str] = ()
+    format_name: str
     metadata: Metadata = Metadata()
+    notes: tuple[str, ...] = ()
+    files: Sequence[str] = ()
 
     def only(self, ids: Sequence[Id]) -> Origin:
         """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
@@ -58,14 +63,11 @@ def fact_columns(columns: Columns) -> list[str]:
     return list(dict.fromkeys([*clock_columns(columns), *columns.facts]))
 
 
-def find_facts(table: pa.Table | None, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
-    """The facts about the M demonstrations of a table, whose rows are in their order; None stands for no columns.
+def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
+    """The facts about the M demonstrations of a table, whose rows are in their order.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    import pyarrow as pa
-
-    table = pa.table({}) if table is None else table
     order, order_source = _order(table, columns, offsets, ids, origin)
     sessions = () if columns.session is None else _sessions(table, columns.session, offsets, ids, origin)
     outcome = None if columns.outcome is None else _outcome(table, columns, offsets, ids, origin)
@@ -95,7 +97,7 @@ def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], ori
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in table.column_names:
         if not origin.files:
-            raise DataError(f"{origin.source}: its files make no sessions; name a column with --session.")
+            raise DataError(f"{origin.source}: its files make no sessions; name a column with session=.")
         return tuple(origin.files)
     encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     codes = encoded.indices.fill_null(-1).to_numpy()
@@ -143,7 +145,7 @@ def _in_split(name: str, ids: Sequence[Id], origin: Origin) -> Float[Array, " M"
 def _others(columns: Columns) -> str:
     name = (columns.outcome or "").removeprefix("-")
     others = [other for other in columns.outcomes if other != name]
-    return f"name another column with --outcome ({quoted([*others, LENGTH])} may do)"
+    return f"name another column with outcome= ({quoted([*others, LENGTH])} may do)"
 
 
 def file_names(paths: Iterable[str]) -> list[str]:

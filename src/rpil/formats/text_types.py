@@ -14,11 +14,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def exact(table: pa.Table, columns: Columns, decimal: str, types: Mapping[str, pa.DataType] | None = None) -> pa.Table:
-    """Ids, single actions, operators and tasks as the numbers that they are, if that loses nothing; or by `types`."""
+def exact(table: pa.Table, columns: Columns, decimal: str, types: Mapping[str, pa.DataType]) -> pa.Table:
+    """Ids, single actions, operators and tasks by the `types` that `exact_type` gives for all of their texts."""
     for name, column in texts_of(table, columns, decimal).items():
-        kind = types[name] if types else exact_type(written_as(column, name in columns.actions))
-        table = table.set_column(table.column_names.index(name), name, column.cast(kind))
+        table = table.set_column(table.column_names.index(name), name, column.cast(types[name]))
     return table
 
 

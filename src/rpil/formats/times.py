@@ -11,7 +11,7 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats.columns import Columns
-from rpil.formats.order import order_values
+from rpil.formats.places import order_values
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
@@ -81,10 +81,10 @@ def clock_columns(columns: Columns) -> list[str]:
     return list(dict.fromkeys([*columns.orders, *named]))
 
 
-def find_clock(table: pa.Table, columns: Columns, rows: Array | None, offsets: Array) -> Clock | None:
+def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | None:
     """The first column of time whose unit is known, or else one that is called so; None where there is none.
 
-    `rows` (N,) are those of the table in the order of the demonstrations; None where they are in that order.
+    The rows of the table are in the order of the demonstrations.
     """
     found: list[Clock] = []
     for name in clock_columns(columns):
@@ -94,7 +94,7 @@ def find_clock(table: pa.Table, columns: Columns, rows: Array | None, offsets: A
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock = Clock(ticks if rows is None else ticks[rows], _unit(name, table[name].type, values))
+        clock = Clock(ticks, _unit(name, table[name].type, values))
         is_named = plain_name(name) in TIMESTAMP
         if is_named or (clock.unit is not None and clock.is_plausible(offsets)):
             found.append(clock)

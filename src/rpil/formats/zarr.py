@@ -75,7 +75,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     A `DataError` where there are none, or where they do not end where the demonstrations do.
     """
     with _opened(path) as files:
-        ends = _ends(files)
+        ends = _ends(files)[1]
         arrays, closed = _data(files, ends)
         if not arrays:
             raise DataError(
@@ -99,7 +99,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
     """
     with _opened(path) as files:
-        ends = _ends(files)
+        old, ends = _ends(files)
         check_ids(ids, range(len(ends)), path.name, "the ids")
         chosen = sorted(int(i) for i in ids)
         rows = np.concatenate([np.arange(0), *(np.arange(0 if m == 0 else ends[m - 1], ends[m]) for m in chosen)])
@@ -109,8 +109,6 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             for array in (*arrays.values(), *closed.values()):
                 one_each = array.header.shards is None and array.chunks[0] == 1
                 (_copy_chunks if one_each else _copy)(files, array, folder, rows)
-            old = _array(files, _ENDS)
-            assert old is not None
             _write(_create(files, old, folder, len(new_ends)), 0, new_ends.astype(old.dtype))
 
 
@@ -133,8 +131,8 @@ def _array(files: Files, name: str, ends: Array | None = None) -> ZarrArray | No
     return None if header is None else ZarrArray(files, name, header, ends)
 
 
-def _ends(files: Files) -> Array:
-    """Where each demonstration ends, (M,), rising."""
+def _ends(files: Files) -> tuple[ZarrArray, Array]:
+    """The array of where each demonstration ends, and its values (M,), rising."""
     source, array = files.source, _array(files, _ENDS)
     wrong = DataError(f"{source}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
     if array is None or array.header.is_closed or len(array.shape) != 1 or array.dtype.kind not in "iu":
@@ -145,7 +143,7 @@ def _ends(files: Files) -> Array:
     if not len(ends) or np.any(np.diff(ends, prepend=0) < 0):
         raise wrong
     check_memory(BYTES_PER_NUMBER * float(ends[-1]), source)
-    return ends.astype(np.int64)
+    return array, ends.astype(np.int64)
 
 
 def _data(files: Files, ends: Array) -> tuple[dict[str, ZarrArray], dict[str, ZarrArray]]:

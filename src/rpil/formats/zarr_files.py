@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import IO
 
 from rpil.data.errors import DataError
+from rpil.data.guard import guarded
+from rpil.data.held import held
 
 ZIP = ".zip"
 """The extension of stores in a ZIP file; a file of another name is never taken for one."""
@@ -40,13 +42,9 @@ class Files(ABC):
         """The names of the folders in a folder, in order."""
         return sorted(name for name in self._folders(folder) if name not in ("", ".", "..") and "\\" not in name)
 
+    @abstractmethod
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
-        try:
-            self.open(name).close()
-        except (KeyError, OSError):
-            return False
-        return True
 
     def read(self, name: str, limit: int) -> bytes:
         """The bytes of a file; a `DataError` where it has more than `limit`."""
@@ -83,11 +81,13 @@ class _Folder(Files):
         with os.scandir(root) as entries:
             return list(entries)
 
+    def has(self, name: str) -> bool:
+        return (self.path / name).is_file()
+
     def open(self, name: str) -> IO[bytes]:
-        path = self.path / name
-        if not path.is_file():  # a pipe would be waited for
+        if not self.has(name):  # a pipe would be waited for
             raise KeyError(name)
-        return path.open("rb")
+        return (self.path / name).open("rb")
 
 
 class _Archive(Files):
@@ -101,6 +101,9 @@ class _Archive(Files):
 
     def _folders(self, folder: str) -> list[str]:
         return list({name.split("/")[0] for name in self.names(folder) if "/" in name})
+
+    def has(self, name: str) -> bool:
+        return name in self.members
 
     def open(self, name: str) -> IO[bytes]:
         if self.members[name].compress_type not in _PLAIN:
@@ -119,9 +122,8 @@ def opened(path: Path) -> Iterator[Files]:
     if not is_zip(path):
         yield _Folder(path)
         return
-    try:
-        archive = zipfile.ZipFile(path)
-    except Exception as error:  # a damaged directory makes zipfile raise errors of many types
-        raise DataError(f"{path.name}: no ZIP file, or a damaged one; copy or write it again.") from error
-    with archive:
+    with (
+        guarded(path.name, "no ZIP file, or a damaged one", "copy or write it again"),
+        held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive,
+    ):
         yield _Archive(archive, path.name)

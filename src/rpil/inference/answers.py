@@ -7,7 +7,7 @@ A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are rank
 were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
 in [0, 1], the share of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on
 the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
-direction d is 1, or -1 where those who agree are the bad ones. e is the rate of wrong answers, on a grid. For each d
+direction d is 1, or -1 where the ones that agree are bad. e is the rate of wrong answers, on a grid. For each d
 and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay
 1992). Channels are correlated, and this posterior is wider than it should be: so the logit is multiplied by
 `sharpness`.

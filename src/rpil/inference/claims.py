@@ -193,7 +193,9 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     log_prob, unlike = scores.fit.held_out.log_prob, split.words < 0
     doubts = []
     if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
-        doubts.append(Doubt("More than half score lower, at many levels: it is open who is unlike whom.", none))
+        doubts.append(
+            Doubt("More than half score lower, at many levels: it is open which are unlike the others.", none)
+        )
     agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
         sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently ("

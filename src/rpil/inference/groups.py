@@ -59,8 +59,8 @@ class Groups:
     noise: float
     """The share c of the variance of a score."""
     graded: float
-    """Share of the variance of the scores that is not the scores' own variance: 0 where all demonstrations are
-    alike."""
+    """1 - mean(v_m) / Var(y), at least 0: the share of the spread of the scores that errors of measurement do not
+    explain."""
     quantiles: Float[Array, " Q"]
     """Of all scores, from the lowest to the highest."""
 

@@ -26,6 +26,7 @@ from rpil.numerics.regression import (
     error_scale,
     normal_equations,
     solve_ridge,
+    student_log_densities,
     student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int
@@ -173,18 +174,18 @@ class HeldOutRidge(HeldOutModel):
         return held_out_model(self.data, seed, self.settings)
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
-        return HeldOutLogProb.centred(log_density_of_errors(self._errors(weight, ridge), weight, self.settings), weight)
+        return HeldOutLogProb.centred(log_density_of_errors(self.errors(weight, ridge), weight, self.settings), weight)
 
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return log_density_of_errors(self._errors(weight, ridge), other, self.settings)
+        return log_density_of_errors(self.errors(weight, ridge), other, self.settings)
 
     def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
-        errors = self._errors(weight, ridge)
-        parts = (log_density_of_errors(part[:, None], weight, self.settings) for part in errors.T)
-        return np.stack(list(parts), axis=1)
+        errors = self.errors(weight, ridge)
+        scale = error_scale(errors, weight, self.settings.errors)
+        return student_log_densities(errors, scale, self.settings.errors)
 
-    def _errors(self, weight: Array, ridge: float) -> Array:
-        """Held-out errors of the actions, (N, A)."""
+    def errors(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
+        """Held-out errors of the actions, scaled."""
         features, actions, fold = self.data.features, self.actions, self.data.per_step(self.fold)
         tests = (fold == k for k in range(int(fold.max()) + 1))
         sums = [normal_equations(features[test], actions[test], weight[test]) for test in tests]

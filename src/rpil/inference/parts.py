@@ -126,6 +126,10 @@ class ActionScale:
         """Actions less their location, in spreads: 0 where a part is not judged."""
         return np.asarray(np.clip(actions - self.location, -self.reach, self.reach) / self.spread)
 
+    def back(self, scaled: Float[Array, "N A"]) -> Float[Array, "N A"]:
+        """Actions in the units of the data; the location where a part is not judged."""
+        return np.asarray(self.location + scaled * np.where(np.isfinite(self.spread), self.spread, 0.0))
+
 
 def session_sentence(name: str, groups: Sequence[Sequence[object]]) -> str:
     """A sentence about the sessions in which the part of this `name` rests elsewhere; the largest is "the others"."""

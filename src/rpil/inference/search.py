@@ -83,8 +83,8 @@ def starts(data: FitData, settings: SearchSettings) -> dict[str, Float[Array, " 
 
 
 def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dict[str, Array]:
-    """Weight 1 for the demonstrations that the policy of the labelled adversaries explains worst: half of the others,
-    and only one, because experts may be rare."""
+    """Weight 1 for the demonstrations that the policy of the labelled adversaries explains worst. Two starts: half of
+    the others, and the single worst explained one, because experts may be rare."""
     labelled = data.labels < 0
     policy, outputs = _fit_start(data, settings, labelled.astype(float))
     explained = data.mean_steps(policy.log_prob(outputs, data.actions))

@@ -214,7 +214,7 @@ class AnswerSettings:
     families left out (benchmarks/answers.py)."""
 
     p_agreement: float = 0.85
-    """Prior probability that those who agree are the good ones."""
+    """Prior probability that the demonstrations that agree are the good ones."""
     precision: float = 1.0
     """Prior precision of the weight of a channel."""
     offset_precision: float = 0.25

@@ -4,8 +4,8 @@
 
 for demonstration m of demonstrator u, before the actions of m are looked at. tau says how alike the demonstrations of
 one demonstrator are; it is the same for all demonstrators, and summed out over a table that begins at 0, where the
-demonstrators make no difference. So demonstrators that have nothing to do with quality do next to no harm. b_u is
-summed out over a grid.
+demonstrators make no difference. So where quality does not depend on the demonstrator, tau is near 0 and
+log-odds hardly change. b_u is summed out over a grid.
 
 The posterior is leave-one-out: a demonstration is judged by the *other* demonstrations of its demonstrator, so that its
 own actions do not count twice. A demonstrator with one demonstration has the prior P(expert) = 1/2.

@@ -120,11 +120,17 @@ def error_scale(errors: Float[Array, "N A"], weight: Float[Array, " N"], setting
     return np.asarray(1.35 * np.abs(errors[order[middle, parts], parts]) + settings.min_scale)
 
 
+def student_log_densities(
+    errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings
+) -> Float[Array, "N A"]:
+    """Log-density of independent Student errors of each part, in nats."""
+    nu = settings.degrees_of_freedom
+    constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
+    return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))
+
+
 def student_log_density(
     errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings
 ) -> Float[Array, " N"]:
     """Log-density of independent Student errors, summed over the parts, in nats."""
-    nu = settings.degrees_of_freedom
-    constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
-    of_parts = constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu)
-    return np.asarray(of_parts.sum(axis=1))
+    return np.asarray(student_log_densities(errors, scale, settings).sum(axis=1))

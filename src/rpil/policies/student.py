@@ -5,10 +5,9 @@ cost. Student's distribution is a Gaussian whose precision is Gamma-distributed,
 squares, repeated (Lange, Little and Taylor 1989), and nu is chosen by the likelihood itself (ECME, Liu and Rubin 1994).
 Both need sums over steps only.
 
-Actions are bounded by a box, and a demonstrator at a bound may have wanted more. So the error of a mean beyond the
-bound that the action is at is multiplied by a small factor, as in censored regression (Tobin 1958), where it would not
-count at all. With such errors every part of an action has a Hessian of its own, and the objective has kinks: a Newton
-step that lowers it is halved.
+Actions are bounded by a box. Where an action equals a bound and the mean lies beyond it, the residual is multiplied by
+a small factor: a soft form of censored regression (Tobin 1958), in which it would not count at all. With such errors
+every part of an action has a Hessian of its own, and the objective has kinks: a Newton step that lowers it is halved.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.errors import DataError
-from rpil.data.id_values import match_labels, match_pairs
+from rpil.data.id_values import match_labels, match_pairs, parse_answers
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
@@ -116,6 +116,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         identifiable=True,
         competing=(),
         answers=known,
+        own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
@@ -134,11 +135,12 @@ def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
+    words, more = parse_answers(((str(m), word) for m, word in labels.items()), "the labels") if labels else ({}, [])
     signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
-    for m, is_good in match_labels(labels, audit.ids).items():
+    for m, is_good in match_labels(words, audit.ids).items():
         signs[m] = 1 if is_good else -1
     old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
-    compared = match_pairs([*old, *pairs], audit.ids)
+    compared = match_pairs([*old, *more, *pairs], audit.ids)
     return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
 
 
@@ -186,14 +188,13 @@ def question_to_dict(audit: Judged) -> dict[str, object] | None:
     stands out), and the question itself; None where nothing is asked."""
     if not is_asked(audit):
         return None
-    stretches = [_stretch(audit, name) for name in audit.pair]
-    look_at = [None if stretch is None else [stretch.first, stretch.last] for stretch in stretches]
+    look_at = [stretch_of(audit, audit.index(name)) for name in audit.pair]
     return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
 
 
 def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
     """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
-    stretch = _stretch(audit, name)
+    stretch = _stretch(audit, audit.index(name))
     if stretch is None:
         return printable(name)
     span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
@@ -201,9 +202,15 @@ def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> st
     return f"{printable(name)} (look at {span}{seconds})"
 
 
-def _stretch(audit: Judged, name: Hashable) -> Stretch | None:
-    """The worst stretch of a demonstration."""
-    steps = audit.step_log_ratio[audit.steps(audit.index(name))]
+def stretch_of(audit: Judged, m: int) -> list[int] | None:
+    """The first and the last step to look at in demonstration `m`; None where no step stands out."""
+    stretch = _stretch(audit, m)
+    return None if stretch is None else [stretch.first, stretch.last]
+
+
+def _stretch(audit: Judged, m: int) -> Stretch | None:
+    """The worst stretch of demonstration `m`."""
+    steps = audit.step_log_ratio[audit.steps(m)]
     return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
 
 

@@ -17,7 +17,7 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
-from rpil.formats.parquet_pages import check_table
+from rpil.formats.parquet_pages import read_table
 from rpil.numerics.types import Array
 from rpil.results.verdict_table import TABLE_EXTENSIONS
 from rpil.results.words import SIDES, Side
@@ -77,10 +77,7 @@ def read_verdicts(path: StrPath) -> Table:
     columns: dict[str, list[object]]
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         if path.suffix.lower() == ".parquet":
-            import pyarrow.parquet as pq
-
-            check_table(path)
-            columns = pq.read_table(path).to_pydict()
+            columns = read_table(path).to_pydict()
         else:
             text = read_text(path, LARGEST_TABLE, "utf-8-sig")
             is_csv = path.suffix.lower() == ".csv"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Float
 from rpil.results.text import printable
 from rpil.results.words import SIDES, Side
@@ -108,25 +109,6 @@ class RankingDisplay(_AuditDisplay):
         return self
 
 
-class LengthDisplay(_AuditDisplay):
-    """Reliability against the number of steps."""
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw one dot and its 95 % interval for each demonstration."""
-        ax = self._prepare_axes(ax)
-        audit, lengths, verdicts = self.audit, self.audit.lengths, np.array(self.audit.verdicts)
-        for verdict in audit.verdict_counts():
-            mask, colour = verdicts == verdict, COLOURS[SIDES[verdict]]
-            if mask.any():
-                ax.vlines(lengths[mask], *audit.reliability_interval[mask].T, color=colour, alpha=0.25, linewidth=1.5)
-                ax.plot(lengths[mask], audit.reliability[mask], "o", color=colour, markersize=4.5, label=verdict)
-        if lengths.max() > 20 * lengths.min() > 0:
-            ax.set_xscale("log")
-        ax.set(ylim=(-0.03, 1.03), xlabel="Steps", ylabel="Reliability")
-        _add_legend(ax)
-        return self
-
-
 class TimelineDisplay(_AuditDisplay):
     """The log-ratio ``log pi(a|s) - log psi(a|s)`` of each step of one demonstration, in nats."""
 
@@ -162,6 +144,60 @@ class TimelineDisplay(_AuditDisplay):
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
         ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
+        return self
+
+
+class EvidenceDisplay(_AuditDisplay):
+    """The parts of the action with most of the evidence about one demonstration, beside what the typical do in the same
+    states, and the trust in its steps below; ``axes_`` holds the axes of each, within ``ax_``."""
+
+    axes_: list[Axes]
+
+    def plot(self, ax: Axes | None = None, *, demonstration: Hashable = None, fps: float | None = None) -> Self:
+        """Draw the traces; `rpil.results.traces` says what they are.
+
+        Parameters
+        ----------
+        demonstration : id
+            By default the least trusted one.
+        fps : float
+            Steps a second, so that the axis is in seconds.
+
+        Raises
+        ------
+        DataError
+            If there is no such demonstration, or it has no traces.
+        """
+        audit = self.audit
+        index = int(audit.ranking()[-1]) if demonstration is None else audit.index(demonstration)
+        name = audit.ids[index]
+        if name not in audit.traces:
+            raise DataError(
+                f"Demonstration {printable(name)} has no traces: the {len(audit.traces)} most worth a look have, until "
+                "the audit is saved to a file; choose one of them, or fit again."
+            )
+        own, trust = audit.traces[name], audit.step_trust(index)
+        # The trust in steps is half as high as a part.
+        height, unit = 1 / (len(own.parts) + 0.5), fps or 1.0
+        ax = self._prepare_axes(ax, (9.0, 1.0 + 1.7 / height))
+        ax.set_axis_off()
+        ax.set_title(f"Demonstration {printable(name)}", parse_math=False, pad=24)
+        self.axes_ = [ax.inset_axes((0, 1 - (k + 0.76) * height, 1, 0.7 * height)) for k in range(len(own.parts))]
+        self.axes_.append(ax.inset_axes((0, 0, 1, 0.4 * height)))
+        for axes, part in zip(self.axes_, own.parts, strict=False):
+            label = f"{own.compared_with}, 5 to 95 %"
+            axes.fill_between(own.step / unit, part.low, part.high, color=COLOURS["open"], alpha=0.3, label=label)
+            axes.plot(own.step / unit, part.value, color="black", linewidth=1.0, label="this one")
+            said = f"{part.share:.0%} of the evidence, {part.nats:+.1f} nats"
+            what = "Probability of the action taken" if own.kind == "discrete" else part.name
+            axes.set_title(f"{what} ({said})", parse_math=False, loc="left", fontsize="medium")
+        self.axes_[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0)
+        last = self.axes_[-1]
+        last.fill_between(np.arange(len(trust)) / unit, trust, color=COLOURS["upper"], alpha=0.4, linewidth=0)
+        last.set(ylim=(0, 1), ylabel="Trust", xlabel="Seconds" if fps else "Step")
+        for axes in self.axes_:
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.set_xlim(0, len(trust) / unit)
         return self
 
 
@@ -202,20 +238,6 @@ class SessionsDisplay(_AuditDisplay):
         return self
 
 
-class HistoryDisplay(_AuditDisplay):
-    """The objective of each round: the log-likelihood of the training group, or the objective of EM."""
-
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw the objective against the round."""
-        from matplotlib.ticker import MaxNLocator
-
-        ax, history = self._prepare_axes(ax), self.audit.history
-        ax.plot(np.arange(1, len(history) + 1), history, "-o", color=COLOURS["upper"], markersize=2.5)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="Round", ylabel="Objective (nats)")
-        return self
-
-
 @dataclass(frozen=True, eq=False)
 class AuditPlots:
     """The pictures of an audit, each drawn on the axes `ax` or on new ones; see `rpil.results.record.Audit.plot`."""
@@ -237,6 +259,19 @@ class AuditPlots:
             If there is none.
         """
         return TimelineDisplay.from_audit(self.audit, ax=ax, demonstration=demonstration)
+
+    def evidence(
+        self, demonstration: Hashable = None, *, fps: float | None = None, ax: Axes | None = None
+    ) -> EvidenceDisplay:
+        """The parts of the action with most of the evidence about the demonstration with this id, by default the least
+        trusted one; in seconds where `fps`, steps a second, is given.
+
+        Raises
+        ------
+        DataError
+            If there is none, or it has no traces.
+        """
+        return EvidenceDisplay.from_audit(self.audit, ax=ax, demonstration=demonstration, fps=fps)
 
     def sessions(self, *, ax: Axes | None = None) -> SessionsDisplay:
         """Log-odds in the order of recording, session by session, as far as these are known."""

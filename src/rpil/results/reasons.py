@@ -81,7 +81,7 @@ class Grounds:
         return f"{reason}."
 
     def _decided(self) -> str:
-        """What decided."""
+        """The first clause: the evidence with the largest part in the verdict."""
         sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
         own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
         if self.label:

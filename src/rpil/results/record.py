@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rpil.data.archive import stored
@@ -9,6 +10,7 @@ from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.overview import overview_text
 from rpil.results.plots import AuditPlots
+from rpil.results.restored import restored
 from rpil.results.result import AuditResult, Demonstrator, Interval
 from rpil.results.verdict_table import verdict_columns
 
@@ -101,13 +103,22 @@ class Audit(AuditResult):
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     beside : dict of name to (M,) array
         Facts from which no answer learns, see `rpil.results.facts.ranks_beside`; as `sessions`.
+    traces : dict of id to Traces
+        The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
+        (`rpil.results.traces`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
+    own_reasons : tuple of str
+        Those of `reasons` that compare with demonstrations that are not in the audit; else empty.
+    within : str
+        "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
+    provenance : Provenance or None
+        How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
     """
 
     @property
     def plot(self) -> AuditPlots:
-        """Pictures: ``plot.ranking()``, ``plot.steps(id)`` and ``plot.sessions()``."""
+        """Pictures: ``plot.ranking()``, ``plot.steps(id)``, ``plot.evidence(id)`` and ``plot.sessions()``."""
         return AuditPlots(self)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
@@ -135,10 +146,21 @@ class Audit(AuditResult):
             columns["session"] = self.sessions
         return data_frame(columns, backend)
 
+    @classmethod
+    def from_dict(cls, found: Mapping[str, object]) -> Audit:
+        """The audit that ``to_dict(arrays=True)`` gave, bit for bit, also after it was written as JSON and read.
+
+        Raises
+        ------
+        DataError
+            If there are no arrays in it, or its parts do not belong together.
+        """
+        return restored(found, cls)
+
     def to_html(self, path: StrPath, title: str = "Audit of demonstrations") -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 
-        It has no section on recording faults, which an audit does not know.
+        It tells nothing of recording faults, which an audit does not know.
 
         Raises
         ------
@@ -146,8 +168,9 @@ class Audit(AuditResult):
             If the path cannot be written.
         """
         from rpil.results.html.page import Article, write_page
+        from rpil.results.view import About, make_view
 
-        write_page(path, [Article(title, self, "in memory")])
+        write_page(path, [Article(make_view(self, About(title, "in memory")))])
 
     def __repr__(self) -> str:
         return overview_text(self)

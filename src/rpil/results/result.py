@@ -15,15 +15,19 @@ import numpy as np
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
+from rpil.data.plain import to_plain
 from rpil.data.run import run_id
 from rpil.inference.answers import Answers
 from rpil.inference.groups import expert_share_interval
+from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts
+from rpil.results.provenance import Provenance
 from rpil.results.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
+from rpil.results.traces import Traces
 from rpil.results.words import SIDES, WORDS, Verdict, Words
 
 MAX_LOG_ODDS = 1e9
@@ -88,7 +92,11 @@ class AuditResult:
     sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
     beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
+    traces: dict[Hashable, Traces] = field(default_factory=dict, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
+    own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    within: str = field(default="", metadata=NOT_STORED)
+    provenance: Provenance | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -103,6 +111,8 @@ class AuditResult:
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
+        if self.own_reasons:
+            return self.own_reasons
         log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
         score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
@@ -188,7 +198,7 @@ class AuditResult:
 
         Parameters
         ----------
-        labels : mapping of id to {"good", "bad"}
+        labels : mapping of id to {"good", "bad", "better than ID"}
         pairs : sequence of (id, id)
             The better and the worse of two demonstrations.
 
@@ -206,6 +216,13 @@ class AuditResult:
         ratio = self.step_log_ratio[self.steps(index)]
         worst = np.argsort(ratio, kind="stable")[:k]
         return [int(n) for n in worst if ratio[n] < 0]
+
+    def step_trust(self, index: int) -> Float[Array, " n"]:
+        """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
+        own = self.step_log_ratio[self.steps(index)]
+        log_ratio = np.clip(own, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+        one = slice(index, index + 1)
+        return step_proba(self.reliability[one], log_ratio, self.lengths[one], self.settings.steps)
 
     def index(self, demonstration: Hashable) -> int:
         """Index of the demonstration with this id.
@@ -229,8 +246,12 @@ class AuditResult:
         """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
-    def to_dict(self) -> dict[str, object]:
-        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+    def to_dict(self, arrays: bool = False) -> dict[str, object]:
+        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first.
+
+        With `arrays`, "audit" holds all fields too, also those of the steps, from which `Audit.from_dict` makes the
+        audit again.
+        """
         facts = self.facts
         return {
             "n_demonstrations": len(self.ids),
@@ -267,4 +288,6 @@ class AuditResult:
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
+            **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
+            **({"audit": to_plain(self)} if arrays else {}),
         }

@@ -3,25 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from rpil.results.record import Audit
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class AuditOfPart(Audit):
-    """An audit whose reasons compare with demonstrations that are not in it."""
-
-    own_reasons: tuple[str, ...] = ()
-
-    @cached_property
-    def reasons(self) -> tuple[str, ...]:
-        """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons or super().reasons
-
 
 _OF_DEMONSTRATIONS = (
     *("log_odds", "from_actions", "from_demonstrator", "from_label"),
@@ -30,7 +16,7 @@ _OF_DEMONSTRATIONS = (
 _OF_STEPS = "step_log_ratio", "step_weight"
 
 
-def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> AuditOfPart:
+def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> Audit:
     """The audit of the demonstrations at `indices` alone, in that order, as they were judged among all.
 
     `ids` are new names for them. What concerns all, as the finding and the share of experts, stays.
@@ -43,10 +29,9 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
     def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
         return tuple(names[name] for name in old if name in names)
 
-    values = {field.name: getattr(audit, field.name) for field in fields(Audit)}
-    part = AuditOfPart(**values, own_reasons=tuple(audit.reasons[m] for m in chosen))
     return replace(
-        part,
+        audit,
+        own_reasons=tuple(audit.reasons[m] for m in chosen),
         ids=tuple(names.values()),
         offsets=np.concatenate([[0], np.cumsum(audit.lengths[chosen])]),
         **{name: getattr(audit, name)[chosen] for name in _OF_DEMONSTRATIONS},
@@ -54,11 +39,15 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         verdicts=tuple(audit.verdicts[m] for m in chosen),
         competing=tuple(map(named, audit.competing)),
         pair=pair if len(pair := named(audit.pair)) == 2 else (),
+        demonstrators=tuple(
+            replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
+        ),
         answers=audit.answers.select(chosen),
         copy_of=first[place],
         contradicting=named(audit.contradicting),
         sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),
         order=None if audit.order is None else audit.order[chosen],
+        traces={names[name]: own for name, own in audit.traces.items() if name in names},
         beside={name: values[chosen] for name, values in audit.beside.items()},
         deviations=tuple(audit.deviations[m] for m in chosen) if audit.deviations else (),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from rpil.numerics.types import Array
 from rpil.results.record import Audit
 from rpil.results.result import Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.subset import AuditOfPart
 from rpil.results.text import listed
 from rpil.results.words import Verdict
 
@@ -23,11 +21,6 @@ MIN_DEMONSTRATIONS = 8
 
 ALONE = "Not judged: it is the only demonstration of its task or session."
 _FINDINGS = tuple(FINDINGS)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class AuditOfTasks(AuditOfPart):
-    """The audits of several tasks or sessions as one; each sentence and number is that of the demonstration's own."""
 
 
 def split_by_task(
@@ -73,7 +66,7 @@ def join_audits(
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
-    return AuditOfTasks(
+    return Audit(
         ids=tuple(ids),
         offsets=offsets,
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
@@ -96,11 +89,14 @@ def join_audits(
         columns=_joined_columns(audits, places, n),
         copy_of=_joined_copies(audits, places, n),
         beside=_joined_beside(audits, places, n),
+        traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         deviations=tuple(deviations) if any(deviations) else (),
         sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
+        provenance=None,
+        within=what,
         own_reasons=tuple(reasons),
     )
 

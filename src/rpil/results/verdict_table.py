@@ -8,8 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from rpil.data.files import StrPath, check_extension, replacing
+from rpil.data.run import RUN_KEY
 from rpil.faults.record import Finding
 from rpil.formats import csv, parquet
+from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
 from rpil.results.words import SIDES
 
@@ -54,7 +56,8 @@ def write_verdicts(
 
     The columns are id, verdict, expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in
     nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are
-    known, faults, reason, and the run id. JSON holds a list of objects.
+    known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and the provenance among
+    its metadata too.
 
     Parameters
     ----------
@@ -76,7 +79,10 @@ def write_verdicts(
     import pyarrow as pa
 
     writer = csv if path.suffix.lower() == ".csv" else parquet
-    writer.write_tables(path, iter([pa.table(columns)]))
+    said = {RUN_KEY: audit.run_id}
+    if audit.provenance is not None:
+        said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
+    writer.write_tables(path, iter([pa.table(columns).replace_schema_metadata(said)]))
 
 
 def kept(audit: AuditResult) -> list[Hashable]:
@@ -85,7 +91,7 @@ def kept(audit: AuditResult) -> list[Hashable]:
 
 
 def write_kept(path: StrPath, audit: AuditResult) -> None:
-    """Write ``{"episodes": [...], "run": ...}``: the `kept` ids, and the run id.
+    """Write ``{"episodes": [...], "run": ..., "provenance": ...}``: the `kept` ids, and what they come from.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.
@@ -97,13 +103,19 @@ def write_kept(path: StrPath, audit: AuditResult) -> None:
     """
     own = set(kept(audit))
     ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
-    _write_json(check_extension(path, (".json",), "demonstrations to keep"), {"episodes": ids, "run": audit.run_id})
+    made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
+    content = {"episodes": ids, "run": audit.run_id, **made}
+    _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
     """Ids as whole numbers where all are, else as text."""
-    numbers = [name for name in ids if isinstance(name, int)]
-    return numbers if len(numbers) == len(ids) else list(map(str, ids))
+    return [name for name in ids if isinstance(name, int)] if is_whole(ids) else list(map(str, ids))
+
+
+def is_whole(ids: Sequence[Hashable]) -> bool:
+    """Whether all ids are whole numbers."""
+    return all(isinstance(name, int) for name in ids)
 
 
 def _write_json(path: Path, value: object) -> None:

@@ -47,8 +47,8 @@ WORDS: dict[str, Words] = {
         "typical",
         "unlike",
         "P(typical)",
-        "P(typical) is the probability that a demonstration belongs with those that agree best; if those who agree are "
-        "the good ones, it is P(good).",
+        "P(typical) is the probability that a demonstration belongs with those that agree best; if these are the "
+        "good ones, it is P(good).",
         "In 29 recorded sets 77% of the demonstrations with P(typical) of .9 or more were good, 51% of those with .1 "
         "or less, and 61% of all (docs/results.md).",
     ),

@@ -157,9 +157,9 @@ class StepWeights:
         typical = typical_reliability(audit.reliability, trust, audit.lengths)
         return cls(judge, trust, typical, settings, audit_settings)
 
-    def only(self, those: slice) -> StepWeights:
+    def only(self, demonstrations: slice) -> StepWeights:
         """The same for some of the demonstrations."""
-        return replace(self, trust=self.trust[those], first=those.start)
+        return replace(self, trust=self.trust[demonstrations], first=demonstrations.start)
 
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
         block, data = prepared

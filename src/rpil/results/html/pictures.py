@@ -1,27 +1,23 @@
-"""Inline SVG for the report: Matplotlib figures in the colours of the page, and compact timelines."""
+"""Inline SVG for sections of a report: Matplotlib figures in the colours of the page."""
 
 from __future__ import annotations
 
 import io
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Float
 from rpil.results.html.number_format import format_number
-from rpil.results.plots import COLOURS, running_mean
+from rpil.results.plots import COLOURS
 from rpil.results.result import AuditResult
 from rpil.results.words import SIDES, Side
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-MAX_CURVE_POINTS = 200
-MAX_STRIP_POINTS = 60
-"""Points of a curve, however long its demonstration: this keeps 200 timelines within a few megabytes."""
 
 _FIGURE = Markup('<figure class="picture">{}</figure>')
 INK = "#1c2024"
@@ -105,83 +101,3 @@ def score_figure(audit: AuditResult, score: Float[Array, " M"], name: str) -> Ma
 
     description = f"Log-odds of each demonstration against {name}, coloured by verdict."
     return _FIGURE.format(inline_svg(draw, (5, 3.4), description, "score"))
-
-
-class Mark(TypedDict):
-    """A worst step: its number, its log-ratio in nats, and its place in percent of the box."""
-
-    step: int
-    value: float
-    left: float
-    top: float
-
-
-class Timeline(TypedDict):
-    """The curves and marks of one demonstration, points in the format of SVG."""
-
-    band: str
-    mean: str
-    strip: dict[str, str]
-    marks: list[Mark]
-
-
-class Timelines:
-    """The timelines of an audit, on one vertical scale so that demonstrations can be compared.
-
-    The box is 1000 units wide and 1000 high, and the page stretches it: lines keep their width, and text is outside.
-    The scale covers the log-ratios between the 2 % and the 98 % quantile; steps beyond are drawn at its edges.
-    """
-
-    def __init__(self, audit: AuditResult) -> None:
-        self.audit = audit
-        low, high = np.quantile(audit.step_log_ratio, [0.02, 0.98])
-        self.low, self.high = min(float(low), -0.1), max(float(high), 0.1)
-        self.zero = round(1000 * self.high / (self.high - self.low))
-
-    def height(self, values: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Nats to units from the top of the box."""
-        return np.asarray(1000 * (self.high - np.clip(values, self.low, self.high)) / (self.high - self.low))
-
-    def timeline(self, index: int) -> Timeline:
-        """The curves and marks of demonstration `index`."""
-        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
-        size = len(ratio)
-        starts = _block_starts(size, MAX_CURVE_POINTS)
-        edges = np.append(starts, size)
-        centres, counts = 500 * (edges[:-1] + edges[1:]) / size, np.diff(edges)
-        mean = self.height(np.add.reduceat(running_mean(ratio), starts) / counts)
-        highest, lowest = (self.height(extreme.reduceat(ratio, starts)) for extreme in (np.maximum, np.minimum))
-        # The curve and the band reach both sides of the box, so that even a single step leaves a line.
-        x = np.concatenate([[0], centres, [1000]])
-        top, bottom, middle = (np.pad(y, 1, mode="edge") for y in (highest, lowest, mean))
-        worst, heights = self.audit.worst_steps(index), self.height(ratio) / 10
-        marks = [Mark(step=n, value=float(ratio[n]), left=100 * (n + 0.5) / size, top=float(heights[n])) for n in worst]
-        return Timeline(
-            band=_svg_points(np.concatenate([x, x[::-1]]), np.concatenate([top, bottom[::-1]])),
-            mean=_svg_points(x, middle),
-            strip=self._strip(ratio),
-            marks=marks,
-        )
-
-    def _strip(self, ratio: Array) -> dict[str, str]:
-        """The block means above and below zero as two areas."""
-        starts = _block_starts(len(ratio), MAX_STRIP_POINTS)
-        mean = np.add.reduceat(ratio, starts) / np.diff(np.append(starts, len(ratio)))
-        x = np.append(starts, len(ratio)) * 1000 / len(ratio)
-        scaled = np.where(mean > 0, mean / self.high, mean / -self.low).clip(-1, 1)
-        # Square roots, so that small values can be seen beside large ones.
-        height = np.sign(scaled) * np.sqrt(np.abs(scaled))
-
-        def area(values: Array) -> str:
-            return f"0,500 {_svg_points(np.repeat(x, 2)[1:-1], np.repeat(500 - 500 * values, 2))} 1000,500"
-
-        return {"upper": area(height.clip(min=0)), "lower": area(height.clip(max=0))}
-
-
-def _block_starts(size: int, n_blocks: int) -> Int[Array, " B"]:
-    """The first index of each of at most `n_blocks` blocks of nearly equal length."""
-    return np.unique(np.linspace(0, size, min(size, n_blocks), endpoint=False).astype(np.int64))
-
-
-def _svg_points(x: Array, y: Array) -> str:
-    return " ".join(f"{a:.0f},{b:.0f}" for a, b in zip(x, y, strict=True))

@@ -1,0 +1,56 @@
+"""
+Sessions, and methods compared
+==============================
+
+On the second of three days the zero of a joint was set anew. Everybody of that day is then unlike the others, and
+nobody is to blame. `audit.plot.sessions()` shows it; judged within each day, the demonstrations that are really bad are
+found. `rpil.compare_methods` counts how well, because here it is known who is good.
+"""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pyarrow as pa
+
+import rpil
+
+# %%
+# Sixty demonstrations of one joint that moves towards its target; on Tuesday its commands are shifted. Every sixth
+# demonstration is bad: its commands are random.
+N_DEMONSTRATIONS, N_STEPS = 60, 50
+DAYS = ("Monday", "Tuesday", "Wednesday")
+rng = np.random.default_rng(0)
+number = np.repeat(np.arange(N_DEMONSTRATIONS), N_STEPS)
+day = number // 20
+is_good = np.arange(N_DEMONSTRATIONS) % 6 != 5
+distance, speed = rng.normal(size=(2, len(number)))
+command = distance - 0.5 * speed + 0.2 * rng.normal(size=len(number)) + 1.5 * (day == 1)
+command = np.where(is_good[number], command, rng.normal(size=len(number)) + 1.5 * (day == 1))
+table = pa.table(
+    {"distance": distance, "speed": speed, "action": command, "episode": number, "day": np.take(DAYS, day)}
+)
+
+# %%
+# Judged together, and judged within each day. `exclude` leaves the day out: it is then no observation.
+together = rpil.audit(table, exclude="day")
+within = rpil.audit(table, session="day")
+for name, audit in (("together", together), ("within each day", within)):
+    print(f"{name}: {audit.finding}; {audit.verdict_counts()}")
+
+# %%
+# Above: judged together, Tuesday stands out as a day. Below: within each day only the bad ones do.
+figure, axes = plt.subplots(2, 1, figsize=(9, 6), layout="constrained")
+together.plot.sessions(ax=axes[0])
+within.plot.sessions(ax=axes[1])
+plt.show()
+
+# %%
+# Methods compared on the demonstrations of one day, with the truth, which no method sees.
+monday = rpil.read(table.filter(pa.array(day == 0)), exclude="day")
+methods = {"RPIL": rpil.RPIL(), "RM-ENT, told how many": rpil.RMEnt(17), "all alike": rpil.BehavioralCloning()}
+found = rpil.compare_methods(methods, monday, truth=is_good[:20], backend="pyarrow")
+for row in found.to_pylist():
+    print(
+        f"{row['method']:22} AUROC {row['auroc']:.2f}; {row['right']} right, {row['wrong']} wrong, {row['open']} open"
+    )

@@ -1,0 +1,48 @@
+"""
+Which steps went wrong
+======================
+
+A demonstration need not be good or bad as a whole. Here some are good but for a stretch in which the hand slipped. An
+audit gives every step a log-ratio: how much better a policy of the others predicts the action than the frequencies of
+the actions do. From these comes the weight of the step.
+"""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rpil
+
+# %%
+# Twenty demonstrations of one key: press it where position and speed are together above 0. Six have a stretch of thirty
+# random steps.
+N_DEMONSTRATIONS, N_STEPS, N_SLIPS = 20, 120, 30
+rng = np.random.default_rng(0)
+state = rng.normal(size=(N_DEMONSTRATIONS * N_STEPS, 2))
+action = (state.sum(axis=1) + 0.3 * rng.normal(size=len(state)) > 0).astype(int)
+slip = np.zeros((N_DEMONSTRATIONS, N_STEPS), dtype=bool)
+for m, first in enumerate(rng.integers(0, N_STEPS - N_SLIPS, size=6)):
+    slip[m, first : first + N_SLIPS] = True
+action[slip.ravel()] = rng.integers(0, 2, size=slip.sum())
+demonstrations = rpil.Demonstrations.from_groups(
+    state, action, np.repeat(np.arange(N_DEMONSTRATIONS), N_STEPS), observation_names=["position", "speed"]
+)
+
+# %%
+# The weight of a step is near 1 where it follows the policy of the others.
+audit = rpil.audit(demonstrations)
+weight = audit.step_weight.reshape(N_DEMONSTRATIONS, N_STEPS)
+print(f"mean weight: {weight[slip].mean():.2f} of slips, {weight[~slip].mean():.2f} of all other steps")
+
+# %%
+# The steps of one of the six. Above: the log-ratio of each step, its running mean, and the worst five with their
+# numbers. Below: the weights. The bar marks where the hand really slipped.
+figure, (above, below) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
+audit.plot.steps(0, ax=above)
+below.step(np.arange(N_STEPS), weight[0], where="mid")
+where = np.flatnonzero(slip[0])
+below.hlines(1.08, where[0], where[-1], linewidth=6, label="slipped")
+below.set(xlabel="Step", ylabel="Weight", ylim=(0, 1.15))
+below.legend(loc="lower left")
+plt.show()

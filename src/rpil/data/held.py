@@ -1,0 +1,63 @@
+"""Files that stay open for a while, so that all that reads a file of others opens it once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextvars import ContextVar
+from typing import BinaryIO, TypeVar, cast
+
+T = TypeVar("T")
+
+MOST_OPEN = 64
+"""Files that stay open, at most: a process may have a few hundred."""
+
+_open: ContextVar[tuple[ExitStack, dict[tuple[str, object], object]] | None] = ContextVar(
+    "files held open", default=None
+)
+
+
+@contextmanager
+def holding() -> Iterator[None]:
+    """Within the block, what `held` opens stays open until the end of the outermost such block."""
+    if _open.get() is not None:
+        yield
+        return
+    with ExitStack() as stack:
+        token = _open.set((stack, {}))
+        try:
+            yield
+        finally:
+            _open.reset(token)
+
+
+@contextmanager
+def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextManager[T]], kind: str = "") -> Iterator[T]:
+    """The file at `path` as `open_it` opens it, or as it was opened before within `holding`; closed after the block.
+
+    `kind` tells apart what several libraries open.
+    """
+    place = _open.get()
+    if place is None:
+        with open_it() as one:
+            yield one
+        return
+    stack, found = place
+    key = str(path), kind
+    if key not in found:
+        if len(found) >= MOST_OPEN:
+            with open_it() as one:
+                yield one
+            return
+        found[key] = stack.enter_context(open_it())
+    yield cast(T, found[key])
+
+
+@contextmanager
+def held_bytes(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """The bytes of a file from the first one on; to close this stream leaves the file that is held open."""
+    with held(path, lambda: open(path, "rb"), "bytes") as file:
+        file.seek(0)
+        with os.fdopen(os.dup(file.fileno()), "rb") as stream:
+            yield stream

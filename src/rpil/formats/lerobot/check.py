@@ -1,0 +1,225 @@
+"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; totals and statistics can be mended."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import replacing
+from rpil.data.guard import guarded
+from rpil.data.json_files import Parsed, read_json
+from rpil.formats.description import listed
+from rpil.formats.format import Defect
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.episodes import read_episodes, read_lines
+from rpil.formats.lerobot.frames import Shot, find_faults
+from rpil.formats.lerobot.kept import PATHS, video_place
+from rpil.formats.lerobot.metadata import cameras, chunk_size, fill, frame_rate
+from rpil.formats.lerobot.video import load_av
+from rpil.formats.parquet_pages import read_table
+from rpil.formats.store import find_files
+
+INFO, STATS = "meta/info.json", "meta/stats.json"
+
+TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
+"""Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
+differ: LeRobot subtracts squares of short floats."""
+
+
+class Rows(NamedTuple):
+    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin."""
+
+    n: int
+    first: int
+    file: str
+    start: float
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
+
+    path: Path
+
+    @cached_property
+    def info(self) -> dict[str, Parsed]:
+        """What ``info.json`` says."""
+        return dict(read_json(self.path / INFO))
+
+    @cached_property
+    def data(self) -> dict[int, Rows]:
+        """The rows of each episode, by the data."""
+        found: dict[int, Rows] = {}
+        for file in find_files(self.path)[1]:
+            with guarded(file):
+                table = read_table(file, ["episode_index", "index", "timestamp"])
+            columns = table.column_names
+            numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
+            for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
+                first = table["index"][row].as_py() if "index" in columns else -1
+                start = table["timestamp"][row].as_py() if "timestamp" in columns else 0.0
+                found[m] = Rows(n, first, os.path.relpath(file, self.path), start)
+        return found
+
+    @cached_property
+    def episodes(self) -> dict[int, dict[str, Parsed]]:
+        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        lines = self.path / "meta" / "episodes.jsonl"
+        if lines.exists():
+            rows = read_lines(lines)
+        elif lines.with_suffix("").exists():
+            table = read_episodes(self.path)
+            table = table.select([name for name in table.column_names if not name.startswith("stats/")])
+            rows = table.to_pylist()
+        else:
+            rows = []
+        return {int(row["episode_index"]): row for row in rows}
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the data hold the episodes that ``meta`` lists, and no others."""
+        return self.data.keys() == self.episodes.keys()
+
+    def shots(self) -> list[Shot]:
+        """Where the frames of each episode that is there are, by camera."""
+        found, size = [], chunk_size(self.info)
+        if size is None:
+            said = str(self.info["chunks_size"])[:20]
+            raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
+        for camera in cameras(self.info, "video"):
+            for m in sorted(self.data.keys() & self.episodes.keys()):
+                row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+                chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
+                # Version 2 has no such column: there, frames before the first row's time belong to no row.
+                start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
+                end = row.get(f"videos/{camera}/to_timestamp", np.inf)
+                place = video_place(self.path, self.info, camera, chunk, file)
+                found.append(Shot(camera, m, place, start, end, self.data[m].n))
+        return found
+
+
+def find_shots(path: Path) -> list[Shot]:
+    """Where the frames of each episode of the folder are; a `DataError` where ``meta`` does not say."""
+    with guarded(path / "meta"):
+        return Folder(path).shots()
+
+
+def find_defects(path: Path, look: bool) -> list[Defect]:
+    """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
+    folder = Folder(path)
+    found: dict[Defect, None] = {}
+    for rule in (_in_totals, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
+        try:
+            with guarded(path / "meta"):
+                found |= dict.fromkeys(rule(folder))
+        except DataError as error:
+            found[Defect("metadata", "meta", str(error).rstrip("."))] = None
+    return list(found)
+
+
+def _in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
+    """Without the package for videos, only whether their files are there, unless they are to be looked at."""
+    fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
+    try:
+        load_av()
+    except MissingExtraError:
+        if look:
+            raise
+        shots = [shot for shot in shots if not shot.path.is_file()]
+    return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
+
+
+def _totals(folder: Folder) -> dict[str, int]:
+    return {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
+
+
+def _in_totals(folder: Folder) -> Iterator[Defect]:
+    for name, number in _totals(folder).items():
+        if folder.info.get(name, number) != number:
+            said = f"{name} is {folder.info[name]}, and the data hold {number}"
+            yield Defect("totals", INFO, said, folder.is_whole)
+
+
+def _in_episodes(folder: Folder) -> Iterator[Defect]:
+    if not folder.episodes:
+        yield Defect("episode table", "meta", "it does not list the episodes")
+        return
+    lost = folder.episodes.keys() - folder.data.keys()
+    if lost:
+        said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
+        yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
+    for m, (n, first, file, _) in folder.data.items():
+        row = folder.episodes.get(m)
+        if row is None:
+            yield Defect("episode table", str(m), "meta does not list it")
+            continue
+        expected = {"length": n} | ({"dataset_from_index": first, "dataset_to_index": first + n} if first >= 0 else {})
+        wrong = [
+            f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
+        ]
+        places = {name: row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row}
+        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), **places) if places else file
+        wrong += [f"its data are in {file}, not in {named}"] if named != file else []
+        if wrong:
+            yield Defect("episode table", str(m), "; ".join(wrong))
+
+
+def _in_statistics(folder: Folder) -> Iterator[Defect]:
+    place = folder.path / STATS
+    if not place.is_file() or not folder.is_whole:
+        return
+    said = read_json(place)
+    for name, found in stats.of_data(folder.path / "data", said).items():
+        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
+        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
+        for what in names:
+            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
+            here, data = np.ravel(said[name][what]), np.ravel(found[what])
+            if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
+                numbers = (listed([f"{number:.6g}" for number in values], 3) for values in (here, data))
+                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers), True)
+                break
+
+
+def mend(path: Path) -> list[str]:
+    """Write totals and statistics of numbers again where they are wrong; the sentences on what was done.
+
+    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on.
+    """
+    folder, new = Folder(path), {}
+    with guarded(path / "meta"):
+        if folder.is_whole and list(_in_totals(folder)):
+            new[INFO] = folder.info | _totals(folder)
+        if list(_in_statistics(folder)):
+            said = read_json(path / STATS)
+            new[STATS] = said | stats.of_data(path / "data", said)
+        for name in new:
+            _refuse_link(path, name)
+    return [_replace(path / name, content) for name, content in new.items()]
+
+
+def _refuse_link(path: Path, name: str) -> None:
+    """A `DataError` where a file of the folder is a link, as in the Hub's cache, where all snapshots share a file."""
+    if os.path.realpath(path / name) != os.path.join(os.path.realpath(path), *name.split("/")):
+        raise DataError(f"{path / name}: it is a link, and is not mended; mend a copy of the folder (cp -rL).")
+
+
+def _replace(place: Path, content: Mapping[str, Parsed]) -> str:
+    """Write a file of JSON anew, after a backup."""
+    backup = place.with_name(f"{place.name}.bak")
+    number = 2
+    while backup.exists():
+        backup, number = place.with_name(f"{place.name}.bak{number}"), number + 1
+    shutil.copyfile(place, backup)
+    with replacing(place) as temporary:
+        temporary.write_text(json.dumps(content, indent=4), encoding="utf-8")
+    return f"Written again: {place}; what it was is in {backup.name}."

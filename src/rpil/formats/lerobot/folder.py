@@ -1,0 +1,189 @@
+"""LeRobot's folders: what is kept as a list of episodes and as commands, or as a new folder."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, new_folder, replacing
+from rpil.data.folders import copy_folder
+from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
+from rpil.data.id_values import check_ids
+from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
+from rpil.data.names import quoted
+from rpil.formats import folder
+from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.check import Folder, find_defects, find_shots, mend
+from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.kept import PATHS, Kept, Trims
+from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
+from rpil.formats.lerobot.video import load_av
+
+read = folder.read
+
+WEIGHTS = (
+    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
+    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
+)
+
+_NEW_FOLDER = "A folder with statistics of its own, videos too: rpil keep with -o"
+
+MAX_LISTED = 100
+"""Episodes of a data set whose lists are printed."""
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a folder with ``meta/info.json`` and ``data``."""
+    return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()
+
+
+def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
+    """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
+    place = path / "meta" / "info.json"
+    with held_bytes(place) as file:
+        info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
+    version = info.get("codebase_version")
+    if output.suffix.lower() == ".json":
+        if trim:
+            raise DataError(f"{output}: a list of episodes cannot be trimmed; name a folder.")
+        return info
+    if version not in PATHS:
+        raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
+    with guarded(place):
+        seen = cameras(info, "video")
+        wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
+        info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
+        info["fps"] = int(fps) if fps.is_integer() else fps
+        if wrong or info["chunks_size"] < 1 or not 0 < fps < 1e9:
+            raise ValueError(
+                f"{wrong[0]!r} is no name of a camera"
+                if wrong
+                else "chunks_size is no whole number above 0, or fps none"
+            )
+    if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
+        load_av()
+    return info
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
+    """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
+    info = check_output(path, output, bool(trims))
+    check_ids(ids, Folder(path).data, str(path), "them")
+    if output.suffix.lower() == ".json":
+        with replacing(output) as temporary:
+            temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
+        return
+    with new_folder(output) as new:
+        _write(path, new, info, ids, trims)
+
+
+def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
+    """Write the episodes `ids` of the folder `path` to the empty folder `new`; `info` is what ``info.json`` says."""
+    copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
+    kept = Kept(path, new, info, {str(name) for name in ids}, trims)
+    with guarded(path / "meta" / "episodes"):
+        about = EpisodeTable.read(kept) if kept.is_v3 else EpisodeLines.read(kept)
+        seen = {camera: about.videos(camera) for camera in cameras(info, "video")}
+    gone = [camera for camera, files in seen.items() if not any(file.is_file() for file in files.values())]
+    for camera in gone:
+        del seen[camera], info["features"][camera]
+        message = f"{path}: no video of {camera!r} is there; the new folder does not name this camera."
+        warnings.warn(message, stacklevel=1)
+    lost = [file for files in seen.values() for file in files.values() if not file.is_file()]
+    if lost:
+        raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
+    about.prepare(seen)
+    kept.copy_data()
+    with guarded(path / "meta" / "episodes"):
+        by_episode = about.write(seen, gone)
+        n = len(kept.numbers)
+        data, videos = PATHS[info["codebase_version"]]
+        info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": data, "splits": {"train": f"0:{n}"}}
+        info |= {"video_path": videos} if seen else {}
+        of_v2 = {"total_videos": n * len(seen), "total_chunks": -(-n // int(info["chunks_size"]))}
+        info |= {name: value for name, value in of_v2.items() if name in info}
+        (new / "meta" / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
+    with guarded(path / "meta" / "stats.json"):
+        _write_statistics(kept, by_episode, gone)
+
+
+def _write_statistics(kept: Kept, by_episode: Sequence[Mapping[str, stats.Statistics]], gone: Sequence[str]) -> None:
+    """Write the statistics of all features that the file of statistics has, by the new data, or else by episode."""
+    place = kept.new / "meta" / "stats.json"
+    if not place.is_file():
+        return
+    old = {name: one for name, one in read_json(place).items() if name not in gone}
+    found = stats.of_data(kept.new / "data", old)
+    common = set.intersection(*map(set, by_episode)) if by_episode else set()
+    found |= {name: stats.joined([own[name] for own in by_episode]) for name in old if name in common - found.keys()}
+    left = [name for name in old if name not in found]
+    if left:
+        message = f"{kept.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
+        warnings.warn(f"{message}recording does not say them by episode.", stacklevel=1)
+    place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
+
+
+def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
+    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`: all of it is in its version 0.6.1.
+
+    Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
+    """
+    chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
+    is_list = Path(output).suffix.lower() == ".json"
+    if Path(output).name and not is_list and len(ids) <= MAX_LISTED:
+        words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
+        return [f"To train on the new folder: {shlex.join(words)}"]
+    dropped = [name for name in ids if str(name) not in chosen]
+    train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
+    if len(ids) > MAX_LISTED and not is_list:
+        to_list = shlex.join(["rpil", "keep", root, "-o", "keep.json"])
+        return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
+    if len(ids) > MAX_LISTED:
+        if list(map(str, ids)) != list(map(str, range(len(ids)))):
+            dropped = []  # the JSON file does not say which there are
+        train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
+    lines = [f"To train on these, whatever the policy: --dataset.episodes={train}"]
+    if not dropped:
+        return lines
+    new = f"{root.rstrip('/')}_trusted"
+    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {_NEW_FOLDER} {new}")
+    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
+        if read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version") == "v3.0":
+            words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
+            words += ["--new_root", new, "--operation.type", "delete_episodes"]
+            lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
+    return lines
+
+
+def _read_from(output: StrPath, numbers: str) -> str:
+    """What the shell replaces by a list of `numbers`, a term of Python, in which ``kept`` are those in a JSON file."""
+    program = f'import json, sys; kept = json.load(open(sys.argv[1]))["episodes"]; print({numbers})'
+    return f'"$({shlex.join(["python", "-c", program, str(output)])})"'
+
+
+FORMAT = Format(
+    name="LeRobot",
+    claims=claims,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    check_output=check_output,
+    trim=keep,
+    check_trim=partial(check_output, trim=True),
+    commands_to_keep=commands,
+    notes_on_weights=(WEIGHTS,),
+    stays_on_disk=folder.holds_parquet,
+    find_defects=find_defects,
+    mend=mend,
+    shots=find_shots,
+)

@@ -1,0 +1,122 @@
+"""Faults of LeRobot's videos: files, numbers of frames, and pictures that are black, frozen, repeated or exchanged."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.formats.lerobot import video
+from rpil.numerics.types import Array
+
+DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds
+SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one, below which a frame repeats the other
+FROZEN_SECONDS = 1.0  # for which a picture may stay the same
+REPEATED_SHARE = 0.3  # of the frames of an episode
+TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
+LEAST_EPISODES = 4  # to know what is usual
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Where a camera's frames of an episode are: a file, and seconds in it; `n_rows` are those of the data."""
+
+    camera: str
+    episode: int
+    path: Path
+    start: float
+    end: float
+    n_rows: int
+
+
+Found = Iterator[tuple[str, str, str]]
+"""What is wrong: the kind, the episode or file, and a sentence."""
+
+
+def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Found:
+    """Videos that are not there, or damaged, and episodes with more or fewer frames than rows.
+
+    Where videos are to be looked at, also black, frozen and repeated frames, and exchanged cameras.
+    """
+    pictures: dict[tuple[str, int], Array] = {}
+    still: dict[str, dict[int, tuple[int, int, float]]] = defaultdict(dict)
+    paths = {shot.path: shot.camera for shot in shots}
+    lost = [path for path in paths if not path.is_file()]
+    for camera in sorted({paths[path] for path in lost}):
+        n, missing = list(paths.values()).count(camera), [path for path in lost if paths[path] == camera]
+        yield "video file", camera, f"{len(missing)} of {n} files are not there, the first is {missing[0]}"
+    for path in [path for path in paths if path not in lost]:
+        own = [shot for shot in shots if shot.path == path]
+        try:
+            times = video.Packets.of(path).times
+            times, frames = video.look(path) if look else (times, np.empty((len(times), 0)))
+        except DataError as error:
+            first, last = own[0].episode, own[-1].episode
+            yield "video file", str(first) if first == last else f"{first} to {last}", str(error).rstrip(".")
+            continue
+        for shot in own:
+            inside = (times >= shot.start - 0.5 / fps) & (times < shot.end - 0.5 / fps)
+            n, seen, name = int(inside.sum()), frames[inside], str(shot.episode)
+            if n != shot.n_rows:
+                yield "frame count", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows"
+            if seen.size:
+                black = np.flatnonzero(seen.max(axis=1) <= DARK)
+                if len(black) < n:
+                    pictures[shot.camera, shot.episode] = seen.mean(axis=0)
+                    still[shot.camera][shot.episode] = _stillness(seen)
+                if len(black):
+                    yield "black frames", name, f"{shot.camera} is black in {len(black)} frames of {n}, from {black[0]}"
+    for camera, of_episode in still.items():
+        yield from _unchanged(camera, of_episode, fps)
+    yield from _exchanged(pictures)
+
+
+def _stillness(seen: Array) -> tuple[int, int, float]:
+    """The longest run of frames that repeat the one before, its first, and the share of repeats while all moves."""
+    change = np.abs(np.diff(seen.astype(np.int16), axis=0))
+    same = (change.mean(axis=1) <= SAME_MEAN) & (change.max(axis=1) <= SAME_MOST)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
+    runs, lengths = edges[::2], np.diff(edges)[::2]
+    longest = int(np.argmax(lengths)) if len(runs) else 0
+    single = int((lengths == 1).sum())
+    return (int(lengths[longest]), int(runs[longest]) + 1, single / len(seen)) if len(runs) else (0, 0, 0.0)
+
+
+def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float) -> Found:
+    """Frozen and repeated frames of a camera: beyond what is usual in it, or beyond a share of an episode."""
+    runs, firsts, shares = (np.array(values) for values in zip(*of_episode.values(), strict=True))
+    usual = TIMES_USUAL * np.quantile([runs, shares], 0.75, axis=1)
+    known = len(runs) >= LEAST_EPISODES
+    for k, episode in enumerate(of_episode):
+        if runs[k] >= FROZEN_SECONDS * fps and known and runs[k] > usual[0]:
+            words = f"{camera} shows one picture for {runs[k] / fps:.1f} s from frame {firsts[k]}"
+            yield "frozen picture", str(episode), words
+        elif shares[k] >= REPEATED_SHARE and known and shares[k] > usual[1]:
+            yield "repeated frames", str(episode), f"{camera} repeats {shares[k]:.0%} of its frames while all moves"
+    if np.median(shares) >= REPEATED_SHARE:
+        yield (
+            "repeated frames",
+            "all",
+            f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data",
+        )
+
+
+def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> Found:
+    """Episodes in which two cameras have each the mean picture that is usual for the other."""
+    of_camera: dict[str, list[Array]] = defaultdict(list)
+    for (camera, _), picture in pictures.items():
+        of_camera[camera].append(picture)
+    middle = {camera: np.median(own, axis=0) for camera, own in of_camera.items() if len(own) >= LEAST_EPISODES}
+    for one, other in combinations(middle, 2):
+        if middle[one].shape != middle[other].shape:
+            continue
+        for episode in sorted(m for camera, m in pictures if camera == one and (other, m) in pictures):
+            a, b = pictures[one, episode], pictures[other, episode]
+            own = np.abs(a - middle[one]).mean() + np.abs(b - middle[other]).mean()
+            if np.abs(a - middle[other]).mean() + np.abs(b - middle[one]).mean() < 0.5 * own:
+                yield "exchanged cameras", str(episode), f"{one} and {other} show what the other shows elsewhere"

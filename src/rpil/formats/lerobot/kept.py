@@ -1,0 +1,185 @@
+"""The data files of a new folder of LeRobot, with some of the episodes of another and new numbers."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.data.folders import check_inside
+from rpil.data.json_files import Parsed
+from rpil.data.names import quoted
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.lerobot.metadata import fill
+from rpil.formats.parquet import keep_rows
+from rpil.formats.parquet_pages import read_table
+from rpil.formats.store import find_files
+from rpil.formats.table import numbers_or_missing
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Trims = Mapping[str, tuple[int, int]]
+"""First frame to keep, and the first after those to keep, by episode."""
+
+END_MARKS = "next.done", "next.success", "next.terminated", "next.truncated"
+"""Columns that say in the last row how an episode ends."""
+
+REWARD = "next.reward"
+
+PATHS = {
+    "v3.0": (
+        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+    )
+} | dict.fromkeys(
+    ("v2.1", "v2.0"),
+    (
+        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+    ),
+)
+"""Where LeRobot has its data and its videos, by its version."""
+
+
+@dataclass
+class Kept:
+    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
+
+    path: Path
+    new: Path
+    info: dict[str, Parsed]  # what meta/info.json says
+    wanted: set[str]
+    trims: Trims  # by the old numbers as text
+    numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
+    files: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file by the new number
+    lengths: Counter[int] = field(default_factory=Counter)
+    n_steps: int = 0
+    skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
+    marks: dict[str, dict[int, Parsed]] = field(default_factory=dict)  # of the last rows of trimmed episodes, by column
+    place: tuple[int, int] = (0, 0)
+
+    @property
+    def is_v3(self) -> bool:
+        return str(self.info["codebase_version"]) == "v3.0"
+
+    @property
+    def fps(self) -> float:
+        return float(self.info["fps"])
+
+    def copy_data(self) -> None:
+        """Write the data files that hold any of the episodes."""
+        size, n_files, files = int(self.info["chunks_size"]), 0, [*map(Path, find_files(self.path)[1])]
+        rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
+        if rewarded:
+            message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
+            warnings.warn(f"{message}{quoted(rewarded, 5)}.", stacklevel=1)
+        for file in files:
+            self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
+            target = self.new / self.target(0, *self.place)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if keep_rows(file, target, self.wanted, ColumnOptions(id="episode_index"), self.renumbered):
+                n_files += 1
+            else:
+                target.unlink()
+            if not self.is_v3 and len(self.numbers) != n_files:
+                raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
+        for name, (first, end) in self.trims.items():
+            if name in self.wanted and self.lengths[self.numbers.get(int(name), -1)] != end - first:
+                raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
+
+    def _read_marks(self, file: Path) -> list[str]:
+        """Find what the last row of each trimmed episode says of its end; those of which a cut row has a reward."""
+        table = read_table(file, ["episode_index", "frame_index", *END_MARKS, REWARD])
+        own = table.column_names[2:]
+        if not own:
+            return []
+        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
+        rewards, rewarded = numbers_or_missing(table[REWARD]) if REWARD in own else None, []
+        for name in sorted(self.trims.keys() & self.wanted & set(map(str, np.unique(old).tolist())), key=int):
+            first, end = self.trims[name]
+            rows = np.flatnonzero(old == int(name))
+            for column in own:
+                if column != REWARD:
+                    self.marks.setdefault(column, {})[int(name)] = table[column][int(rows[-1])].as_py()
+            cut = rows[(frames[rows] < first) | (frames[rows] >= end)]
+            if rewards is not None and np.nan_to_num(rewards[cut]).any():
+                rewarded.append(name)
+        return rewarded
+
+    def _with_marks(self, table: pa.Table) -> pa.Table:
+        """The rows, of which the last to keep of each trimmed episode says of its end what the old last one said."""
+        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index")) if self.marks else ((), ())
+        for column, of_episode in self.marks.items():
+            values = table[column].to_pylist() if column in table.column_names else []
+            for m in of_episode.keys() & set(np.unique(old).tolist()) if values else ():
+                for row in np.flatnonzero((old == m) & (frames == self.trims[str(m)][1] - 1)):
+                    values[row] = of_episode[m]
+            table = with_column(table, column, values) if values else table
+        return table
+
+    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
+        """The place of a new file."""
+        return _place(PATHS[self.info["codebase_version"]][of_videos], camera, chunk, file)
+
+    def renumbered(self, table: pa.Table) -> pa.Table:
+        """Rows with new numbers of episode and step, without those that are trimmed."""
+        import pyarrow as pa
+
+        table = self._with_marks(table)
+        old = table["episode_index"].to_numpy()
+        for name in self.trims.keys() & set(map(str, np.unique(old).tolist())):
+            first, end = self.trims[name]
+            frames, own = table["frame_index"].to_numpy(), old == int(name)
+            columns = {"frame_index": frames - own * first}
+            if "timestamp" in table.column_names:
+                times = table["timestamp"].to_numpy()
+                moved = np.maximum(times - self.skipped.get(int(name), first / self.fps), 0.0)
+                columns["timestamp"] = np.where(own, moved, times)
+            for column, values in columns.items():
+                table = with_column(table, column, values)
+            kept = ~own | ((frames >= first) & (frames < end))
+            table, old = table.filter(pa.array(kept)), old[kept]
+        numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in old.tolist()]
+        if any(a > b for a, b in pairwise([len(self.lengths) - 1, *numbers])):
+            raise DataError(f"{self.path}: its episodes lie within each other; sort the rows by episode_index.")
+        self.lengths.update(numbers)
+        for number in numbers:
+            self.files.setdefault(number, self.place)
+        first, self.n_steps = self.n_steps, self.n_steps + len(numbers)
+        table = with_column(table, "episode_index", numbers)
+        return with_column(table, "index", range(first, self.n_steps)) if "index" in table.column_names else table
+
+    def rows(self, number: int) -> pa.Table:
+        """The new rows of an episode."""
+        import pyarrow.parquet as pq
+
+        return pq.read_table(self.new / self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
+
+
+def video_place(path: Path, info: Mapping[str, Parsed], camera: str, chunk: int, file: int) -> Path:
+    """The place of a video in the folder `path`, or a `DataError` where it leads out of it."""
+    place = path / _place(info.get("video_path") or PATHS[info["codebase_version"]][1], camera, chunk, file)
+    check_inside(place, path)
+    return place
+
+
+def _place(template: str, camera: str, chunk: int, file: int) -> str:
+    names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
+    return fill(template, **names, video_key=camera)
+
+
+def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
+    """The table with other values of the same type in one of its columns."""
+    import pyarrow as pa
+
+    field = table.schema.field(name)
+    return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))

@@ -1,0 +1,196 @@
+"""Video files, by PyAV: frames are copied without a new encoding, counted, and looked at in a few of their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import check_readable
+from rpil.data.guard import guarded
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+
+_FRESH = {"h264": (4, 0, (5,)), "hevc": (21, 1, (19, 20))}
+"""Where the head of a codec says how long lengths are; the place of the type of a unit, and types of fresh frames."""
+
+PIXELS = 32  # of a frame that are looked at, in each direction
+
+
+def load_av() -> ModuleType:
+    """The module av; a `MissingExtraError` where it is not installed."""
+    try:
+        import av
+    except ImportError as error:
+        raise MissingExtraError("To read or cut videos", "video") from error
+    module: ModuleType = av
+    return module
+
+
+@dataclass(frozen=True, eq=False)
+class Packets:
+    """The P packets of a video in the order of the file, which is that of decoding; each holds one frame."""
+
+    shown: Array  # when a frame is shown, in units, (P,)
+    decoded: Array
+    is_key: Array  # whether it can be decoded, and followed by others, without those before it
+    length: Array  # how long it is shown
+    unit: float  # seconds
+
+    @property
+    def times(self) -> Array:
+        """Seconds at which each frame is shown."""
+        return self.shown * self.unit
+
+    @classmethod
+    def of(cls, path: Path) -> Packets:
+        """Those of a file; a `DataError` where it is no video, or a damaged one."""
+        with _opened(path) as source:
+            stream = source.streams.video[0]
+            codec, head = stream.codec_context.name, stream.codec_context.extradata or b""
+            packets = (packet for packet in source.demux(stream) if packet.size)
+            found = [
+                (p.pts, p.dts, p.is_keyframe and _is_fresh(bytes(p), codec, head), p.duration or 0) for p in packets
+            ]
+            shown, decoded, is_key, length = np.array(found, dtype=np.int64).reshape(-1, 4).T
+            if not len(shown) or not is_key[0]:
+                raise ValueError("it does not begin with a frame")
+            return cls(shown, decoded, is_key.astype(bool), length, float(stream.time_base or 0))
+
+
+def _is_fresh(data: bytes, codec: str, head: bytes) -> bool:
+    """Whether a decoder forgets all frames before a key frame: in H.264 and HEVC some are followed by older ones."""
+    if codec not in _FRESH or len(head) < 22:
+        return True
+    first, shift, fresh = _FRESH[codec]
+    size, place = (head[first] & 3) + 1, 0  # bytes of the number before each unit
+    while place + size < len(data):
+        if data[place + size] >> shift & (63 if shift else 31) in fresh:
+            return True
+        place += size + int.from_bytes(data[place : place + size], "big")
+    return False
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[InputContainer]:
+    fault = "it is no video, or a damaged one", "copy or download an MP4 file again"
+    with guarded(path, *fault), _open_mp4(check_readable(path)) as source:
+        yield source
+
+
+def _open_mp4(path: Path) -> InputContainer:
+    """The open file: a guess at its kind might take it for a list of other files, which would be opened."""
+    source: InputContainer = load_av().open(str(path.absolute()), format="mp4")
+    return source
+
+
+class _Run(NamedTuple):
+    """Packets ``first:end`` of a file, which are copied and shown later by `shift` units."""
+
+    first: int
+    end: int
+    shift: int
+
+
+def cut(path: Path, new: Path, spans: Sequence[tuple[float, float]], fps: float) -> list[float]:
+    """Copy the frames of a video that are shown within `spans` to the new file `new`, one span after the other.
+
+    Spans are in seconds, and a frame at the end of one belongs to the next. Nothing is encoded again: where the first
+    frame of a span needs earlier ones, these are copied with it. Returned are the seconds at which the first frame of
+    each span is shown in the new file.
+    """
+    packets = Packets.of(path)
+    places = [_find(packets, span, 0.5 / fps, path) for span in spans]
+    runs = _runs(packets, places)
+    with guarded(path):
+        _copy(path, new, packets, runs)
+    shifts = [next(run.shift for run in runs if run.first <= first < run.end) for first, _, _ in places]
+    return [(shown + shift) * packets.unit for (_, _, shown), shift in zip(places, shifts, strict=True)]
+
+
+def _find(packets: Packets, span: tuple[float, float], half: float, path: Path) -> tuple[int, int, int]:
+    """The packets ``first:end`` that show a span, and when its first frame is shown."""
+    inside = np.flatnonzero((packets.times >= span[0] - half) & (packets.times < span[1] - half))
+    if not len(inside):
+        raise DataError(f"{path}: no frame lies between {span[0]:.3f} s and {span[1]:.3f} s; leave the episode out.")
+    shown = int(packets.shown[inside].min())
+    first = np.flatnonzero(packets.is_key & (packets.shown <= shown))[-1]
+    return int(first), int(inside.max()) + 1, shown
+
+
+def _runs(packets: Packets, places: Sequence[tuple[int, int, int]]) -> list[_Run]:
+    """The packets of all places, those that overlap or touch as one, each shown after the one before."""
+    runs: list[_Run] = []
+    shown = decoded = 0  # where the next may begin
+    for first, end, _ in sorted(places):
+        if runs and first <= runs[-1].end:
+            runs[-1] = _Run(runs[-1].first, max(end, runs[-1].end), runs[-1].shift)
+        else:
+            shift = shown - int(packets.shown[first])
+            runs.append(_Run(first, end, max(shift, decoded - int(packets.decoded[first])) if runs else shift))
+        run = slice(*runs[-1][:2])
+        shown = int((packets.shown[run] + packets.length[run]).max()) + runs[-1].shift
+        decoded = int(packets.decoded[run][-1]) + 1 + runs[-1].shift
+    return runs
+
+
+def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None:
+    """Copy the packets of the runs, without frames that need others before their run."""
+    shift, wanted = np.zeros_like(packets.shown), np.zeros_like(packets.is_key)
+    for first, end, by in runs:
+        shift[first:end], wanted[first:end] = by, packets.shown[first:end] >= packets.shown[first]
+    av = load_av()
+    with _open_mp4(path) as source, av.open(str(new), "w", format="mp4") as target:
+        stream = source.streams.video[0]
+        out = target.add_stream_from_template(stream, opaque=True)  # no encoder is needed
+        out.time_base = stream.time_base
+        for place, packet in enumerate(packet for packet in source.demux(stream) if packet.size):
+            if wanted[place]:
+                packet.pts = int(packets.shown[place] + shift[place])
+                packet.dts = int(packets.decoded[place] + shift[place])
+                packet.stream = out
+                target.mux(packet)
+
+
+def look(path: Path) -> tuple[Array, Array]:
+    """Seconds at which the F frames of a video are shown, (F,), and the brightness of some pixels, (F, K), to 255."""
+    times, pictures = [], []
+    with _opened(path) as source:
+        stream = source.streams.video[0]
+        stream.codec_context.thread_count = 1  # which takes the least work
+        for frame in source.decode(stream):
+            if "yuv" not in frame.format.name or frame.format.components[0].bits != 8:
+                frame = frame.reformat(format="gray")
+            plane = frame.planes[0]
+            rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
+            rows = rows[: plane.height, : plane.width]
+            down, right = (max(1, size // PIXELS) for size in rows.shape)
+            pictures.append(rows[down // 2 :: down, right // 2 :: right][:PIXELS, :PIXELS].reshape(-1))
+            times.append(float(frame.time or 0.0))
+    return np.array(times), np.array(pictures)
+
+
+def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
+    """The frame that a video shows at `seconds`, as a JPEG file with `width` pixels in a row; a `DataError` if none."""
+    encoder = load_av().CodecContext.create("mjpeg", "w")
+    with _opened(path) as source:
+        stream = source.streams.video[0]
+        source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
+        shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
+        frame = next(shown, None)
+        if frame is None:
+            raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
+        encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
+        encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
+        small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
+        small.pts, small.time_base = 0, encoder.time_base
+        return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)])

@@ -1,0 +1,71 @@
+"""The steps of a demonstration as drawings: binned, and packed as small integers, so that a page stays small."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+
+from rpil.numerics.types import Array, Float, Int
+from rpil.results.reasons import MAX_LOG_RATIO
+from rpil.results.result import AuditResult
+
+MAX_BINS = 200
+"""Bins of a drawing; a demonstration with fewer steps has one for each."""
+
+LEVELS = 254
+"""Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
+
+NO_VALUE = 255
+
+
+def drawing(audit: AuditResult, m: int) -> dict[str, object]:
+    """The drawing of demonstration `m`; see `rpil.results.view`."""
+    ratio = np.clip(audit.step_log_ratio[audit.steps(m)], -MAX_LOG_RATIO, MAX_LOG_RATIO).astype(float)
+    starts = bin_starts(len(ratio))
+    extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
+    traces = audit.traces.get(audit.ids[m])
+    taken = traces.taken if traces else ()
+    names = sorted({*taken})
+    return {
+        "bins": len(starts),
+        "ratio": packed({**extremes, "mean": _means(ratio, starts)}),
+        "trust": packed({"mean": _means(audit.step_trust(m), starts)}, (0.0, 1.0)),
+        "width": traces.width if traces else 1,
+        "compared_with": traces.compared_with if traces else "typical",
+        "taken": {"names": names, "codes": _as_text(np.array([names.index(one) for one in taken]))},
+        "parts": [
+            {"name": part.name, "share": round(part.share, 4), "nats": _short(part.nats)}
+            | packed({"value": part.value, "low": part.low, "high": part.high})
+            for part in (traces.parts if traces else ())
+        ],
+    }
+
+
+def bin_starts(n_steps: int) -> Int[Array, " B"]:
+    """The first step of each of at most `MAX_BINS` bins of nearly equal length."""
+    n_bins = min(n_steps, MAX_BINS)
+    return np.asarray(np.arange(n_bins) * n_steps // n_bins)
+
+
+def _means(values: Float[Array, " n"], starts: Int[Array, " B"]) -> Float[Array, " B"]:
+    return np.asarray(np.add.reduceat(values, starts) / np.diff(np.append(starts, len(values))))
+
+
+def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:
+    """Curves on one scale: each as base64 of bytes, where 0 is "from" and 254 is "to"; 255 is no value."""
+    values = np.array([*curves.values()], dtype=float)
+    known = values[np.isfinite(values)]
+    low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
+    scaled = LEVELS * (values - low) / (high - low or 1.0)
+    codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
+    return {"from": _short(low), "to": _short(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
+
+
+def _as_text(codes: Int[Array, " P"]) -> str:
+    """Base64 of bytes."""
+    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

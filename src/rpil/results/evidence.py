@@ -1,0 +1,210 @@
+"""Which parts of an action hold the evidence about a demonstration: its actions beside those of the typical.
+
+The log-ratio of a step is a sum over the parts j of a continuous action, and discrete actions are one part:
+
+    d_j(n) = log pi_j(a_nj|s_n) - log q_j(a_nj)
+
+with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
+demonstration m is what it adds more than in the median typical one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
+Its share is among the parts that point where the sum over all parts points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from rpil.data.copies import Copies
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
+from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
+from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
+from rpil.inference.parts import ActionScale
+from rpil.inference.settings import HeldOutSettings
+from rpil.inference.trust import Judgement
+from rpil.numerics.blocks import linear
+from rpil.numerics.regression import error_scale, student_log_densities
+from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.policies.softmax import at_actions
+from rpil.results.groups import MAX_PARTS
+from rpil.results.record import Audit
+from rpil.results.text import printable
+from rpil.results.traces import Part, Traces, least_points, point_width, points
+from rpil.results.words import SIDES
+
+Outputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
+"""The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
+
+MAX_DRAWN = 300
+"""Demonstrations with traces."""
+N_SUGGESTED = 3
+"""Demonstrations to label, which are drawn."""
+BAND = 0.05, 0.95
+MIN_NATS = 1e-6
+"""Evidence that is more than rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """K demonstrations of N steps beside the policy of the typical; J parts of the action."""
+
+    data: FitData
+    members: Int[Array, " K"]
+    """The numbers of the demonstrations among those of the audit."""
+    value: Float[Array, "N J"]
+    """The action, or the probability of the discrete action taken."""
+    low: Float[Array, "N J"]
+    high: Float[Array, "N J"]
+    """The band of the typical."""
+    evidence: Float[Array, "N J"]
+    """The log-ratio of each part, less that of the median typical demonstration a step, in nats."""
+    compared_with: Literal["typical", "trusted"]
+
+    @classmethod
+    def of(
+        cls,
+        data: FitData,
+        members: Int[Array, " K"],
+        expected: Float[Array, "N ..."],
+        typical: Bool[Array, " K"],
+        settings: HeldOutSettings,
+        compared_with: Literal["typical", "trusted"] = "typical",
+    ) -> Comparison:
+        """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,)."""
+        if isinstance(data.space, Discrete):
+            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(expected), 1))
+            value, mean, low, high = np.exp(expected)[:, None], none, none, none + 1
+            log_ratio = (expected - log_reference(data, every, settings))[:, None]
+        else:
+            value, mean, low, high = data.actions, expected, data.space.low, data.space.high
+            log_ratio = log_ratio_of_parts(data, mean, typical, settings)
+        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(typical)], BAND, axis=0))
+        low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
+        usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[typical], axis=0)
+        return cls(data, members, value, low, high, log_ratio - usual, compared_with)
+
+    def rows(self, place: int) -> slice:
+        """The rows of the demonstration at a `place` among the K."""
+        return slice(int(self.data.offsets[place]), int(self.data.offsets[place + 1]))
+
+
+def log_ratio_of_parts(
+    data: FitData, mean: Float[Array, "N A"], typical: Bool[Array, " K"], settings: HeldOutSettings
+) -> Float[Array, "N A"]:
+    """d_j of each step, with the scale of the errors of the typical."""
+    scaling, errors = ActionScale.of(data), settings.errors
+    actions = scaling(data.actions)
+    own, center = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
+    scale = error_scale(own, data.per_step(typical.astype(float)), errors)
+    width = error_scale(actions - center, np.ones(len(actions)), errors)
+    return student_log_densities(own, scale, errors) - student_log_densities(actions - center, width, errors)
+
+
+def typical_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
+    """Which of the `members` are typical: the upper group of the scores, or all where the scores are one group."""
+    lower = judgement.claims.lower
+    return np.isin(members, members if lower is None else lower.upper)
+
+
+def beside_judge(
+    judgement: Judgement, data: FitData, copies: Copies | None, seed: int, settings: HeldOutSettings
+) -> Comparison:
+    """By the held-out policies of the judge, which read `data`, without `copies` of others."""
+    fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
+    if data.space.kind == "discrete":
+        expected = fit.held_out.log_prob
+    else:
+        model = held_out_model(data, seed, settings)
+        assert isinstance(model, HeldOutRidge)
+        errors = model.errors(data.per_step(judgement.training_group.astype(float)), fit.ridge)
+        expected = ActionScale.of(data).back(model.actions - errors)
+    return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
+
+
+def beside_sample(
+    judgement: Judgement,
+    ratio: SoftmaxRatio | StudentRatio,
+    data: FitData,
+    members: Int[Array, " K"],
+    settings: HeldOutSettings,
+) -> Comparison:
+    """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
+    if isinstance(ratio, SoftmaxRatio):
+        expected = ratio.step_ratios(data.features, data.actions, settings)[0]
+    else:
+        expected = ratio.scaling.back(linear(data.features, ratio.weights))
+    return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
+
+
+def beside_final_policy(
+    audit: Audit, judgement: Judgement | None, data: FitData, outputs: Outputs, settings: HeldOutSettings
+) -> Comparison:
+    """By the final policy, with these `outputs`, where the adversary was named, and of continuous actions where the
+    policy is the user's. It learned from all that are trusted."""
+    expected, members = outputs(np.arange(len(data.actions))), np.arange(data.n_demonstrations)
+    expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
+    trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
+    typical = trusted | ~trusted.any() if judgement is None else typical_members(judgement, members)
+    return Comparison.of(data, members, expected, typical, settings, "trusted")
+
+
+def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
+    """Up to `size` demonstrations: those with the lower word, those in question, and then the others; of each, the
+    least trusted first. All in the order of the data where these are few enough."""
+    if len(audit.ids) <= size:
+        return np.arange(len(audit.ids))
+    asked = {*audit.contradicting, *audit.pair, *audit.suggest_labels(N_SUGGESTED)}
+    lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
+    in_question = np.array([name in asked for name in audit.ids])
+    return np.lexsort([audit.log_odds, ~in_question, ~lower])[:size]
+
+
+def with_fewer_traces(audit: Audit, size: int) -> Audit:
+    """The audit with the traces of up to `size` demonstrations, those most worth a look."""
+    chosen = [audit.ids[m] for m in worth_a_look(audit, size).tolist()]
+    return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
+
+
+def part_name(data: FitData, j: int) -> str:
+    """The name of a part of the action; discrete actions are one."""
+    if data.space.n_parts == 1 and (data.space.kind == "discrete" or not data.action_names):
+        return "action"
+    return printable(data.action_name(j)) if data.action_names else f"action part {j}"
+
+
+def shares(nats: Float[Array, " J"]) -> Float[Array, " J"]:
+    """Share of each part among those that point where their sum points; 0 where there is nothing but rounding."""
+    toward = np.maximum(nats * (1 if nats.sum() > 0 else -1), 0.0)
+    return np.asarray(toward / toward.sum() if toward.sum() > MIN_NATS else np.zeros_like(toward))
+
+
+def traces(audit: Audit, compared: Comparison, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
+    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median typical one."""
+    place = np.searchsorted(compared.members, audit.copy_of[drawn])
+    found = {audit.ids[m]: _traces(compared, k) for m, k in zip(drawn.tolist(), place.tolist(), strict=True)}
+    return {name: own for name, own in found.items() if own.parts}
+
+
+def _traces(compared: Comparison, place: int) -> Traces:
+    data, rows = compared.data, compared.rows(place)
+    width, nats = point_width(rows.stop - rows.start), compared.evidence[rows].sum(axis=0)
+    share = shares(nats)
+    parts = tuple(
+        Part(
+            part_name(data, j),
+            float(share[j]),
+            float(nats[j]),
+            *(points(values[rows, j], width) for values in (compared.value, compared.low, compared.high)),
+        )
+        for j in np.argsort(-share, kind="stable")[:MAX_PARTS].tolist()
+        if share[j] > 0
+    )
+    if data.space.kind == "continuous":
+        return Traces("continuous", parts, width, compared_with=compared.compared_with)
+    least = data.actions[rows][least_points(compared.value[rows, 0], width)]
+    names = {code: printable(data.action_name(code)) for code in set(least.tolist())}
+    taken = tuple(names[code] for code in least.tolist())
+    return Traces("discrete", parts, width, taken, compared.compared_with)

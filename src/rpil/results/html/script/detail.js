@@ -1,0 +1,84 @@
+// The panel of one demonstration: why it has its word, where to look, its facts, and its steps drawn.
+const VISUALIZER = "https://huggingface.co/spaces/lerobot/visualize_dataset";
+const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path", "unusual end": "unusual end", dynamics: "dynamics" };
+
+const makeDetail = (model, place, act) => {
+  const { d, view, names, found } = model;
+  let charts = [], shown = null;
+
+  // A step, as a link where the data are on the hub, or else a button that copies where it is.
+  const where = (m, step) => {
+    const time = view.fps ? (step / view.fps).toFixed(1) : null, label = `${step}${time === null ? "" : ` (${time} s)`}`;
+    if (view.lerobot && view.hub && time !== null) {
+      const path = encodeURIComponent(`/${view.hub}/episode_${d.id[m]}`);
+      return el("a", { href: `${VISUALIZER}?path=${path}&episode=${encodeURIComponent(d.id[m])}&t=${time}`, rel: "noreferrer", target: "_blank" }, label);
+    }
+    const text = `${view.lerobot ? "episode" : "demonstration"}=${names[m]}, ${time === null ? `step=${step}` : `t=${time} s`}`;
+    const button = el("button", { type: "button", class: "step", title: `Copy “${text}”`, onclick: () => copyText(text, button) }, label);
+    return button;
+  };
+  const list = (items) => items.flatMap((item, k) => (k ? [", ", item] : [item]));
+  const facts = (m) => Object.entries(d.facts).flatMap(([name, values]) => {
+    if (name === "time limit") return values[m] ? [el("tr", {}, el("th", { scope: "row" }, "time limit"), el("td", { colspan: 2 }, "reached"))] : [];
+    const rank = el("span", { class: "rank", "aria-hidden": "true" }, el("b", { style: `left:${(100 * values[m]).toFixed(1)}%` }));
+    return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name] ?? name), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])}`))];
+  });
+  const named = (m) => [["Task", d.task[m]], ["Operator", d.demonstrator[m]], ["Session", d.session[m]], ["Group", d.group[m]],
+    ["Reliability", `${percent(d.reliability[m])} (${percent(d.low[m])} to ${percent(d.high[m])})`], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
+    ["Order", d.order.length ? `${d.order[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : ""]].filter(([, text]) => text);
+
+  const clear = () => {
+    for (const chart of charts) chart.destroy();
+    charts = [];
+  };
+  const drawCharts = (m, box, readout) => {
+    const drawing = view.drawings[m];
+    if (!drawing && live) {
+      live.load(view, m, () => { if (shown === m) show(m); });
+      return;
+    }
+    if (!drawing) {
+      box.append(el("p", { class: "muted" }, `Not drawn: only the ${Object.keys(view.drawings).length} most worth a look are.`));
+      return;
+    }
+    const said = (step, more = "") => {
+      readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}${more}`;
+    };
+    said(null);
+    charts = stepCharts(model, m, drawing, box, said);
+  };
+
+  const show = (m) => {
+    clear();
+    shown = m;
+    const button = (word, key, label) => el("button", { type: "button", "data-mark": word || "none", "aria-pressed": String((model.marks.get(m) ?? "") === word), onclick: () => act.mark(word) }, label, " ", el("kbd", {}, key));
+    const parts = Object.entries(d.evidence).map(([name, values]) => `${name} ${number(values[m])}`).join(", ");
+    const drawn = el("div", { class: "charts" }), readout = el("p", { class: "readout muted" });
+    place.replaceChildren(
+      el("header", {},
+        el("h3", {}, names[m]),
+        el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
+        el("span", { class: "muted" }, `${view.words.probability} ${percent(d.p[m])}, log-odds ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
+      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
+        el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
+      live ? live.media(model, m) : "",
+      el("p", {}, d.reason[m] && printable(d.reason[m])),
+      view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
+      view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
+      d.stretch[m] ? el("p", {}, "Look at ", model.span(d.stretch[m]), ".") : "",
+      d.worst[m].length ? el("p", {}, "Worst steps: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
+      model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `, ${model.span([found.first[k], found.last[k]])}: ${printable(found.sentence[k])}`))) : "",
+      drawn, view.drawings[m] ? readout : "",
+      view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "",
+      el("table", { class: "own-facts" }, el("tbody", {}, named(m).map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, printable(text)))), facts(m))));
+    drawCharts(m, drawn, readout);
+  };
+  const marked = () => {
+    for (const one of place.querySelectorAll("[data-mark]")) one.setAttribute("aria-pressed", String((model.marks.get(shown) ?? "none") === one.dataset.mark));
+  };
+  const resize = () => {
+    for (const chart of charts) chart.setSize({ width: Math.max(200, chart.root.parentElement.clientWidth), height: chart.height });
+  };
+  new ResizeObserver(resize).observe(place);
+  return { show, marked, redraw: () => { if (shown !== null) show(shown); }, empty: () => { clear(); shown = null; place.replaceChildren(el("p", { class: "muted" }, "No demonstration matches.")); } };
+};

@@ -1,0 +1,124 @@
+// The demonstrations of a view: their filters, their order, and the marks of the reader.
+const MARKS = ["good", "bad"];
+const collator = new Intl.Collator("en", { numeric: true });
+
+// Marks outlive a reload where the browser lets a page keep something.
+const makeStore = (key) => {
+  try {
+    localStorage.setItem(`${key}?`, "");
+    localStorage.removeItem(`${key}?`);
+  } catch {
+    return { lasts: false, read: () => ({}), write: () => {} };
+  }
+  const read = () => {
+    try {
+      return JSON.parse(localStorage.getItem(key)) ?? {};
+    } catch {
+      return {};
+    }
+  };
+  return {
+    lasts: true,
+    read,
+    write: (marks) => {
+      try {
+        localStorage.setItem(key, JSON.stringify(marks));
+      } catch { /* the store is full: the marks stay in memory, and can be downloaded */ }
+    },
+  };
+};
+
+const makeModel = (view) => {
+  const d = view.demonstrations, size = d.id.length, names = d.id.map(printable);
+  const all = new Array(size);
+  d.look.forEach((place, m) => { all[place] = m; });
+  const found = view.faults.found, faults = Array.from({ length: size }, () => []);
+  (found.demonstration ?? []).forEach((m, k) => { if (m !== null) faults[m].push(k); });
+  const rules = faults.map((own) => [...new Set(own.map((k) => found.rule[k]))]);
+  const order = d.order.length ? d.order : d.session.some(Boolean) ? d.id.map((_, m) => m + 1) : [];
+
+  // Marks, by number, and what each replaced.
+  const store = live ? live.store(view) : makeStore(`rpil-marks-${view.run}`), marks = new Map(), past = [];
+  const kept = store.read();
+  d.id.forEach((id, m) => { if (Object.hasOwn(kept, id) && MARKS.includes(kept[id])) marks.set(m, kept[id]); });
+  const put = (m, word) => {
+    if (word) marks.set(m, word);
+    else marks.delete(m);
+    store.write(Object.fromEntries([...marks].map(([k, mark]) => [d.id[k], mark])));
+  };
+  const mark = (m, word) => {
+    past.push([m, marks.get(m)]);
+    put(m, word);
+  };
+  const undo = () => {
+    const last = past.pop();
+    if (last) put(...last);
+    return last?.[0];
+  };
+
+  // What the table can be filtered by: each has values, and those of a demonstration.
+  const values = (column) => [...new Set(column)].filter(Boolean).sort(collator.compare);
+  const dimensions = [
+    { key: "verdict", title: "Word", values: Object.keys(view.counts).filter((word) => view.counts[word]).reverse(), of: (m) => [d.verdict[m]] },
+    { key: "group", title: "Group", values: values(d.group), of: (m) => [d.group[m]] },
+    { key: "demonstrator", title: "Operator", values: values(d.demonstrator), of: (m) => [d.demonstrator[m]] },
+    { key: "session", title: "Session", values: values(d.session), of: (m) => [d.session[m]] },
+    { key: "task", title: "Task", values: values(d.task), of: (m) => [d.task[m]] },
+    { key: "fault", title: "Fault", values: view.faults.kinds.map((kind) => kind.rule), of: (m) => rules[m], few: 1 },
+    { key: "mark", title: "Mark", values: ["good", "bad", "none"], of: (m) => [marks.get(m) ?? "none"] },
+  ].filter((one) => one.values.length >= (one.few ?? 2));
+
+  const state = { text: "", review: false, sort: "look", down: false };
+  for (const one of dimensions) state[one.key] = new Set();
+  let texts = null;
+  const matches = (m, text) => {
+    texts ??= names.map((name, k) => [name, d.reason[k], d.task[k], d.demonstrator[k], d.session[k]].join("\n").toLowerCase());
+    return texts[m].includes(text);
+  };
+
+  const keys = {
+    id: (m) => names[m], verdict: (m) => ["lower", "open", "upper"].indexOf(view.sides[d.verdict[m]]),
+    mark: (m) => MARKS.indexOf(marks.get(m)) * -1, faults: (m) => -faults[m].length, order: (m) => order[m],
+  };
+  const rows = () => {
+    const text = state.text.trim().toLowerCase(), used = dimensions.filter((one) => state[one.key].size);
+    const chosen = all.filter((m) =>
+      (!state.review || d.look[m] < view.n_review) && (!text || matches(m, text)) &&
+      used.every((one) => one.of(m).some((value) => state[one.key].has(value))));
+    if (state.sort !== "look") {
+      const key = keys[state.sort] ?? ((m) => d[state.sort][m]), sign = state.down ? -1 : 1;
+      const by = chosen.map((m) => [key(m), m]);
+      const compare = typeof by[0]?.[0] === "string" ? ([a], [b]) => sign * collator.compare(a, b) : ([a], [b]) => sign * (a - b);
+      return by.sort(compare).map(([, m]) => m);
+    }
+    return state.down ? chosen.reverse() : chosen;
+  };
+
+  // Text that a spreadsheet would take for a formula gets an apostrophe, which rpil removes.
+  const FORMULA = /^'*(?![+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?$)[=+\-@\t\r\n＝＋－＠]/;
+  const cell = (text) => {
+    const safe = FORMULA.test(text) ? `'${text}` : text;
+    return /[",\r\n]|^\s|\s$/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
+  };
+  const labels = () => {
+    const given = view.answers.filter(([m, word]) => !(marks.has(m) && MARKS.includes(word)));
+    const own = [...marks].sort(([a], [b]) => a - b);
+    return ["id,label", ...[...given, ...own].map(([m, word]) => `${cell(d.id[m])},${cell(word)}`), ""].join("\n");
+  };
+  const keep = () => {
+    const isKept = (m) => (marks.get(m) ?? (view.sides[d.verdict[m]] === "lower" ? "bad" : "good")) === "good";
+    // Whole numbers as they are written: a number of JavaScript does not hold all of them.
+    const ids = d.id.flatMap((id, m) => (isKept(m) ? [view.whole_ids ? id : JSON.stringify(id)] : []));
+    const made = Object.keys(view.provenance).length ? `,\n "provenance": ${JSON.stringify(view.provenance)}` : "";
+    return `{\n "episodes": [${ids.join(", ")}],\n "run": ${JSON.stringify(view.run)}${made}\n}\n`;
+  };
+
+  const seconds = (step) => (view.fps ? `${(step / view.fps).toFixed(1)} s` : "");
+  const span = ([first, last]) =>
+    (first === last ? `step ${first}` : `steps ${first} to ${last}`) +
+    (view.fps ? ` (${(first / view.fps).toFixed(1)} to ${((last + 1) / view.fps).toFixed(1)} s)` : "");
+  return {
+    view, d, size, names, faults, rules, found, order, marks, mark, undo, dimensions, state, rows, labels, keep, seconds, span,
+    lasts: store.lasts, side: (m) => view.sides[d.verdict[m]], canUndo: () => past.length > 0,
+  };
+};

@@ -1,0 +1,269 @@
+"""The view: all that the page of an audit draws, as one dict of numbers, text, lists and dicts.
+
+The report holds it, ``rpil audit --save`` writes it, and a review shows it. Demonstrations are numbered by their place
+in the data, from 0 on; M are all of them. Its keys:
+
+format, version
+    What `rpil.results.run_file` reads again.
+run, title, source, seconds
+    The run id, the heading, the name of the data, and the duration of the audit, or None.
+finding
+    name, sentence, next (what to do), decided (whether words were given).
+words
+    upper, lower, probability, meaning, threshold (of the probability).
+sides
+    The side of each word in use: upper, open or lower.
+counts
+    The number of demonstrations with each word.
+share
+    mean, low, high: of the demonstrations that the upper word describes.
+adversary, mean_weight
+    The reference of the judge; the mean weight of a step.
+question, pair
+    The question, or ""; the two demonstrations that it is about, or none.
+doubts, notes, assumptions, lost, read
+    Sentences; the last two are what leaving out the lower ones would lose, and what was read.
+contradicting
+    Demonstrations whose label contradicts the other answers.
+answers
+    The labels and pairs that were given: [demonstration, "good", "bad" or "better than ID"].
+demonstrations
+    Columns of M: id (text), verdict, log_odds, p, evidence (dict of columns, the parts of log_odds), reliability, low,
+    high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
+    a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
+    session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1, and
+    "time limit", which is 0 or 1).
+whole_ids
+    Whether the ids are whole numbers.
+n_review
+    How many of the first in the order of looking need a person: the pair, the contradicting, the lower ones.
+differ
+    Sentences on how the groups A and B differ.
+demonstrators
+    For each name, mean, low, high (trust), n (demonstrations) and counts (of words); the most trusted first.
+faults
+    Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, first, last,
+    sentence; the worst first), not_checked (of each reason, rules), usual (sentences).
+fps, lerobot, hub
+    Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
+command
+    The whole command without ``--labels``, or "".
+provenance
+    Version, settings, columns and so on, by name, where they are known; see `rpil.results.provenance`.
+drawings
+    For the first in the order of looking, by number as text. Of the steps in bins: bins (their number), ratio (min,
+    mean, max of the log-ratios) and trust (mean of the trust in the steps); bin k of B begins at step
+    ``k * n_steps // B``. Of the parts of the action with most of the evidence, in points of `width` steps: parts (name,
+    share of the evidence, nats, value, low and high of what is typical there), compared_with, and of discrete actions
+    taken (names, codes); see `rpil.results.traces`. Curves are packed by `rpil.results.drawings.packed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rpil.data.id_values import better_than
+from rpil.faults.record import RULES, FaultReport
+from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.numerics.types import Array
+from rpil.results import answering
+from rpil.results.drawings import drawing
+from rpil.results.groups import TWO_GROUPS
+from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.verdict_table import is_whole
+from rpil.results.words import SIDES
+
+FORMAT_NAME, FORMAT_VERSION = "rpil run", 1
+
+MAX_DRAWINGS = 300
+"""Demonstrations with drawings, those that are most worth a look."""
+
+MAX_FOUND = 20_000
+"""Recording faults of a view, the worst."""
+
+DIGITS_SHOWN = 6
+"""Significant digits of log-odds."""
+
+DECIMALS_SHOWN = 9
+"""Of probabilities and shares."""
+
+View = dict[str, object]
+
+
+@dataclass(frozen=True, eq=False)
+class About:
+    """What the page of an audit shows beside the audit."""
+
+    title: str
+    source: str
+    """The name of the data."""
+    read: Sequence[str] = ()
+    lost: Sequence[str] = ()
+    faults: FaultReport | None = None
+    tasks: Mapping[str, str] = field(default_factory=dict)
+    """By ids as text, as `demonstrators`."""
+    demonstrators: Mapping[str, str] = field(default_factory=dict)
+    fps: float | None = None
+    lerobot: bool = False
+    hub: str = ""
+    command: str = ""
+    seconds: float | None = None
+
+
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> View:
+    """The view of an audit, with drawings of the `drawn` first in the order of looking."""
+    order, n_review = looking_order(audit)
+    asked = answering.is_asked(audit)
+    places = {name: m for m, name in enumerate(audit.ids)}
+    return {
+        "format": FORMAT_NAME,
+        "version": FORMAT_VERSION,
+        "run": audit.run_id,
+        "title": about.title,
+        "source": about.source,
+        "seconds": about.seconds,
+        **_finding(audit),
+        "question": answering.question(audit, about.fps) if asked else "",
+        "pair": [places[name] for name in audit.pair] if asked else [],
+        "doubts": list(audit.doubts),
+        "notes": [note for note in audit.notes if TWO_GROUPS not in note],
+        "differ": [note for note in audit.notes if TWO_GROUPS in note],
+        "assumptions": list(audit.assumptions),
+        "lost": list(about.lost),
+        "read": list(about.read),
+        "contradicting": [places[name] for name in audit.contradicting],
+        "answers": _answers(audit),
+        "demonstrations": _columns(audit, about, order),
+        "whole_ids": is_whole(audit.ids),
+        "n_review": n_review,
+        "demonstrators": [
+            {"name": str(one.name), "mean": one.trust.mean, "low": one.trust.low, "high": one.trust.high}
+            | {"n": len(one.demonstrations), "counts": audit.verdict_counts(one.demonstrations)}
+            for one in audit.demonstrators
+        ],
+        "faults": _faults(audit, about.faults),
+        "fps": about.fps,
+        "lerobot": about.lerobot,
+        "hub": about.hub,
+        "command": about.command,
+        "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
+        "drawings": {str(m): drawing(audit, m) for m in order[:drawn]},
+    }
+
+
+def looking_order(audit: AuditResult) -> tuple[list[int], int]:
+    """All demonstrations, those that are most worth a look first, and how many need a person.
+
+    These are the pair that is asked about, those whose label contradicts the other answers, and the unlike or bad ones.
+    Then come the open ones, and the rest; the lowest log-odds first.
+    """
+    index = {name: m for m, name in enumerate(audit.ids)}
+    pair = [index[name] for name in audit.pair] if answering.is_asked(audit) else []
+    lowest = audit.ranking()[::-1].tolist()
+    of_side = {side: [m for m in lowest if SIDES[audit.verdicts[m]] == side] for side in ("lower", "open", "upper")}
+    urgent = dict.fromkeys([*pair, *(index[name] for name in audit.contradicting), *of_side["lower"]])
+    return list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]])), len(urgent)
+
+
+def _finding(audit: AuditResult) -> View:
+    """What the audit says as a whole."""
+    words, finding = audit.words, audit.finding
+    counts = audit.verdict_counts()
+    return {
+        "finding": {
+            "name": finding,
+            "sentence": FINDINGS[finding],
+            "next": answering.NEXT_STEPS[finding],
+            "decided": finding in DECIDED,
+        },
+        "words": {
+            "upper": words.upper,
+            "lower": words.lower,
+            "probability": words.probability,
+            "meaning": words.meaning(audit.expert_proba),
+            "threshold": audit.settings.min_proba(audit.anchor),
+        },
+        "sides": {word: SIDES[word] for word in counts},
+        "counts": counts,
+        "share": {"mean": audit.prior.mean, "low": audit.prior.low, "high": audit.prior.high},
+        "adversary": audit.adversary,
+        "mean_weight": float(np.mean(audit.step_weight)),
+    }
+
+
+def _answers(audit: AuditResult) -> list[list[object]]:
+    """The labels and pairs that were given, as a file of labels has them."""
+    labels = audit.answers.labels
+    given = [[m, "good" if labels[m] > 0 else "bad"] for m in np.flatnonzero(labels).tolist()]
+    return given + [[a, better_than(str(audit.ids[b]))] for a, b in audit.answers.pairs.tolist()]
+
+
+def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
+    """The columns of the demonstrations."""
+    letters = {name: letter for letter, members in audit.groups.items() for name in members}
+    names, facts = list(map(str, audit.ids)), audit.facts
+    look = np.argsort(order)
+    return {
+        "id": names,
+        "verdict": list(audit.verdicts),
+        "log_odds": _significant(audit.log_odds),
+        "p": _decimals(audit.expert_proba),
+        "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
+        "reliability": _decimals(audit.reliability),
+        "low": _decimals(audit.reliability_interval[:, 0]),
+        "high": _decimals(audit.reliability_interval[:, 1]),
+        "n_steps": audit.lengths.tolist(),
+        "reason": list(audit.reasons),
+        "worst": [audit.worst_steps(m) for m in range(len(names))],
+        "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
+        "look": look.tolist(),
+        "group": [letters.get(name, "") for name in audit.ids],
+        "task": [about.tasks.get(name, "") for name in names],
+        "demonstrator": [about.demonstrators.get(name, "") for name in names],
+        "session": list(map(str, facts.get("session", [""] * len(names)))),
+        "order": list(facts.get("order", ())),
+        "facts": {
+            name: [round(float(value), 3) for value in values]
+            for name, values in facts.items()
+            if name not in ("session", "order")
+        },
+    }
+
+
+def _decimals(values: Array) -> list[float]:
+    return [round(value, DECIMALS_SHOWN) for value in values.tolist()]
+
+
+def _significant(values: Array) -> list[float]:
+    """Numbers with few digits; infinite ones as large as an audit's may be, because JSON has no infinity."""
+    bounded = np.nan_to_num(values, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS).tolist()
+    return [float(f"{value:.{DIGITS_SHOWN}g}") for value in bounded]
+
+
+def _faults(audit: AuditResult, report: FaultReport | None) -> View:
+    """The recording faults."""
+    if report is None:
+        return {"kinds": [], "found": {}, "not_checked": [], "usual": []}
+    places = {str(name): m for m, name in enumerate(audit.ids)}
+    found = report.findings[:MAX_FOUND]
+    reasons: dict[str, list[str]] = {}
+    for rule, reason in report.not_checked.items():
+        reasons.setdefault(reason, []).append(rule)
+    return {
+        "kinds": [
+            {"rule": rule, "words": RULES[rule].words, "n": count}
+            for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
+        ],
+        "found": {
+            "rule": [one.rule for one in found],
+            "demonstration": [places.get(str(one.id)) for one in found],
+            "first": [one.first for one in found],
+            "last": [one.last for one in found],
+            "sentence": [one.sentence if str(one.id) in places else f"{one.id}: {one.sentence}" for one in found],
+        },
+        "not_checked": [{"reason": reason, "rules": rules} for reason, rules in reasons.items()],
+        "usual": list(report.usual.values()),
+    }

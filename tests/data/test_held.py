@@ -1,0 +1,84 @@
+"""Within `holding` a file is opened once, and closed at the end."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import pytest
+
+from rpil.data import held as module
+from rpil.data.held import held, held_bytes, holding
+
+
+@pytest.fixture
+def log():
+    return []
+
+
+def opener(log, name):
+    @contextmanager
+    def open_it():
+        log.append(f"open {name}")
+        yield name
+        log.append(f"close {name}")
+
+    return open_it
+
+
+def use(log, name, kind=""):
+    with held(name, opener(log, name), kind) as one:
+        assert one == name
+
+
+def test_a_file_is_opened_once_and_closed_at_the_end(log):
+    with holding():
+        use(log, "a")
+        with holding():
+            use(log, "a")
+        assert log == ["open a"]
+        use(log, "a", "by another library")
+    assert log == ["open a", "open a", "close a", "close a"]
+
+
+def test_outside_of_it_a_file_is_closed_at_once(log):
+    use(log, "a")
+    use(log, "a")
+    assert log == ["open a", "close a"] * 2
+
+
+def test_few_files_stay_open(log, monkeypatch):
+    monkeypatch.setattr(module, "MOST_OPEN", 1)
+    with holding():
+        use(log, "a")
+        use(log, "b")
+        assert log == ["open a", "open b", "close b"]
+
+
+def test_an_error_closes_the_files(log):
+    with pytest.raises(ValueError, match="wrong"), holding(), held("a", lambda: closing(log)):
+        raise ValueError("wrong")
+    assert log == ["closed"]
+    use(log, "b")
+    assert log == ["closed", "open b", "close b"]
+
+
+@contextmanager
+def closing(log):
+    try:
+        yield
+    finally:
+        log.append("closed")
+
+
+def test_the_bytes_of_a_held_file_are_read_from_the_first_one(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"abc")
+    with holding():
+        for _ in range(2):
+            with held_bytes(path) as stream:
+                assert stream.read() == b"abc"
+        path.unlink()
+        with held_bytes(path) as stream:
+            assert stream.read(1) == b"a"
+    with pytest.raises(FileNotFoundError), held_bytes(path):
+        pass

@@ -1,0 +1,55 @@
+"""docs/formats.md lists every format of the registry, as it is there, and each has a page of its own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from rpil.formats.format import Format
+from rpil.formats.registry import FORMATS
+
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT = (DOCS / "formats.md").read_text(encoding="utf-8")
+NEEDED = {"HDF5": "hdf5", "HDF5 of robomimic": "hdf5", "HDF5 of D4RL": "hdf5", "HDF5 of ALOHA": "hdf5", "Zarr": "zarr"}
+"""The extras without which a format is not read."""
+
+
+def row(one: Format) -> str:
+    """The line of the table; the page's name is not in the registry."""
+    suffixes = ", ".join(f"`{suffix}`" for suffix in one.suffixes)
+    can = {
+        f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
+        "`rpil keep --trim`": one.trim,
+        "`rpil keep --in-place`": one.mask,
+        "`rpil check` compares the folder with itself": one.find_defects,
+        "patterns and addresses": one.read_address,
+    }
+    return f"| {suffixes} | {'; '.join(name for name, function in can.items() if function is not None)} |"
+
+
+def test_the_table_is_that_of_the_registry():
+    found = re.findall(r"^\| \[(.+?)\]\((formats/[\w-]+\.md)\) (\|.*\|)$", TEXT, re.MULTILINE)
+    wanted = [(one.name, row(one)) for one in FORMATS]
+    assert [(name, " ".join(rest.split())) for name, _, rest in found] == [
+        (name, " ".join(rest.split())) for name, rest in wanted
+    ], "\n".join(f"| [{name}]() {rest}" for name, rest in wanted)
+
+
+@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+def test_the_page_of_a_format(one):
+    (place,) = re.findall(rf"^\| \[{re.escape(one.name)}\]\((.+?)\)", TEXT, re.MULTILINE)
+    page = (DOCS / place).read_text(encoding="utf-8")
+    assert re.search(r"^## (Pitfalls|Limits)$", page, re.MULTILINE), "limits"
+    assert re.search(r"rpil keep|What is kept back", page), "what is kept back"
+    assert "rpil info" in page
+    for suffix in one.suffixes:
+        assert suffix.removesuffix(".gz") in page
+    if one.name in NEEDED:
+        assert f"pip install 'rpil[{NEEDED[one.name]}]'" in page
+
+
+def test_every_page_is_linked():
+    pages = {f"formats/{path.name}" for path in (DOCS / "formats").glob("*.md")}
+    assert pages == set(re.findall(r"\((formats/[\w-]+\.md)\)", TEXT))

@@ -1,0 +1,114 @@
+"""`rpil.audit` says what the command says, of a path and of what is in memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ok
+from problems import make
+from rpil.data.errors import DataError
+from rpil.formats import table as flat
+from small import FAST
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Demonstrations of two operators, as CSV and Parquet, with columns of other names than usual."""
+    demonstrations = make("random", 0, n_good=8, n_bad=3, steps=(20, 30)).demonstrations
+    table = flat.from_demonstrations(demonstrations, {}).rename_columns({"episode_index": "trip", "action": "steer"})
+    who = pa.array(["Ann" if int(name[1:]) % 2 else "Bob" for name in table["trip"].to_pylist()])
+    path = tmp_path_factory.mktemp("drives")
+    pa.csv.write_csv(table.append_column("driver", who), path / "drive.csv")
+    pq.write_table(table.append_column("driver", who), path / "drive.parquet")
+    return path
+
+
+COLUMNS = {"id": "trip", "action": "steer"}
+OPTIONS = ["--id", "trip", "--action", "steer"]
+
+
+def audit(data, *answers, **more):
+    return rpil.audit(data, *answers, settings=FAST, **more)
+
+
+def printed(path, *more):
+    found = json.loads(ok("audit", path, *OPTIONS, *more, "--json", "-q").stdout)
+    return {name: value for name, value in found.items() if name not in ("run", "input", "faults", "provenance")}
+
+
+def said(found):
+    rows = json.loads(json.dumps(found.to_dict()))
+    rows.pop("provenance")
+    return rows
+
+
+def test_it_says_what_the_command_says(folder):
+    found = audit(folder / "drive.csv", **COLUMNS)
+    assert said(found) == printed(folder / "drive.csv")
+    assert np.ptp(found.log_odds) > 1
+    of_operators = audit(folder / "drive.csv", operator="driver", **COLUMNS)
+    assert said(of_operators) == printed(folder / "drive.csv", "--operator", "driver")
+    assert len(of_operators.demonstrators) == 2
+    assert of_operators.run_id != found.run_id
+
+
+def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
+    ids = audit(folder / "drive.csv", **COLUMNS).ids
+    (tmp_path / "labels.csv").write_text(f"id,label\n{ids[0]},good\n{ids[9]},bad\n{ids[1]},better than {ids[8]}\n")
+    expected = printed(folder / "drive.csv", "--labels", tmp_path / "labels.csv")
+    from_file = audit(folder / "drive.csv", labels=tmp_path / "labels.csv", **COLUMNS)
+    assert said(from_file) == expected
+    words = [(ids[0], "Expert"), (ids[9], "bad"), (ids[1], f"better than {ids[8]}")]
+    assert said(audit(folder / "drive.csv", words, **COLUMNS)) == expected
+    assert expected["finding"] == "answered"
+    assert [file["path"] for file in from_file.provenance.files][1:] == [str(tmp_path / "labels.csv")]
+    without = audit(folder / "drive.csv", tmp_path / "labels.csv", without=ids[9], **COLUMNS)
+    assert without.labelled == ids[:1]
+
+
+def test_demonstrators_come_from_a_file(folder, tmp_path):
+    ids = audit(folder / "drive.csv", **COLUMNS).ids
+    (tmp_path / "who.csv").write_text("id,demonstrator\n" + "".join(f"{m},{m[-1] > '4'}\n" for m in ids))
+    found = audit(folder / "drive.csv", operator=str(tmp_path / "who.csv"), **COLUMNS)
+    assert said(found) == printed(folder / "drive.csv", "--operator", tmp_path / "who.csv")
+
+
+def test_outcomes_are_a_column_or_numbers(folder):
+    by_name = audit(folder / "drive.csv", outcome="-length", **COLUMNS)
+    assert said(by_name) == printed(folder / "drive.csv", "--outcome=-length")
+    numbers = dict(zip(by_name.ids, (-by_name.lengths).tolist(), strict=True))
+    assert said(audit(folder / "drive.csv", outcome=numbers, **COLUMNS)) == said(by_name)
+
+
+def test_it_takes_what_is_in_memory(folder):
+    from_path = audit(folder / "drive.parquet", **COLUMNS)
+    np.testing.assert_array_equal(
+        audit(pq.read_table(folder / "drive.parquet"), **COLUMNS).log_odds, from_path.log_odds
+    )
+    recording = rpil.open(folder / "drive.parquet", **COLUMNS)
+    assert audit(recording).run_id == from_path.run_id
+    demonstrations = recording.demonstrations.select(slice(None))
+    found = audit(demonstrations)
+    assert found.run_id == from_path.run_id
+    assert found.ids == demonstrations.ids
+    with pytest.raises(DataError, match="Demonstrations has no columns to choose: name them where it is read"):
+        audit(demonstrations, id="trip")
+
+
+def test_it_says_where_it_comes_from(folder):
+    path = folder / "drive.csv"
+    made = audit(path, random_state=2, **COLUMNS).provenance
+    assert made.command == f"rpil.audit({str(path)!r}, random_state=2, id='trip', action='steer')"
+    assert made.seed == 2
+    assert made.files[0]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert made.columns["action"] == ["steer"]
+    assert made.settings == {"judge.groups.noise_shares": "(0.1,)", "judge.groups.min_noise": 0.0}
+    assert audit(rpil.read(path, **COLUMNS)).provenance.files[0]["of"] == "arrays in memory"

@@ -1,0 +1,274 @@
+"""LeRobot's folders, in the layout that its version 3.0 writes, and what is given back to it."""
+
+import json
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from hostile import full_disk
+from rpil import formats
+from rpil.data.errors import DataError
+
+LENGTHS = (4, 6, 5, 7)
+TASKS = ["lift", "put down"]
+
+
+def stats(values):
+    values = np.asarray(values, dtype=float).reshape(len(values), -1)
+    quantiles = {f"q{q:02}": np.quantile(values, q / 100, axis=0).tolist() for q in (1, 10, 50, 90, 99)}
+    plain = {name: getattr(values, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+    return plain | {"count": [len(values)]} | quantiles
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """Four episodes in two files, without videos; the rows about episodes name the wrong file for the second."""
+    return write(tmp_path / "drive", LENGTHS)
+
+
+def write(root, lengths):
+    rng, n = np.random.default_rng(0), sum(lengths)
+    episode = np.repeat(np.arange(len(lengths)), lengths)
+    frame = np.concatenate([np.arange(length) for length in lengths])
+    columns = {
+        "observation.state": rng.normal(size=(n, 2)).astype(np.float32),
+        "action": rng.normal(size=(n, 3)).astype(np.float32),
+        "timestamp": (frame / 30).astype(np.float32),
+        "frame_index": frame,
+        "episode_index": episode,
+        "index": np.arange(n),
+        "task_index": episode % 2,
+    }
+    lists = {name: pa.FixedSizeListArray.from_arrays(columns[name].reshape(-1), k) for name, k in SIZES.items()}
+    table = pa.table(columns | lists)
+    (root / "data" / "chunk-000").mkdir(parents=True)
+    (root / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
+    for number, rows in enumerate((episode < 2, episode >= 2)):
+        pq.write_table(table.filter(pa.array(rows)), root / "data" / "chunk-000" / f"file-00{number}.parquet")
+    joints = ["a.pos", "b.pos", "c.pos"]
+    features = {name: {"dtype": "float32", "shape": [k], "names": joints[:k]} for name, k in SIZES.items()}
+    features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in columns if name not in SIZES}
+    info = {"codebase_version": "v3.0", "fps": 30, "total_episodes": len(lengths), "total_frames": n, "total_tasks": 2}
+    info |= {"features": features, "splits": {"train": f"0:{len(lengths)}"}, "chunks_size": 1000}
+    (root / "meta" / "info.json").write_text(json.dumps(info))
+    (root / "meta" / "stats.json").write_text(json.dumps({name: stats(values) for name, values in columns.items()}))
+    # The texts are the index, and the rows do not come in the order of their numbers.
+    pd.DataFrame({"task_index": [1, 0]}, index=TASKS[::-1]).to_parquet(root / "meta" / "tasks.parquet")
+    ends = np.cumsum(lengths)
+    rows = []
+    for m, (length, end) in enumerate(zip(lengths, ends.tolist(), strict=True)):
+        about = {"episode_index": m, "tasks": [TASKS[m % 2]], "length": length, "data/chunk_index": 0}
+        about |= {"data/file_index": int(m >= 1), "dataset_from_index": end - length, "dataset_to_index": end}
+        for name in ("index", "episode_index"):
+            values = columns[name][end - length : end]
+            about |= {f"stats/{name}/{key}": value for key, value in stats(values).items()}
+        rows.append(about)
+    pq.write_table(pa.Table.from_pylist(rows), root / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    return root
+
+
+SIZES = {"observation.state": 2, "action": 3}
+
+
+def test_tasks_names_and_time(dataset):
+    recording = formats.read_recording(dataset)
+    description = recording.description
+    assert description.format == "LeRobot v3.0, 2 files"
+    assert recording.tasks == {"0": "lift", "1": "put down", "2": "lift", "3": "put down"}
+    assert description.observations == ("state.a.pos", "state.b.pos")
+    assert description.actions == ("action.a.pos", "action.b.pos", "action.c.pos")
+    assert (description.fps, description.notes) == (30, ())
+    assert formats.read_recording(dataset, on_disk=True).tasks == recording.tasks
+
+
+def test_data_are_believed_and_not_the_metadata(dataset):
+    info = json.loads((dataset / "meta" / "info.json").read_text())
+    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"total_frames": 30, "total_episodes": 5}))
+    expected = (
+        "meta/info.json says total_episodes = 5, but the data hold 4 demonstrations; the data decide.",
+        "meta/info.json says total_frames = 30, but the data hold 22 steps; the data decide.",
+    )
+    for on_disk in (False, True):
+        assert formats.read_recording(dataset, on_disk=on_disk).description.notes == expected
+
+
+def test_what_metadata_say_and_cannot_be_used_is_named_in_short(dataset):
+    place = dataset / "meta" / "info.json"
+    info = json.loads(place.read_text())
+    info["features"]["odd"] = 3
+    place.write_text(json.dumps(info | {"total_frames": "9" * 10**6, "total_episodes": 5}))
+    left_out, differs = formats.read_recording(dataset).description.notes
+    assert "'odd'" in left_out
+    assert "action" not in left_out
+    assert "total_frames" in left_out
+    assert len(left_out) < 200
+    assert "total_episodes = 5" in differs
+
+
+def test_metadata_that_cannot_be_opened_are_refused(dataset):
+    (dataset / "meta" / "info.json").unlink()
+    assert formats.read_recording(dataset).description.format == "Parquet, 2 files"
+    (dataset / "meta" / "info.json").mkdir()
+    for on_disk in (False, True):
+        with pytest.raises(DataError, match=r"info\.json: it cannot be read"):
+            formats.read_recording(dataset, on_disk=on_disk)
+
+
+@pytest.mark.parametrize("output", ["k", "k.json"])
+@pytest.mark.parametrize("ids", [["99"], [0, 99]])
+def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
+    with pytest.raises(DataError, match=r"called '99'; the ids are '0', '1', '2', '3'; correct them"):
+        formats.keep(dataset, dataset.with_name(output), ids)
+    assert not dataset.with_name(output).exists()
+
+
+@pytest.mark.parametrize("trims", [None, {1: (0, 2)}])
+def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset, trims):
+    with pytest.raises(DataError, match="it is given back by its own ids; leave id out"):
+        formats.keep(dataset, dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"), trims)
+    assert not dataset.with_name("kept").exists()
+
+
+def test_long_lists_of_tasks_are_read(dataset):
+    (dataset / "meta" / "tasks.parquet").unlink()
+    lines = [json.dumps({"task_index": k, "task": f"{k}: {'x' * 10**6}"}) for k in range(20)]
+    (dataset / "meta" / "tasks.jsonl").write_text("\n".join(lines))
+    assert formats.read_recording(dataset).tasks["1"].startswith("1: xxx")
+
+
+def test_images_and_videos_are_not_read(dataset):
+    info = json.loads((dataset / "meta" / "info.json").read_text())
+    info["features"]["observation.images.top"] = {"dtype": "video", "shape": [480, 640, 3], "names": None}
+    (dataset / "meta" / "info.json").write_text(json.dumps(info))
+    for file in (dataset / "data" / "chunk-000").iterdir():
+        table = pq.read_table(file)
+        images = pa.array([{"bytes": b"png", "path": "0.png"}] * len(table))
+        pq.write_table(table.append_column("observation.images.front", images), file)
+    ignored = formats.read_recording(dataset).description.ignored
+    assert ignored["observation.images.front"] == "images or nested values"
+    assert ignored["observation.images.top"] == "video"
+    with pytest.warns(UserWarning, match="no video of 'observation.images.top' is there"):
+        formats.keep(dataset, dataset.with_name("kept"), [1, 3])
+    kept = pq.read_table(dataset.with_name("kept") / "data")
+    assert kept["observation.images.front"].to_pylist() == [{"bytes": b"png", "path": "0.png"}] * 13
+
+
+def test_an_unfinished_file_is_named(dataset):
+    file = dataset / "data" / "chunk-000" / "file-001.parquet"
+    file.write_bytes(file.read_bytes()[:200])
+    for on_disk in (False, True):
+        with pytest.raises(DataError, match=r"file-001\.parquet: .*never finished"):
+            formats.read_recording(dataset, on_disk=on_disk)
+
+
+def test_list_and_commands(dataset):
+    output = dataset.with_name("keep.json")
+    formats.keep(dataset, output, ["3", "1"])
+    assert json.loads(output.read_text()) == {"episodes": [1, 3]}
+    assert json.loads(json.dumps(rpil.read(dataset).ids)) == [0, 1, 2, 3]
+    train, of_statistics, delete = formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
+    assert shlex.split(train)[-1] == "--dataset.episodes=[1, 3]"
+    assert "stats.json" in of_statistics
+    (line,) = formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
+    assert f"--dataset.root={dataset.with_name('kept')}" in line
+    info = dataset / "meta" / "info.json"
+    version_3 = info.read_text()
+    info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
+    assert len(formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])) == 2
+    info.write_text(version_3)
+    words = shlex.split(delete.partition(": ")[2])
+    options = dict(zip(words[1::2], words[2::2], strict=True))
+    assert options["--root"] == str(dataset)
+    assert options["--new_root"] == f"{dataset}_trusted"
+    assert json.loads(options["--operation.episode_indices"]) == [0, 2]
+    assert len(formats.commands_to_keep(dataset, [0, 1], [0, 1])) == 1
+    assert formats.commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
+
+
+def test_a_new_folder_is_consistent(dataset):
+    output = dataset.with_name("kept")
+    before = {file: file.read_bytes() for file in dataset.rglob("*.*")}
+    formats.keep(dataset, output, ["3", "1"])
+    assert {file: file.read_bytes() for file in dataset.rglob("*.*")} == before
+    old, new = rpil.read(dataset).select([1, 3]), rpil.read(output)
+    assert new.ids == (0, 1)
+    np.testing.assert_array_equal(new.observations, old.observations)
+    np.testing.assert_array_equal(new.actions, old.actions)
+    assert formats.read_recording(output).tasks == {"0": "put down", "1": "put down"}
+    info = json.loads((output / "meta" / "info.json").read_text())
+    assert (info["total_episodes"], info["total_frames"], info["splits"]) == (2, 13, {"train": "0:2"})
+    rows = pq.read_table(output / "meta" / "episodes").to_pylist()
+    for row in rows:
+        places = {"chunk_index": row["data/chunk_index"], "file_index": row["data/file_index"]}
+        table = pq.read_table(output / info["data_path"].format(**places))
+        table = table.filter(pa.compute.equal(table["episode_index"], row["episode_index"]))
+        assert len(table) == row["length"]
+        assert table["index"].to_pylist() == [*range(row["dataset_from_index"], row["dataset_to_index"])]
+        for name in ("index", "episode_index"):
+            for key, value in stats(table[name].to_numpy()).items():
+                np.testing.assert_allclose(row[f"stats/{name}/{key}"], value)
+    columns = pq.read_table(output / "data")
+    for name, found in json.loads((output / "meta" / "stats.json").read_text()).items():
+        values = columns[name].to_pylist()
+        for key, value in stats(values).items():
+            np.testing.assert_allclose(found[key], value, rtol=1e-6, atol=1e-9)
+
+
+def test_lines_of_json_of_version_2(dataset):
+    info = json.loads((dataset / "meta" / "info.json").read_text()) | {"codebase_version": "v2.1"}
+    (dataset / "meta" / "info.json").write_text(json.dumps(info))
+    (dataset / "meta" / "tasks.parquet").unlink()
+    lines = [{"task_index": 1, "task": "put down"}, {"task_index": 0, "task": "lift"}]
+    (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    (dataset / "data" / "chunk-000" / "file-000.parquet").rename(dataset / "data" / "chunk-000" / "episode_0.parquet")
+    recording = formats.read_recording(dataset)
+    assert recording.tasks["3"] == "put down"
+    assert recording.description.format == "LeRobot v2.1, 2 files"
+    with pytest.raises(DataError, match="meta"):  # its table of the episodes is that of version 3
+        formats.keep(dataset, dataset.with_name("kept"), [1])
+    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v1.6"}))
+    with pytest.raises(DataError, match=r"'v1\.6' cannot be given back"):
+        formats.keep(dataset, dataset.with_name("kept"), [1])
+
+
+@pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])
+def test_what_a_link_leads_to_is_not_published(dataset, place):
+    secret = dataset.with_name("home")
+    secret.mkdir()
+    (secret / "id_rsa").write_text("key")
+    (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
+    for use in (rpil.read, rpil.open_dataset, lambda path: formats.keep(path, path.with_name("kept"), [1])):
+        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
+            use(dataset)
+    assert not dataset.with_name("kept").exists()
+
+
+@pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet", "data"])
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
+    dataset = write(tmp_path / "drive", (2000, 2000, 2000, 2000))
+    output = dataset.with_name(f"kept{(dataset / path).suffix}")
+    with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
+        formats.keep(dataset / path, output, [3])
+    assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
+
+
+def test_long_lists_are_read_from_a_file_by_the_shell(dataset):
+    output, ids = dataset.with_name("my keep.json"), range(2000)
+    output.write_text(json.dumps({"episodes": [*range(0, 2000, 2)]}))
+    lines = formats.commands_to_keep(dataset, ids, ids[::2], output)
+    assert sum(map(len, lines)) < 2000
+    for line, expected in zip((lines[0], lines[-1]), (ids[::2], ids[1::2]), strict=True):
+        words = line.partition(": ")[2].replace("$(python ", f"$({shlex.quote(sys.executable)} ")
+        printed = subprocess.check_output(["sh", "-c", f"printf '%s\\n' {words}"], text=True).splitlines()
+        assert json.loads(printed[-1].rpartition("=")[2]) == [*expected]
+    assert len(formats.commands_to_keep(dataset, range(1, 2001), ids[2::2], output)) == 1  # other numbers are there
+    (hint,) = formats.commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
+    assert "keep.json" in hint
+    assert len(hint) < 200 + len(str(dataset))

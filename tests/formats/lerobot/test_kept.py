@@ -1,0 +1,226 @@
+"""Episodes that are kept with their videos: read again in LeRobot's way, frame by frame."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lerobot_folders as folders
+from rpil import formats
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.formats.registry import find
+
+av = pytest.importorskip("av", reason="needs the extra video")
+
+LENGTHS = (9, 12, 7, 10, 8, 11, 6)
+REAL = Path(__file__).parents[4] / "shared" / "data" / "formats"
+CODED = {
+    "two frames": ("libx264", {"g": "2", "crf": "30"}),
+    "both ways": ("libx264", {"g": "7", "bf": "3", "x264-params": "scenecut=0"}),
+    "open groups": ("libx264", {"g": "5", "bf": "3", "x264-params": "open-gop=1:scenecut=0:b-pyramid=normal"}),
+    "HEVC": ("libx265", {"x265-params": "keyint=9:bframes=3:open-gop=1:log-level=none"}),
+    "AV1": ("libsvtav1", {"g": "2", "crf": "30", "svtav1-params": "enable-stat-report=0"}),  # as LeRobot has it
+    "one key frame": ("libx264", {"g": "1000", "bf": "2"}),
+    "mpeg4": ("mpeg4", {"g": "5"}),
+}
+
+
+def assert_same(new, old, first=0, end=None):
+    """An episode of the new folder has the frames and numbers of one of the old."""
+    assert new.keys() == old.keys()
+    for key in new.keys() - {"rows"}:
+        assert len(new[key]) == len(old[key][first:end])
+        for one, other in zip(new[key], old[key][first:end], strict=True):
+            np.testing.assert_array_equal(one, other)
+    for name in ("action", "observation.state"):
+        if name in new["rows"].column_names:
+            assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()[first:end]
+
+
+def coded_drive(folder, version, coded):
+    """A folder with videos of this kind, where they can be written."""
+    codec, options = CODED[coded]
+    try:
+        return folders.write(folder / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
+    except ValueError:
+        pytest.skip(f"needs the encoder {codec}")
+
+
+@pytest.mark.parametrize("coded", CODED)
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
+    root = coded_drive(tmp_path, version, coded)
+    old = folders.read(root)
+    for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
+        output = tmp_path / f"kept{len(ids)}"
+        formats.keep(root, output, ids)
+        new = folders.read(output)
+        assert len(new) == len(ids)
+        for one, m in zip(new, ids, strict=True):
+            assert_same(one, old[m])
+    if coded == "two frames":  # of which nothing is copied that is not kept
+        n_frames = [len(list(av.open(str(file)).decode(video=0))) for file in (tmp_path / "kept4").rglob("*.mp4")]
+        assert sum(n_frames) <= 2 * (sum(LENGTHS[m] for m in (1, 2, 4, 6)) + 4)
+
+
+@pytest.mark.parametrize("coded", CODED)
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
+    root = coded_drive(tmp_path, version, coded)
+    old, trims = folders.read(root), {1: (3, 9), 2: (0, 5), 4: (5, 8)}
+    formats.keep(root, tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
+    new = folders.read(tmp_path / "kept")
+    for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
+        assert_same(one, old[m], *trims.get(m, (0, None)))
+    if version == "v3.0":
+        assert [one["rows"]["timestamp"][0].as_py() for one in new] == [0] * 5
+        row = pq.read_table(tmp_path / "kept" / "meta" / "episodes").to_pylist()[1]
+        found = {name: row[f"stats/action/{name}"] for name in folders.STATISTICS}
+    else:
+        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
+        found = json.loads(lines[1])["stats"]["action"]
+    for name, value in folders.statistics(new[1]["rows"]["action"].to_pylist()).items():
+        np.testing.assert_allclose(found[name], value)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+@pytest.mark.parametrize("as_list", [False, True])
+def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, version, as_list):
+    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # the old and the new last row are not read together
+    root = folders.write(tmp_path / "drive", LENGTHS, version, ())
+    for file in (root / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        m, frame = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
+        ends = frame == np.array(LENGTHS)[m] - 1
+        columns = {"next.done": ends, "next.success": ends & (m != 2), "next.reward": np.where(ends & (m == 1), 1.0, 0)}
+        for name, values in columns.items():
+            own = values[:, None].tolist() if as_list and name == "next.done" else values
+            table = table.append_column(name, folders.pa.array(own))
+        pq.write_table(table, file)
+    with pytest.warns(UserWarning, match=r"'next\.reward' of rows that are cut .* demonstrations '1'\.") as told:
+        formats.keep(root, tmp_path / "kept", [0, 1, 2, 4], trims={1: (3, 9), 2: (1, 3), 4: (2, 8)})
+    assert len(told) == 1
+    table = pq.read_table(tmp_path / "kept" / "data").to_pydict()
+    last = np.cumsum([9, 6, 2, 6]) - 1
+    assert np.flatnonzero(table["next.done"]).tolist() == last.tolist()
+    assert np.flatnonzero(table["next.success"]).tolist() == last[[0, 1, 3]].tolist()
+    assert not any(table["next.reward"])
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_statistics_are_those_of_the_kept(tmp_path, version):
+    root, ids = folders.write(tmp_path / "drive", LENGTHS, version), [1, 3, 6]
+    expected = folders.image_statistics([one for m in ids for one in folders.pictures(m, LENGTHS[m])])
+    if version == "v2.1":  # as version 2.0 has it, beside the statistics by episode
+        (root / "meta" / "stats.json").write_text(
+            json.dumps({"observation.images.front": expected, "action": {"min": 0}})
+        )
+    formats.keep(root, tmp_path / "kept", ids)
+    found = json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())
+    for name in ("min", "max", "mean", "std", "count"):
+        np.testing.assert_allclose(found["observation.images.front"][name], expected[name], rtol=1e-6)
+    actions = pq.read_table(tmp_path / "kept" / "data")["action"].to_pylist()
+    np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
+    if version == "v2.1":
+        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
+        rows = [json.loads(line) for line in lines]
+        assert [row["stats"]["index"]["min"] for row in rows] == [[0], [12], [22]]
+        assert [row["stats"]["episode_index"]["max"] for row in rows] == [[0], [1], [2]]
+
+
+def test_statistics_that_cannot_be_joined_are_named(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
+    (root / "meta" / "stats.json").write_text(json.dumps(stats))
+    with pytest.warns(UserWarning, match=r"statistics of 'images\.gone' are still those of all"):
+        formats.keep(root, tmp_path / "kept", [1])
+    assert json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())["images.gone"] == {"min": [0]}
+
+
+def test_episodes_within_each_other_are_refused(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=())
+    file = root / "data" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(file)
+    pq.write_table(table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable")), file)
+    with pytest.raises(DataError, match="within each other"):
+        formats.keep(root, tmp_path / "kept", [0, 1])
+
+
+def test_totals_of_version_2(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
+    formats.keep(root, tmp_path / "kept", [2, 5])
+    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
+    assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
+    assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
+
+
+def test_videos_that_are_missing_are_named(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=("front", "wrist"))
+    video = root / "videos/observation.images.wrist/chunk-000/file-001.mp4"
+    pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:27\nsize 82515\n"
+    for damage, message in ((pointer, "pointer of Git LFS"), (b"no video" * 40, "no video, or a damaged one")):
+        video.write_bytes(damage)
+        with pytest.raises(DataError, match=message):
+            formats.keep(root, tmp_path / "kept", [0, 4])
+    video.unlink()
+    with pytest.raises(DataError, match=r"file-001\.mp4: this video is not there"):
+        formats.keep(root, tmp_path / "kept", [0, 4])
+    formats.keep(root, tmp_path / "kept", [0, 1])
+    assert len(folders.read(tmp_path / "kept")) == 2
+    shutil.rmtree(root / "videos" / "observation.images.wrist")
+    with pytest.warns(UserWarning, match="no video of 'observation.images.wrist' is there"):
+        formats.keep(root, tmp_path / "other", [0, 4])
+    assert folders.read(tmp_path / "other")[0].keys() == {"rows", "observation.images.front"}
+    assert "observation.images.wrist" not in json.loads((tmp_path / "other" / "meta" / "stats.json").read_text())
+
+
+@pytest.mark.parametrize("place", ["../../{video_key}.mp4", "videos/../../secret.mp4"])
+def test_no_video_outside_the_folder_is_read(tmp_path, place):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    for name in ("observation.images.front.mp4", "secret.mp4"):
+        (tmp_path / name).write_bytes(b"key")
+        (tmp_path.parent / name).write_bytes(b"key")
+    info = json.loads((root / "meta" / "info.json").read_text())
+    (root / "meta" / "info.json").write_text(json.dumps(info | {"video_path": place}))
+    with pytest.raises(DataError):
+        formats.keep(root, tmp_path / "kept", [1])
+    features = info["features"] | {"../../x": {"dtype": "video"}}
+    (root / "meta" / "info.json").write_text(json.dumps(info | {"features": features}))
+    with pytest.raises(DataError, match="no name of a camera"):
+        formats.keep(root, tmp_path / "kept", [1])
+
+
+def test_a_missing_package_is_named_before_any_work(tmp_path, monkeypatch):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    monkeypatch.setitem(__import__("sys").modules, "av", None)
+    with pytest.raises(MissingExtraError, match=r"rpil\[video\]"):
+        find(root).check_output(tmp_path / "kept")
+    find(root).check_output(tmp_path / "kept.json")
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")
+@pytest.mark.filterwarnings("ignore:.*statistics of")
+@pytest.mark.parametrize(("name", "ids"), [("lerobot_v3_video", [1, 2, 7, 11])])
+def test_what_lerobot_itself_wrote(tmp_path, name, ids):
+    old = folders.read(REAL / name)
+    formats.keep(REAL / name, tmp_path / "kept", ids)
+    new = folders.read(tmp_path / "kept")
+    assert len(new) == len(ids)
+    for one, m in zip(new, ids, strict=True):
+        assert_same(one, old[m])
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")
+@pytest.mark.filterwarnings("ignore:.*statistics of")
+def test_a_partial_download_of_version_2(tmp_path):
+    formats.keep(REAL / "lerobot_v21_video", tmp_path / "kept", [1, 3])
+    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
+    assert (info["total_episodes"], info["total_frames"]) == (2, 523)
+    for number, old in enumerate((1, 3)):
+        for camera in ("cam0", "cam1"):
+            place = f"videos/chunk-000/observation.images.{camera}/episode_{{:06d}}.mp4"
+            new_bytes = (tmp_path / "kept" / place.format(number)).read_bytes()
+            assert new_bytes == (REAL / "lerobot_v21_video" / place.format(old)).read_bytes()

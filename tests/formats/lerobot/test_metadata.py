@@ -1,0 +1,122 @@
+"""What LeRobot's `meta` says, where it is incomplete, odd, or not there."""
+
+import json
+import shutil
+
+import pyarrow.parquet as pq
+import pytest
+
+import lerobot_folders as folders
+import rpil
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats.lerobot.metadata import fill
+from samples import lerobot
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
+
+
+def change_info(root, **values):
+    place = root / "meta" / "info.json"
+    place.write_text(json.dumps(json.loads(place.read_text()) | values))
+
+
+def without_videos(root, version):
+    """Three episodes of version 2 with a file each, or of version 3."""
+    return folders.write(root, (5, 6, 7), version, cameras=())
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_files_that_meta_does_not_list_are_left_out(tmp_path, on_disk):
+    root = without_videos(tmp_path / "drive", "v2.1")
+    stray = root / "data" / "chunk-001" / "episode_000002.parquet"
+    stray.parent.mkdir()
+    shutil.copy(root / "data" / "chunk-000" / "episode_000001.parquet", stray)
+    recording = formats.read_recording(root, on_disk=on_disk)
+    assert recording.demonstrations.ids == (0, 1, 2)
+    (note,) = recording.description.notes
+    assert "data/chunk-001/episode_000002.parquet" in note
+    assert recording.times().frames == {0: 5, 1: 6, 2: 7}
+    assert rpil.read(stray).ids == (1,)
+    formats.keep(root, tmp_path / "kept", [0, 2])
+    assert [len(one["rows"]) for one in folders.read(tmp_path / "kept")] == [5, 7]
+    change_info(root, data_path="elsewhere/{episode_index}.parquet")  # then nothing is known of the files
+    with pytest.raises(DataError):
+        rpil.read(root)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+@pytest.mark.parametrize("empty", ["removed", "emptied"])
+def test_meta_without_data_is_said(tmp_path, version, empty):
+    root = without_videos(tmp_path / "drive", version)
+    shutil.rmtree(root / "data")
+    if empty == "emptied":
+        (root / "data").mkdir()
+    for use in (rpil.read, rpil.open_dataset):
+        with pytest.raises(DataError, match=r"data set of LeRobot of 3 episodes, and no Parquet file is in data"):
+            use(root)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_pointers_of_git_lfs_are_named(tmp_path, on_disk):
+    root = without_videos(tmp_path / "drive", "v2.1")
+    for file in [*(root / "data").rglob("*.parquet"), *(root / "meta").glob("*.jsonl")]:
+        file.write_bytes(POINTER)
+    with pytest.raises(DataError, match=r"episode_000000\.parquet: it is a pointer of Git LFS"):
+        formats.read_recording(root, on_disk=on_disk)
+    (tmp_path / "lift.npz").write_bytes(POINTER)
+    with pytest.raises(DataError, match="pointer of Git LFS"):
+        rpil.read(tmp_path / "lift.npz")
+
+
+def test_numbers_as_text_and_nested_names_are_read(tmp_path):
+    root = lerobot(tmp_path)
+    features = {name: {"shape": [2], "names": [["a", "b"]]} for name in ("observation.state", "action")}
+    change_info(root, fps="25", total_frames="15", features=features)
+    description = formats.read_recording(root).description
+    assert (description.fps, description.notes) == (25, ())
+    assert description.observations == ("state.a", "state.b")
+    change_info(root, fps="thirty", total_frames="16")
+    description = formats.read_recording(root).description
+    assert "thirty" in description.notes[0]
+    assert "total_frames = 16" in description.notes[1]
+    assert description.observations == ("state.a", "state.b")
+
+
+@pytest.mark.parametrize(("n", "words"), [(1, "1 camera was not used"), (2, "2 cameras were not used")])
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_cameras_that_were_not_used_are_counted(tmp_path, n, words, on_disk):
+    root = lerobot(tmp_path)
+    features = {f"observation.images.{k}": {"dtype": ("image", "video")[k]} for k in range(n)}
+    change_info(root, features=features)
+    assert any(words in note for note in formats.read_recording(root, on_disk=on_disk).description.notes)
+
+
+def test_episodes_that_are_missing_are_named(tmp_path):
+    root = without_videos(tmp_path / "drive", "v3.0")
+    shutil.rmtree(root / "meta" / "episodes")
+    with pytest.raises(DataError, match="meta/episodes has no table"):
+        formats.keep(root, tmp_path / "kept", [1])
+    assert not (tmp_path / "kept").exists()
+
+
+def test_paths_are_filled_without_running_what_they_say():
+    assert fill("data/chunk-{a:03d}/{b}.parquet", a=7, b="x") == "data/chunk-007/x.parquet"
+    for template in ("{a.__class__}", "{a:0999999999d}", "{a!r}"):
+        assert fill(template, a=1) == template
+    with pytest.raises(KeyError):
+        fill("{secret}", a=1)
+
+
+def test_trims_are_refused_where_they_cannot_be(tmp_path):
+    root = without_videos(tmp_path / "drive", "v3.0")
+    with pytest.raises(DataError, match="list of episodes cannot be trimmed"):
+        formats.keep(root, tmp_path / "keep.json", [1], trims={1: (0, 2)})
+    table = root / "data" / "chunk-000" / "file-000.parquet"
+    with pytest.raises(DataError, match="only folders of LeRobot can be trimmed"):
+        formats.keep(table, tmp_path / "kept.parquet", [1], trims={1: (0, 2)})
+    rows = pq.read_table(table)
+    shifted = rows.set_column(rows.column_names.index("frame_index"), "frame_index", [rows["index"].to_numpy() + 9])
+    pq.write_table(shifted, table)
+    with pytest.raises(DataError, match="frame_index does not count from 0"):
+        formats.keep(root, tmp_path / "kept", [1], trims={1: (0, 2)})

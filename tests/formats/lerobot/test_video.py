@@ -1,0 +1,53 @@
+"""Videos, of which one file alone is opened, whatever is in it."""
+
+import numpy as np
+import pytest
+
+import lerobot_folders as folders
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats.lerobot.video import Packets, cut, look
+
+pytest.importorskip("av", reason="needs the extra video")
+
+LISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile 'other.mp4'\n",
+    "m3u8": "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:1,\nother.mp4\n#EXT-X-ENDLIST\n",
+}
+
+
+@pytest.mark.parametrize("kind", LISTS)
+@pytest.mark.parametrize("is_link", [False, True])
+def test_a_list_of_other_files_is_no_video(tmp_path, kind, is_link):
+    secret, other = tmp_path / "secret.mp4", tmp_path / "drive" / "other.mp4"
+    folders.write_video(secret, folders.pictures(0, 5), "libx264", {"g": "2"})
+    other.parent.mkdir()
+    if is_link:
+        other.symlink_to(secret)
+    else:
+        other.write_bytes(secret.read_bytes())
+    path = other.with_name("video.mp4")
+    path.write_text(LISTS[kind])
+    for use in (Packets.of, look, lambda path: cut(path, tmp_path / "new.mp4", [(0, 0.2)], folders.FPS)):
+        with pytest.raises(DataError, match=r"video\.mp4: it is no video, or a damaged one"):
+            use(path)
+        assert len(use(other)) > 0 if use is look else use(other)
+
+
+def test_another_container_under_the_name_is_refused(tmp_path):
+    folders.write_video(tmp_path / "a.mkv", folders.pictures(0, 5), "libx264", {"g": "2"})
+    path = (tmp_path / "a.mkv").rename(tmp_path / "a.mp4")
+    with pytest.raises(DataError, match=r"a\.mp4: it is no video.* MP4 file"):
+        look(path)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path, version):
+    root = folders.write(tmp_path / "drive", (5, 6), version)
+    (root / "videos").rename(tmp_path / "elsewhere")
+    (root / "videos").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DataError, match="it is a link that leads out"):
+        formats.keep(root, tmp_path / "kept", [0])
+    (defect,) = formats.registry.find(root).find_defects(True)
+    assert "it is a link that leads out" in defect.sentence
+    assert np.array_equal(sorted(path.name for path in tmp_path.iterdir()), ["drive", "elsewhere"])

@@ -1,0 +1,270 @@
+"""The page in a browser: what a reader filters, sorts, marks and downloads, also where the data are hostile."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from browser import Browser, browsing, needs_chromium
+from rpil.faults.record import FaultReport, Finding
+from rpil.results.html.page import Article, write_page
+from rpil.results.provenance import Provenance
+from rpil.results.record import Audit
+from rpil.results.run_file import read_run, write_run
+from rpil.results.traces import Part, Traces
+from rpil.results.view import About, make_view
+
+pytestmark = [pytest.mark.slow, needs_chromium]
+
+HOSTILE = (
+    *("</script><script>document.title='ran'</script>", '"quoted", and more', "=HYPERLINK(1)", "'=1+1", "-5", "-5x"),
+    *("\u202ereversed", "<img src=x onerror=document.title='ran'>", "constructor", "__proto__", "ends with \\"),
+)
+
+
+MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, {"id": "trip"}, (), "2026-11-23")
+
+
+@pytest.fixture(scope="module")
+def profile(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("profile")
+
+
+@pytest.fixture
+def browser(profile: Path, tmp_path: Path) -> Iterator[Browser]:
+    with browsing(profile) as found:
+        found.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+        yield found
+        assert found.errors == []
+        assert all(url.startswith(("file:", "blob:")) for url in found.requests)
+
+
+def write(path: Path, audit: Audit, **about: object) -> Path:
+    n = len(audit.ids)
+    findings = (Finding("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
+
+    given = {
+        "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
+        "demonstrators": {str(name): ("ann", "bob")[m % 2] for m, name in enumerate(audit.ids)},
+        "command": "rpil audit x.csv",
+    }
+    write_page(path, [Article(make_view(audit, About("An audit", "x.csv", **(given | about))))])
+    return path
+
+
+def column(browser: Browser, place: int) -> list[str]:
+    """What the rows that can be seen show in one column."""
+    return browser.evaluate(f"[...document.querySelectorAll('tr[data-row]')].map(r => r.cells[{place}].textContent)")
+
+
+def downloaded(folder: Path, browser: Browser, role: str, name: str) -> str:
+    browser.click(f"[data-role={role}]")
+    for _ in range(500):
+        if (folder / name).exists():
+            return (folder / name).read_bytes().decode()
+        browser.evaluate("new Promise(done => setTimeout(done, 20))")
+    raise AssertionError(name)
+
+
+def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> None:
+    audit = make_audit(pair=(0, 7))
+    browser.open(write(tmp_path / "r.html", audit))
+    assert browser.text("[data-role=review]") == "Review 5"
+    lower = [str(m) for m in np.argsort(audit.log_odds) if audit.verdicts[m] == "unlike" and m != 7]
+    assert column(browser, 1)[:6] == ["0", "7", *lower, "5"]
+    browser.click("[data-role=review]")
+    assert column(browser, 1) == ["0", "7", *lower]
+    assert browser.text(".detail h3") == "0"
+
+
+def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
+    audit = make_audit()
+    browser.open(write(tmp_path / "r.html", audit))
+    browser.click('[data-filter=verdict][data-value="unlike"]')
+    browser.click('[data-filter=demonstrator][data-value="bob"]')
+    assert set(column(browser, 1)) == {"7", "9"}
+    assert browser.text("[data-role=shown]") == "2 of 10 demonstrations"
+    browser.press("Escape")
+    assert len(column(browser, 1)) == 10
+    browser.click("[data-rule=jump]")
+    assert column(browser, 1) == ["9"]
+    assert "it leaps" in browser.text(".detail")
+    browser.press("Escape")
+    browser.type("[data-role=search]", "BOB")
+    assert sorted(column(browser, 1)) == ["1", "3", "5", "7", "9"]
+    browser.type("[data-role=search]", "nothing like it")
+    assert column(browser, 1) == []
+    assert browser.text(".detail") == "No demonstration matches."
+    browser.press("Escape")
+    heads = browser.evaluate("[...document.querySelectorAll('thead th')].map(th => th.textContent)")
+    steps = f"thead th:nth-child({heads.index('Steps') + 1}) button"
+    lengths = sorted(audit.lengths.tolist())
+    browser.click(steps)
+    assert column(browser, heads.index("Steps")) == [f"{n:,}" for n in lengths]
+    browser.click(steps)
+    assert column(browser, heads.index("Steps")) == [f"{n:,}" for n in lengths[::-1]]
+    sorts = browser.evaluate("[...document.querySelectorAll('[aria-sort]')].map(th => th.ariaSort)")
+    assert sorts == ["descending"]
+
+
+def test_only_the_rows_that_can_be_seen_are_in_the_page(browser: Browser, tmp_path: Path) -> None:
+    audit = make_audit(("typical", "unlike", "open") * 200, lengths=[5] * 600)
+    browser.open(write(tmp_path / "r.html", audit))
+    assert len(column(browser, 1)) < 80
+    assert browser.evaluate("document.querySelector('[role=grid]').ariaRowCount") == "601"
+    browser.click("tr[data-row]")
+    browser.press("End")
+    browser.wait("document.querySelector('tr.chosen td')?.textContent === '600'")
+    assert len(column(browser, 1)) < 80
+    assert browser.evaluate("document.querySelector('tr.chosen').ariaRowIndex") == "601"
+    edges = "(one => [one.top, one.bottom])(document.querySelector('{}').getBoundingClientRect())"
+    (top, bottom), (above, below) = (browser.evaluate(edges.format(name)) for name in ("tr.chosen", ".table"))
+    assert above < top < bottom <= below
+    browser.press("ArrowUp", "k", "j", "k")
+    assert browser.text("tr.chosen td") == "598"
+    assert "Not drawn" in browser.text(".detail")
+
+
+def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: Path) -> None:
+    audit = make_audit(labels={0: 1, 6: -1}, provenance=MADE)
+    page = write(tmp_path / "r.html", audit)
+    browser.open(page)
+    first = column(browser, 1)[:3]
+    browser.press("b", "j", "g", "j", "g", "u", "z")
+    assert column(browser, 2)[:3] == ["bad", "good", "good"]
+    browser.reload()
+    assert column(browser, 2)[:3] == ["bad", "good", "good"]
+    assert browser.text("[data-role=marked]") == "Your marks: 2 good, 1 bad."
+    rows = list(csv.reader(io.StringIO(downloaded(tmp_path, browser, "labels", "labels.csv"))))
+    marks = dict(zip(first, ("bad", "good", "good"), strict=True))
+    given = {"0": "good", "6": "bad"}
+    assert rows[0] == ["id", "label"]
+    assert dict(rows[1:]) == given | marks
+    assert len(rows) == 1 + len(given | marks)
+    kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
+    kept["provenance"]["files"] = tuple(kept["provenance"]["files"])
+    bad = {m for m in range(10) if marks.get(str(m), "bad" if audit.verdicts[m] == "unlike" else "good") == "bad"}
+    assert kept == {
+        "episodes": [m for m in range(10) if m not in bad],
+        "run": audit.run_id,
+        "provenance": MADE.to_dict(),
+    }
+    browser.click('[data-filter=mark][data-value="good"]')
+    assert column(browser, 1) == first[1:]
+
+
+def test_whole_numbers_are_kept_exactly(browser: Browser, tmp_path: Path) -> None:
+    ids = (2**53 + 1, 2**63 - 1, 7)
+    browser.open(write(tmp_path / "r.html", make_audit(("typical",) * 3, ids=ids)))
+    assert json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))["episodes"] == list(ids)
+
+
+def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
+    from rpil import formats
+
+    audit = make_audit(("unlike",) * len(HOSTILE), ids=HOSTILE, sessions=HOSTILE, order=np.arange(float(len(HOSTILE))))
+    page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, command="rpil </code>")
+    browser.open(page)
+    for _ in HOSTILE:
+        browser.press("b", "j")
+    assert browser.evaluate("document.title") == "An audit"
+    assert browser.evaluate("document.querySelectorAll('main img').length") == 0
+    shown = {text.replace("\\u202e", "\u202e") for text in column(browser, 1)}
+    assert shown == set(HOSTILE)
+    assert "\u202e" not in browser.evaluate("document.body.innerText")
+    browser.reload()
+    assert browser.text("[data-role=marked]") == f"Your marks: 0 good, {len(HOSTILE)} bad."
+    downloaded(tmp_path, browser, "labels", "labels.csv")
+    labels, _ = formats.read_answers(tmp_path / "labels.csv")
+    assert labels == dict.fromkeys(HOSTILE, "bad")
+    kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
+    assert kept["episodes"] == []
+
+
+def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
+    evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
+    shown = {"title", "sentence", "reason", "task", "words", "command", "question", "name", "notes", "meaning", "rule"}
+
+    def spoilt(value: object, key: str = "") -> object:
+        if isinstance(value, dict):
+            return {name: spoilt(one, name) for name, one in value.items()}
+        if isinstance(value, list):
+            return [spoilt(one, key) for one in value]
+        return evil if isinstance(value, str) and key in shown else value
+
+    value = np.arange(80.0)
+    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value, value),), 1)}
+    audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
+    faults = FaultReport((Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
+    view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
+    write_run(tmp_path / "run.json", spoilt(view))
+    write_page(tmp_path / "r.html", [Article(read_run(tmp_path / "run.json"))])
+    browser.open(tmp_path / "r.html")
+    browser.press("j", "k", "b")
+    assert browser.evaluate("document.title") == evil
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+    assert "</script>" in browser.text(".detail")
+    assert browser.evaluate("document.querySelectorAll('script').length") == 2
+
+
+def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
+    value = np.arange(300.0)
+    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value - 1, value + 1),), 1)}
+    audit = make_audit(("unlike", "typical"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces)
+    browser.open(write(tmp_path / "r.html", audit, fps=30.0, lerobot=True, hub="someone/drive"))
+    assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 3
+    assert "elbow: 60 % of the evidence" in browser.text(".detail")
+    step = audit.worst_steps(0)[0]
+    link = browser.evaluate("document.querySelector('.detail a').href")
+    assert link.endswith(f"?path=%2Fsomeone%2Fdrive%2Fepisode_0&episode=0&t={step / 30:.1f}")
+    painted = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(Boolean)"
+    browser.wait(f"[...document.querySelectorAll('canvas')].every(c => {painted})")
+    assert browser.evaluate("document.querySelectorAll('[data-role=axis] canvas').length") == 1
+    browser.open(write(tmp_path / "other.html", audit))
+    assert browser.evaluate("document.querySelector('.detail a')") is None
+    assert f"demonstration=0, step={step}" in browser.evaluate("document.querySelector('.detail .step').title")
+
+
+def test_two_audits_are_shown_one_at_a_time(browser: Browser, tmp_path: Path) -> None:
+    views = [make_view(make_audit(seed=seed), About(f"Audit {seed}", "x.csv")) for seed in (1, 2)]
+    write_page(tmp_path / "r.html", [Article(view, "One of two.") for view in views], headline="Two.")
+    browser.open(tmp_path / "r.html")
+    shown = "[...document.querySelectorAll('article')].filter(a => a.offsetHeight).map(a => a.id)"
+    assert browser.evaluate(shown) == ["part-1"]
+    browser.click(".articles a:nth-child(2)")
+    browser.wait(f"{shown}[0] === 'part-2'")
+    browser.press("b")
+    marks = [browser.evaluate(f"localStorage.getItem('rpil-marks-{view['run']}')") for view in views]
+    assert marks == [None, json.dumps({str(make_audit(seed=2).log_odds.argmin()): "bad"}, separators=(",", ":"))]
+    assert browser.text("#part-2 [data-role=marked]") == "Your marks: 0 good, 1 bad."
+
+
+@pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, False)])
+def test_it_fits_the_screen_and_the_paper(browser: Browser, tmp_path: Path, width: int, dark: bool) -> None:
+    audit = make_audit(ids=["a" * 300, *"bcdefghij"], order=np.arange(10.0))
+    page = write(tmp_path / "r.html", audit, command="rpil audit " + "x" * 500, read=("y" * 400,))
+    browser.resize(width, 800, dark=dark)
+    browser.open(page)
+    assert browser.evaluate("document.documentElement.scrollWidth") == width
+    # The contrast of text that is muted or coloured, by WCAG 2: 4.5 to 1 or more.
+    luminance = """(name) => {
+      const style = getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim();
+      const [r, g, b] = style.match(/[0-9a-f]{2}/g)
+        .map((c) => parseInt(c, 16) / 255).map((c) => (c <= .04045 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4));
+      return .2126 * r + .7152 * g + .0722 * b; }"""
+    for ink in ("ink", "muted", "upper", "open", "lower"):
+        for paper in ("page", "panel"):
+            one, other = sorted(browser.evaluate(f"({luminance})('{name}')") for name in (ink, paper))
+            assert (other + 0.05) / (one + 0.05) >= 4.5, (ink, paper)
+    browser.evaluate("dispatchEvent(new Event('beforeprint'))")
+    browser.resize(width, 800, dark=dark, media="print")
+    assert len(column(browser, 1)) == 10
+    assert browser.evaluate("getComputedStyle(document.querySelector('.detail')).display") == "none"
+    assert browser.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--page').trim()") == "#ffffff"

@@ -1,0 +1,67 @@
+"""Drawings of steps: binned, packed into bytes, and unpacked again without more error than a level."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, bin_starts, drawing, packed
+from rpil.results.traces import Part, Traces
+
+
+def unpacked(curves, name):
+    codes = np.frombuffer(base64.b64decode(curves[name]), dtype=np.uint8)
+    values = curves["from"] + codes / LEVELS * (curves["to"] - curves["from"])
+    return np.where(codes == NO_VALUE, np.nan, values)
+
+
+def test_packed_curves_share_a_scale_and_keep_what_is_missing():
+    one, other = np.array([0.0, 5.0, np.nan, 10.0]), np.array([-10.0, 2.5, np.inf, 1.0])
+    curves = packed({"one": one, "other": other})
+    level = 20 / LEVELS
+    np.testing.assert_allclose(unpacked(curves, "one"), one, atol=level / 2 + 1e-9)
+    np.testing.assert_allclose(unpacked(curves, "other"), [-10.0, 2.5, np.nan, 1.0], atol=level / 2 + 1e-9)
+    assert (curves["from"], curves["to"]) == (-10.0, 10.0)
+
+
+@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
+def test_a_curve_that_is_flat_or_not_known_is_packed(values):
+    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)
+
+
+@pytest.mark.parametrize("n_steps", [1, 7, MAX_BINS, MAX_BINS + 1, 12345])
+def test_bins_are_nearly_equal_and_hold_every_step(n_steps):
+    starts = bin_starts(n_steps)
+    widths = np.diff(np.append(starts, n_steps))
+    assert len(starts) == min(n_steps, MAX_BINS)
+    assert starts[0] == 0
+    assert widths.min() >= 1
+    assert widths.max() - widths.min() <= 1
+
+
+def test_drawing_has_the_steps_of_its_demonstration():
+    part = Part("elbow", 0.61234, -321.987654, np.arange(500.0), np.full(500, -1.0), np.full(500, 2000.0))
+    traces = {1: Traces("continuous", (part,), 2, compared_with="trusted")}
+    audit = make_audit(("typical", "unlike"), lengths=[40, 1000], traces=traces)
+    drawn = drawing(audit, 1)
+    ratio, trust = audit.step_log_ratio[40:].reshape(200, 5), audit.step_trust(1).reshape(200, 5)
+    level = (ratio.max() - ratio.min()) / LEVELS
+    for name, values in (("min", ratio.min(1)), ("mean", ratio.mean(1)), ("max", ratio.max(1))):
+        np.testing.assert_allclose(unpacked(drawn["ratio"], name), values, atol=level)
+    np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
+    (part,) = drawn["parts"]
+    assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
+    assert (drawn["width"], drawn["compared_with"]) == (2, "trusted")
+    np.testing.assert_allclose(unpacked(part, "value"), np.arange(500.0), atol=2001 / LEVELS)
+    np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
+    assert drawing(audit, 0)["parts"] == []
+
+
+def test_discrete_actions_are_named():
+    part = Part("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
+    audit = make_audit(("unlike",), lengths=[3], traces={0: Traces("discrete", (part,), 1, ("left", "up", "left"))})
+    taken = drawing(audit, 0)["taken"]
+    assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]

@@ -1,0 +1,187 @@
+"""A run is read as it was written, and whatever else a file may hold is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from rpil.data.errors import DataError
+from rpil.faults.record import FaultReport, Finding
+from rpil.inference.answers import Answers
+from rpil.results import run_file
+from rpil.results.html.page import Article, render_page
+from rpil.results.provenance import Provenance
+from rpil.results.record import Demonstrator, Interval
+from rpil.results.run_file import read_run, write_run
+from rpil.results.traces import Part, Traces
+from rpil.results.view import About, make_view
+
+
+def full_view():
+    """A view in which nothing is empty."""
+    ids = tuple(f"d{k}" for k in range(10))
+    part = Part("action", 0.6, -3.0, np.arange(40.0), np.full(40, np.nan), np.ones(40))
+    made = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {}, {"id": ["a", 1, None]}, (), "2026-11-23")
+    audit = make_audit(
+        ids=ids,
+        lengths=[80] * 10,
+        traces={"d0": Traces("discrete", (part,), 2, ("up", "down") * 20)},
+        provenance=made,
+        pair=("d1", "d9"),
+        contradicting=("d2",),
+        competing=(ids[:4], ids[4:]),
+        sessions=("mon",) * 5 + ("tue",) * 5,
+        order=np.arange(10.0),
+        doubts=("A doubt.",),
+        notes=("A note.", "The two groups: differ."),
+        demonstrators=(Demonstrator("ann", Interval(0.8, 0.5, 0.9), ids),),
+        columns=np.random.default_rng(0).normal(size=(10, 5)),
+        from_label=np.ones(10),
+    )
+    # The pair stays asked: answers are added to the view alone.
+    finding = Finding("jump", "d3", 4, 6, "x", 1.0, 0.5, 2.0, "x leaps")
+    report = FaultReport(
+        (finding, replace(finding, id="gone")), {"sign": "too few"}, {}, {"lag": "2 steps"}, {}, 10, 99
+    )
+
+    about = About(
+        *("Audit", "x.csv"),
+        read=("Ten.",),
+        lost=("A place.",),
+        faults=report,
+        tasks={"d0": "pour"},
+        demonstrators={"d0": "ann"},
+        fps=30.0,
+        lerobot=True,
+        hub="someone/drive",
+        command="rpil audit x.csv",
+        seconds=1.5,
+    )
+    given = replace(audit, answers=Answers(np.arange(10) % 2, np.array([[0, 1]]), audit.answers.outcome))
+    view = make_view(audit, about)
+    return view | {"answers": make_view(given, about)["answers"]}
+
+
+@pytest.fixture(scope="module")
+def view():
+    return json.loads(json.dumps(full_view()))
+
+
+def changed(view, path, value):
+    """A deep copy of the view with another value at a path, as "demonstrations.id.0"."""
+    copy = json.loads(json.dumps(view))
+    *above, last = (int(key) if key.isdigit() else key for key in path.split("/"))
+    place = copy
+    for key in above:
+        place = place[str(key) if isinstance(place, dict) else key]
+    place[last] = value
+    return copy
+
+
+@pytest.mark.parametrize("make", [full_view, lambda: make_view(make_audit(), About("Audit", "x.csv"))])
+def test_a_run_is_read_as_it_was_written(tmp_path, make):
+    path = tmp_path / "run.json"
+    write_run(path, make())
+    assert read_run(path) == json.loads(json.dumps(make()))
+    assert render_page([Article(read_run(path))]) == render_page([Article(make())])
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("title", 3),
+        ("title", "x" * 30_000),
+        ("seconds", "soon"),
+        ("words/threshold", 1.5),
+        ("sides/typical", "javascript:"),
+        ("counts/typical", "5"),
+        ("counts/other", 5),
+        ("share/mean", None),
+        ("pair", [0, 10]),
+        ("pair", [0, 1, 2]),
+        ("contradicting", [True]),
+        ("answers/0", [0]),
+        ("answers/0", [-1, "good"]),
+        ("demonstrations/id", []),
+        ("demonstrations/id/0", ["d0"]),
+        ("demonstrations/id/0", "x" * 2000),
+        ("demonstrations/verdict/0", "constructor"),
+        ("demonstrations/log_odds/0", 1e300),
+        ("demonstrations/log_odds/0", True),
+        ("demonstrations/p/0", 1.01),
+        ("demonstrations/evidence", {"label": [1.0]}),
+        ("demonstrations/n_steps/0", 1.5),
+        ("demonstrations/worst/0", {"length": 5}),
+        ("demonstrations/stretch/0", [1]),
+        ("demonstrations/look/0", 5),
+        ("demonstrations/look/0", 10),
+        ("demonstrations/group/0", "C"),
+        ("demonstrations/order", [1]),
+        ("demonstrations/facts/length", [2.0] * 10),
+        ("demonstrations/more", []),
+        ("whole_ids", True),
+        ("whole_ids", 1),
+        ("n_review", 11),
+        ("demonstrators/0/counts", {}),
+        ("faults", None),
+        ("faults/kinds/0", {"rule": "jump"}),
+        ("faults/found/demonstration/0", 10),
+        ("faults/found/first", [1]),
+        ("fps", 0),
+        ("lerobot", "yes"),
+        ("hub", "a/b/../../c"),
+        ("hub", "javascript:alert(1)"),
+        ("provenance", []),
+        ("drawings/99", {}),
+        ("drawings/0/bins", 10**9),
+        ("drawings/0/ratio/mean", "AAAA"),
+        ("drawings/0/ratio/mean", "!"),
+        ("drawings/0/parts", [{}] * 20),
+        ("drawings/0/width", 0),
+        ("drawings/0/width", 1),
+        ("drawings/0/width", 10**6),
+        ("drawings/0/taken/codes", "AAAA"),
+        ("drawings/0/compared_with", "javascript:"),
+        ("provenance/columns", [[[[[[[[[1]]]]]]]]]),
+        ("drawings/0/trust/to", "1"),
+        ("version", 2),
+        ("format", "other"),
+        ("more", 1),
+    ],
+)
+def test_a_run_of_another_shape_is_refused(tmp_path, view, path, value):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(changed(view, path, value)))
+    with pytest.raises(DataError, match=r"run\.json: [^\n]*[^.]\.$") as refused:
+        read_run(file)
+    assert len(str(refused.value)) < 700
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "rpil run", "version": 1, "run": NaN}', b"{}" * 2],
+)
+def test_other_files_are_refused(tmp_path, content):
+    file = tmp_path / "run.json"
+    file.write_bytes(content)
+    with pytest.raises(DataError, match=r"run\.json: it is no run of rpil audit --save: .*; write it again\.$"):
+        read_run(file)
+
+
+def test_infinite_numbers_are_refused(tmp_path, view):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(changed(view, "mean_weight", 0.123456)).replace("0.123456", "1e999"))
+    with pytest.raises(DataError, match="its part mean_weight is wrong"):
+        read_run(file)
+
+
+def test_large_files_are_not_read(tmp_path, monkeypatch):
+    file = tmp_path / "run.json"
+    file.write_bytes(b" " * 100)
+    monkeypatch.setattr(run_file, "MAX_RUN_BYTES", 99)
+    with pytest.raises(DataError, match="larger than"):
+        read_run(file)

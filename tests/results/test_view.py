@@ -1,0 +1,117 @@
+"""The view holds what the audit says, in the order of the data, and what is worth a look comes first."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from audits import make_audit
+from rpil.faults.record import FaultReport, Finding
+from rpil.inference.answers import Answers
+from rpil.results.answering import stretch_of
+from rpil.results.groups import TWO_GROUPS
+from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.view import MAX_DRAWINGS, About, looking_order, make_view
+
+
+def view(audit: Audit, **about):
+    return make_view(audit, About("Audit of x", "x.csv", **about))
+
+
+def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
+    audit = make_audit()
+    found = json.loads(json.dumps(view(audit), allow_nan=False))
+    columns = found["demonstrations"]
+    assert columns["id"] == list(map(str, audit.ids))
+    assert found["whole_ids"]
+    assert columns["verdict"] == list(audit.verdicts)
+    assert columns["reason"] == list(audit.reasons)
+    assert columns["n_steps"] == audit.lengths.tolist()
+    np.testing.assert_allclose(columns["log_odds"], audit.log_odds, rtol=1e-5)
+    np.testing.assert_allclose(columns["p"], audit.expert_proba, atol=1e-9)
+    np.testing.assert_allclose(np.transpose([columns["low"], columns["high"]]), audit.reliability_interval, atol=1e-9)
+    assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
+    assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
+    assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle
+    assert found["counts"] == audit.verdict_counts()
+    assert found["run"] == audit.run_id
+
+
+def test_the_pair_and_contradicting_labels_are_looked_at_before_unlike_open_and_typical_ones():
+    ids = [f"d{k}" for k in range(10)]
+    audit = make_audit(ids=ids, pair=("d1", "d7"), contradicting=("d3",))
+    order, n_review = looking_order(audit)
+    lower = sorted((6, 8, 9), key=lambda m: audit.log_odds[m])
+    upper = sorted((0, 2, 4), key=lambda m: audit.log_odds[m])
+    assert order == [1, 7, 3, *lower, 5, *upper]
+    assert n_review == 6
+    found = view(audit)
+    assert [found["demonstrations"]["look"].index(k) for k in range(10)] == order
+    assert (found["pair"], found["contradicting"]) == ([1, 7], [3])
+    assert "Which is better: d1" in found["question"]
+
+
+def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
+    audit = make_audit(pair=(1, 7), labels={3: 1, 5: -1})
+    audit = replace(audit, answers=Answers(audit.answers.labels, np.array([[2, 4]]), audit.answers.outcome))
+    found = view(audit)
+    assert (found["question"], found["pair"]) == ("", [])
+    assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"]]
+
+
+def test_seconds_are_said_where_frames_a_second_are_known():
+    audit = make_audit(pair=(6, 9))
+    assert " s)" not in view(audit)["question"]
+    assert " s)" in view(audit, fps=10.0)["question"]
+
+
+def test_facts_beside_the_audit_are_those_of_each_demonstration():
+    audit = make_audit(("typical", "unlike"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
+    found = view(audit, tasks={"b": "pour"}, demonstrators={"a": "ann"})
+    columns = found["demonstrations"]
+    assert (columns["task"], columns["demonstrator"]) == (["", "pour"], ["ann", ""])
+    assert (columns["session"], columns["order"]) == (["mon", "tue"], [2, 1])
+    assert not found["whole_ids"]
+
+
+def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
+    def fault(rule, name, severity):
+        return Finding(rule, name, 3, 5, "x", 1.0, 0.5, severity, "x leaps")
+
+    findings = (fault("jump", "b", 2.0), fault("jump", "a", 9.0), fault("lag", "b", 5.0), fault("jump", "gone", 1.0))
+    reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}
+    report = FaultReport(findings, reasons, {}, {"lag": "a lag of 2 steps"}, {}, 2, 10)
+    found = view(make_audit(("typical", "unlike"), ids=("a", "b")), faults=report)["faults"]
+    assert [(kind["rule"], kind["n"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
+    assert found["found"]["demonstration"] == [0, 1, 1, None]
+    assert found["found"]["sentence"][3] == "gone: x leaps"
+    assert found["not_checked"] == [
+        {"reason": "too few", "rules": ["sign", "scale"]},
+        {"reason": "no columns", "rules": ["spike"]},
+    ]
+    assert found["usual"] == ["a lag of 2 steps"]
+
+
+def test_groups_and_demonstrators():
+    ids = [f"d{k}" for k in range(10)]
+    note = f"{TWO_GROUPS}A has 4 demonstrations and B 6."
+    changes = {"finding": "two groups", "competing": (tuple(ids[:4]), tuple(ids[4:])), "notes": ("A note.", note)}
+    who = Demonstrator("ann", Interval(0.8, 0.5, 0.9), tuple(ids[:6]))
+    found = view(make_audit(("open",) * 10, ids=ids, demonstrators=(who,), **changes))
+    assert found["demonstrations"]["group"] == ["A"] * 4 + ["B"] * 6
+    assert (found["notes"], found["differ"]) == (["A note."], [note])
+    assert found["demonstrators"][0]["counts"] == {"typical": 0, "open": 6, "unlike": 0}
+    assert found["demonstrators"][0]["mean"] == 0.8
+
+
+def test_those_most_worth_a_look_are_drawn():
+    n = MAX_DRAWINGS + 20
+    audit = make_audit(("typical",) * (n - 5) + ("unlike",) * 5, lengths=[6] * n)
+    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWINGS]
+
+
+def test_infinite_log_odds_are_numbers():
+    audit = make_audit(("typical", "unlike"), log_odds=np.array([np.inf, -np.inf]))
+    assert view(audit)["demonstrations"]["log_odds"] == [1e9, -1e9]
