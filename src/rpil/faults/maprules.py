@@ -42,6 +42,8 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
         more = outside if tried.columns[own[0], 0] >= 0 else outside[:0]
         called = (*(" and ".join(names[c[c >= 0]]) for c in tried.columns[own]), *more)
         limit = np.append(np.nan_to_num(namer.limit[own], nan=np.inf), np.full(len(more), np.inf))
+        if tried.columns[own[0], 0] < 0:  # a rule that knows one direction would miss the other
+            limit[:] = np.where(np.isinf(limit).any(), np.inf, limit)
         value = np.pad(np.where(by.named[:, None] == own, by.gain[:, None], 0.0), ((0, 0), (0, len(more))))
 
         def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
