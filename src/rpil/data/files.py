@@ -45,9 +45,10 @@ def check_exists(path: StrPath) -> Path:
     """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
-        there = os.listdir(path.parent) if path.parent.is_dir() else []
-        close = get_close_matches(path.name, there, 1)
-        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
+        names = map(Path, os.listdir(path.parent) if path.parent.is_dir() else [])
+        there = {name.stem: name for name in names if bool(name.suffix) == bool(path.suffix)}
+        close = get_close_matches(path.stem, there, 1, 0.75)
+        hint = f"perhaps it is {str(path.parent / there[close[0]])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")
     if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
         raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")

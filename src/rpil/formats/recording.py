@@ -253,7 +253,20 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         missing=found.statistics.missing,
         ranges=ranges,
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
-        notes=(*_notes_on(constant, tiny), *origin.notes, *metadata.notes(len(places.ids), n_steps)),
+        notes=(
+            *_one_step_note(columns.episode, len(places.ids), n_steps),
+            *_notes_on(constant, tiny),
+            *origin.notes,
+            *metadata.notes(len(places.ids), n_steps),
+        ),
+    )
+
+
+def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
+    return (
+        (f"Each demonstration has one step: is {column} the right column of the demonstration?",)
+        if 1 < n == n_steps
+        else ()
     )
 
 
