@@ -88,7 +88,7 @@ class Review:
 
     def answer(self, given: Mapping[str, Parsed]) -> list[str]:
         """Answer as a page says it: the numbers of the demonstrations, and a key."""
-        numbers, ids = given.get("demonstrations"), self.session.audit.ids
+        ids, numbers = self.session.audit.ids, given.get("demonstrations", 0)
         known = isinstance(numbers, list) and all(type(m) is int and 0 <= m < len(ids) for m in numbers)
         keys = ANSWER_KEYS.get(len(numbers), "") if known and len({*numbers}) == len(numbers) else ""
         if given.get("key") not in [*keys]:
