@@ -1,4 +1,4 @@
-"""The picture of an audit in the README: what `rpil audit` prints on the landings that `rpil demo` comes with.
+"""The picture of an audit in docs/command-line.md: what `rpil audit` prints on the landings of `rpil demo`.
 
 python docs/audit_picture.py       # writes audit.svg beside this file
 """

@@ -1,4 +1,4 @@
-"""docs/value.md has the figures of docs/results.md."""
+"""docs/value.md has the figures of docs/results.md, and the README those of docs/value.md."""
 
 from __future__ import annotations
 
@@ -24,3 +24,13 @@ def test_every_figure_stands_in_the_results_of_the_same_rule():
     for rule, *figures in table:
         for figure in filter(None, (part for cell in figures for part in cell.split(" ± "))):
             assert figure in printed[rule], (rule, figure)
+
+
+def test_the_readme_has_rows_of_the_first_table():
+    """Without the columns of the games."""
+    first = (DOCS / "value.md").read_text(encoding="utf-8").partition("**A linear policy learns**")[0]
+    arm = {rule: [ten, fifty, minus] for rule, ten, fifty, minus, *_ in rows(first)}
+    table = [row for row in rows((DOCS.parent / "README.md").read_text(encoding="utf-8")) if row[0] in arm]
+    assert [rule for rule, *_ in table] == ["all", "keep", "step weights", "8 suggested labels", "oracle"]
+    for rule, *figures in table:
+        assert figures == arm[rule]

@@ -107,12 +107,13 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[s
 
 
 def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
-    header = csv.DictReader(before.splitlines(), skipinitialspace=True).fieldnames or ()
+    comma = _delimiter(before)
+    header = csv.DictReader(before.splitlines(), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
     before = _without_labels(before, {same_question(*answer) for answer in answers})
     added = io.StringIO()
-    writer = csv.writer(added, lineterminator=end)
+    writer = csv.writer(added, lineterminator=end, delimiter=comma)
     for m, word in answers:
         row = {id_column: to_cell(m), "label": word}
         writer.writerow([row.get(name.removeprefix("\ufeff"), "") for name in header])
@@ -244,8 +245,14 @@ def _id_column(header: Sequence[str]) -> str | None:
     return next((name for name in ("id", *EPISODE) if name in plain), None)
 
 
+def _delimiter(text: str) -> str:
+    """A comma, or the semicolon that Excel writes where numbers have commas."""
+    header = text.partition("\n")[0]
+    return ";" if ";" in header and "," not in header else ","
+
+
 def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:
