@@ -88,9 +88,10 @@ class Review:
 
     def answer(self, given: Mapping[str, Parsed]) -> list[str]:
         """Answer as a page says it: the numbers of the demonstrations, and a key."""
-        numbers, ids = given.get("demonstrations"), self.session.audit.ids
-        known = isinstance(numbers, list) and all(type(m) is int and 0 <= m < len(ids) for m in numbers)
-        keys = ANSWER_KEYS.get(len(numbers), "") if known and len({*numbers}) == len(numbers) else ""
+        named, ids = given.get("demonstrations"), self.session.audit.ids
+        numbers = named if isinstance(named, list) else []
+        known = all(type(m) is int and 0 <= m < len(ids) for m in numbers) and len({*numbers}) == len(numbers)
+        keys = ANSWER_KEYS.get(len(numbers), "") if known else ""
         if given.get("key") not in [*keys]:
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
         return self.session.answer(tuple(ids[m] for m in numbers), given["key"])
