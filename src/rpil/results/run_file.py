@@ -165,17 +165,17 @@ def _packed(*sizes: int) -> Test:
     return is_packed
 
 
-_SENTENCES, _STEP_NUMBER = _Each(_text), _below(int(MAX_RUN_NUMBER))
+_SENTENCES, _STEP = _Each(_text), _below(int(MAX_RUN_NUMBER))
 
 
 def _shape(view: View) -> Shape:
     """The shape of a view, given how many demonstrations, which words and which faults it has."""
     columns, counts, faults, drawings = (view.get(key) for key in ("demonstrations", "counts", "faults", "drawings"))
     n_steps = columns.get("n_steps") if isinstance(columns, dict) else None
-    _check(n_steps, _Each(_STEP_NUMBER, range(1, MAX_RUN_DEMONSTRATIONS + 1)), "demonstrations.n_steps")
+    _check(n_steps, _Each(_STEP, range(1, MAX_RUN_DEMONSTRATIONS + 1)), "demonstrations.n_steps")
     steps: list[int] = n_steps if isinstance(n_steps, list) else []
     words = list(counts) if isinstance(counts, dict) else []
-    member, counted = _below(len(steps)), dict.fromkeys(words, _STEP_NUMBER)
+    member, counted = _below(len(steps)), dict.fromkeys(words, _STEP)
     interval = dict.fromkeys(("mean", "low", "high"), _share)
     return {
         **dict.fromkeys(("format", "run", "title", "source", "adversary", "question", "command"), _text),
@@ -197,7 +197,7 @@ def _shape(view: View) -> Shape:
         "demonstrations": _columns(columns, len(steps), words, bool(view.get("whole_ids"))),
         "whole_ids": _flag,
         "n_review": _below(len(steps) + 1),
-        "demonstrators": _Each({**interval, "name": _text, "n": _STEP_NUMBER, "counts": counted}),
+        "demonstrators": _Each({**interval, "name": _text, "n": _STEP, "counts": counted}),
         "faults": _faults(faults, member),
         "fps": _optional(_positive),
         "lerobot": _flag,
@@ -211,7 +211,7 @@ def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape
     """The shape of the columns of `size` demonstrations with these words."""
     look = columns.get("look") if isinstance(columns, dict) else None
     every, texts, numbers, shares = (size,), _Each(_text, (size,)), _Each(_number, (size,)), _Each(_share, (size,))
-    ordered = isinstance(look, list) and all(map(_STEP_NUMBER, look)) and sorted(look) == list(range(size))
+    ordered = isinstance(look, list) and all(map(_STEP, look)) and sorted(look) == list(range(size))
     return {
         "id": _Each(_matching(r"-?\d{1,20}" if whole else ".{1,1000}"), every),
         "verdict": _Each(_among(words), every),
@@ -220,7 +220,7 @@ def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape
         "n_steps": _Each(_positive, every),
         **dict.fromkeys(("reason", "task", "demonstrator", "session"), texts),
         "evidence": _Named(numbers),
-        "worst": _Each(_Each(_STEP_NUMBER, range(100)), every),
+        "worst": _Each(_Each(_STEP, range(100)), every),
         "stretch": _Each(lambda value: value is None or _is_span(value), every),
         "look": lambda _: ordered,
         "group": _Each(_among(("", "A", "B")), every),
@@ -230,7 +230,7 @@ def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape
 
 
 def _is_span(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_STEP_NUMBER, value))
+    return isinstance(value, list) and len(value) == 2 and all(map(_STEP, value))
 
 
 def _faults(faults: object, member: Test) -> Shape:
@@ -238,10 +238,10 @@ def _faults(faults: object, member: Test) -> Shape:
     rules = found.get("rule") if isinstance(found, dict) else None
     every = (min(len(rules), MAX_FOUND),) if isinstance(rules, list) else ()
     own = dict.fromkeys(("rule", "sentence"), _Each(_text, every)) | dict.fromkeys(
-        ("first", "last"), _Each(_STEP_NUMBER, every)
+        ("first", "last"), _Each(_STEP, every)
     )
     return {
-        "kinds": _Each({"rule": _text, "words": _text, "n": _STEP_NUMBER}),
+        "kinds": _Each({"rule": _text, "words": _text, "n": _STEP}),
         "found": {**own, "demonstration": _Each(_optional(member), every)} if found else {},
         "not_checked": _Each({"reason": _text, "rules": _SENTENCES}),
         "usual": _SENTENCES,
