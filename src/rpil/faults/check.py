@@ -92,7 +92,7 @@ def find_faults(
         for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                silent = dict.fromkeys(comparison.unknown)
+                silent = comparison.unknown
                 unknown[comparison.rule] = tuple(
                     n for n in unknown.get(comparison.rule, comparison.names) if n in silent
                 )
