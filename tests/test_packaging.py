@@ -65,6 +65,15 @@ def test_the_extra_all_holds_every_extra_for_users():
     assert set(re.findall(r"\w+", everything)) == {"rpil", *FOR_USERS}
 
 
+def test_every_file_of_the_library_is_in_the_package():
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    patterns = tool["setuptools"]["package-data"]["rpil"]
+    library = ROOT / "src" / "rpil"
+    packed = {path for pattern in patterns for path in library.glob(pattern)}
+    others = {path for path in library.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    assert others == packed
+
+
 def test_every_requirement_has_a_lowest_version():
     tool = runpy.run_path(str(ROOT / "tools" / "environments.py"))
     lowest = tool["lowest_versions"](sorted(FOR_USERS))

@@ -42,6 +42,14 @@ def test_keep_names_what_leaving_out_loses():
     assert ok(*call, "again.csv", "-q").stdout == "Kept 12 of 13 demonstrations: again.csv\n"
 
 
+def test_one_demonstration_alone_is_kept():
+    rows = [f"7,{np.sin(n):.3f},{n % 2}" for n in range(20)]
+    Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
+    assert ok("keep", "drive.csv", "-o", "kept.csv").stdout.startswith("Kept 1 of 1 demonstrations: kept.csv\n")
+    assert rpil.read("kept.csv").ids == (7,)
+    refused("one demonstration alone", "audit", "drive.csv")
+
+
 def test_keep_by_labels(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--verdicts", "labels.csv")

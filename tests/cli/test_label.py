@@ -6,7 +6,6 @@ import io
 import json
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,27 +14,14 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil import RPIL, read
 from rpil.cli.commands import CommandSettings
-from rpil.cli.label import MAX_QUESTIONS, Asking, change_lines, contradiction_lines, question_lines, rows_of
+from rpil.cli.label import MAX_QUESTIONS
 from rpil.cli.main import main
 from rpil.cli.progress import ProgressTiming
 from small import FAST
-
-N_STEPS, BAD = 40, {3, 5, 8, 9}
-
-
-def write(name, n=24, **columns):
-    """Demonstrations of a controller at 10 steps a second, but for the `BAD` ones, which act at random."""
-    rng = np.random.default_rng(1)
-    owner = np.repeat(np.arange(n), N_STEPS)
-    x, v = rng.normal(size=(2, len(owner)))
-    action = np.where(np.isin(owner, list(BAD)), rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v))
-    columns = {"timestamp": np.tile(np.arange(N_STEPS) * 0.1, n), **columns}
-    table = {"episode_index": owner, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
-    pq.write_table(pa.table(table), name)
-    return str(name)
 
 
 @pytest.fixture(scope="module")
@@ -186,48 +172,6 @@ def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():
     assert result.exit_code == 0, result.output
     assert "labels.csv: 1 pair compares demonstrations of different tasks, and is left out." in result.stderr
     assert len(rows()) == 5
-
-
-def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
-    text = "\n".join(question_lines(audit, (0, 3), 1, 10.0))
-    assert re.search(r"  0: 40 steps; ranks: length 0\.50, pauses 0\.\d\d, smoothness ", text)
-    assert not re.search(r"P\(|typical|unlike", text)
-
-
-@pytest.mark.parametrize(
-    ("key", "answer"),
-    [
-        ("1", (("a", "better than 7"),)),
-        ("2", (("7", "better than a"),)),
-        ("3", (("a", "good"), ("7", "good"))),
-        ("4", (("a", "bad"), ("7", "bad"))),
-        ("u", ()),
-    ],
-)
-def test_keys_as_answers(key, answer):
-    assert rows_of(("a", 7), key) == answer
-    assert rows_of((7,), "g") + rows_of((7,), "b") == (("7", "good"), ("7", "bad"))
-
-
-def test_it_ends_after_four_questions_where_no_demonstration_is_open(audit):
-    assert "open" not in audit.verdicts
-    assert Asking(audit, n_asked=3).question(audit) == audit.pair
-    assert Asking(audit, n_asked=4).question(audit) == audit.pair  # nothing was answered
-    sure = replace(audit, anchor="answers")
-    assert Asking(audit, n_asked=3).question(sure) == audit.pair
-    assert Asking(audit, n_asked=4).question(sure) == ()
-    doubtful = audit.answered({0: "good"})
-    assert len(Asking(audit, n_asked=4, pair_passed=True).question(doubtful)) == 1
-
-
-def test_an_answer_that_looks_wrong_is_named_once(audit):
-    right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 5, 8)}
-    before, after = audit.answered(right), audit.answered({**right, 9: "good"})
-    assert list(contradiction_lines((), before)) == []
-    assert list(contradiction_lines((), after)) == ["9 contradicts 6 others; look again."]
-    assert list(contradiction_lines((9,), after)) == []
-    assert list(change_lines(before, after))[-1] == "9 contradicts 6 others; look again."
-    assert "No word changed." in list(change_lines(after, after))
 
 
 def test_the_question_of_an_audit(audit):

@@ -207,3 +207,20 @@ def test_a_name_that_is_too_long_is_named_itself(tmp_path):
     with pytest.raises(DataError, match="its name is longer than 255 bytes"), replacing(tmp_path / name) as temporary:
         temporary.write_text("new")
     assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "guess"),
+    [
+        ("drives.csv", "drive.csv", "drive.csv"),
+        ("drive.csv", "drive.parquet", "drive.parquet"),
+        ("nothere.csv", "three.csv", None),
+        ("mk", "mk.py", None),
+        ("recording", "recordings", "recordings"),
+    ],
+)
+def test_guesses_at_a_missing_path_are_not_wild(tmp_path, name, there, guess):
+    (tmp_path / there).write_text("x")
+    with pytest.raises(DataError) as caught:
+        check_exists(tmp_path / name)
+    assert ("check the path" in str(caught.value)) if guess is None else f"{guess}'" in str(caught.value)

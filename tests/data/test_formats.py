@@ -300,7 +300,7 @@ def test_bad_npz(tmp_path, changes, match):
 @pytest.mark.parametrize("options", [{"exclude": "height"}, {"order": "time"}])
 def test_options_of_columns_are_refused_for_npz(tmp_path, options):
     call = partial(formats.read, **options)
-    refused(f"holds arrays and no columns; leave out --{next(iter(options))}", call, npz(tmp_path / "x.npz"))
+    refused(f"holds arrays and no columns; leave out {next(iter(options))}=", call, npz(tmp_path / "x.npz"))
 
 
 def test_npz_truth_is_never_read(tmp_path):

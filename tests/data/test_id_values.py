@@ -95,6 +95,15 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     refused("labels no demonstration", formats.read_labels, path)
 
 
+def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
+    path = tmp_path / "answers.csv"
+    path.write_text("id;label\n7;good\na,b;bad\n")
+    assert formats.read_labels(path) == {"7": "good", "a,b": "bad"}
+    write_answers(path, path.read_bytes(), [("8", "better than 7")])
+    assert path.read_text() == "id;label\n7;good\na,b;bad\n8;better than 7\n"
+    assert formats.read_answers(path)[1] == [("8", "7")]
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [

@@ -128,6 +128,16 @@ def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path)
     assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
 
 
+def test_observations_that_are_too_small_are_said(tmp_path):
+    moves = np.random.default_rng(0).normal(size=N)
+    pq.write_table(
+        pa.table({"episode": np.arange(N) // 10, "x": moves, "y": 1e-300 * moves, "action": moves}),
+        tmp_path / "a.parquet",
+    )
+    (note,) = read_recording(tmp_path / "a.parquet").description.notes
+    assert note.startswith("Too small: values of y differ by less than 1e-150")
+
+
 def test_a_column_that_repeats_values_is_no_order(tmp_path):
     table = TABLE.set_column(1, "frame_index", pa.array(np.zeros(N, int))).drop_columns(["index", "timestamp"])
     pq.write_table(table, tmp_path / "a.parquet")

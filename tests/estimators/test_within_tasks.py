@@ -88,6 +88,11 @@ def test_labels_and_pairs_go_to_their_task(both):
     assert audit.answers.pairs.tolist() == [[2, 9]]
     with pytest.raises(DataError, match="no demonstration is called '77'"):
         rpil_of(rpil.open(both), labels={77: "good"})
+    left_out = rpil_of(
+        rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
+    )
+    assert left_out.audit_.ids[0] == 1
+    assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):

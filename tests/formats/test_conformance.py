@@ -221,9 +221,7 @@ def holed(name, tmp_path, monkeypatch) -> Path:
     return path
 
 
-def test_a_missing_value_is_named_with_its_demonstration(name, holed, request):
-    if name == "NPZ":
-        request.applymarker(pytest.mark.xfail(strict=True, reason="values are checked when it is opened, not later"))
+def test_a_missing_value_is_named_with_its_demonstration(name, holed):
     opened = rpil.open(holed, on_disk=False)
     assert opened.describe().missing
     with pytest.raises(DataError, match="demonstration ") as caught:

@@ -40,6 +40,9 @@ def test_every_finding_has_a_next_step():
 )
 def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     later = audit.answered(labels, pairs)
+    words = {**labels, **{better: f"better than {worse}" for better, worse in pairs}}
+    if len(words) == len(labels) + len(pairs):  # a mapping has one word for each
+        assert audit.answered(words).verdicts == later.verdicts
     together = [*labels.items(), *((better, f"better than {worse}") for better, worse in pairs)]
     fitted = RPIL().fit(TOY.demonstrations, labels=together).audit_
     assert later.verdicts == fitted.verdicts
@@ -107,7 +110,7 @@ def test_a_saved_audit_keeps_its_answers(tmp_path):
     ("labels", "pairs", "match"),
     [
         ({"nobody": "good"}, (), "no demonstration is called 'nobody'"),
-        ({"d0": "perhaps"}, (), "the label 'perhaps' is unknown; use 'good' or 'bad'"),
+        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad' or 'better than ID'"),
         ({}, [("d0", "d0")], "it is compared with itself; name two"),
         ({}, [("d0", "d1"), ("d1", "d0")], "each is better than the other; keep one answer"),
         ({}, [("d0", "nobody")], "no demonstration is called 'nobody'"),

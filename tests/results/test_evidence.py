@@ -156,6 +156,11 @@ def test_a_copy_has_the_traces_of_the_one_that_was_judged(audit: Audit) -> None:
     assert traces[0].parts[0].name == "elbow"
 
 
+def test_what_is_as_the_median_typical_one_has_no_traces() -> None:
+    given = Demonstrations.from_episodes([episodes()[0]] * 5)
+    assert rpil.RPIL().fit(given).audit_.traces == {}
+
+
 def test_answers_change_no_trace_and_files_hold_none(audit: Audit, tmp_path) -> None:
     assert audit.answered({0: "good", 19: "bad"}).traces is audit.traces
     model = rpil.RPIL().fit(demonstrations())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shlex
 import sys
 import warnings
@@ -17,6 +18,7 @@ import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import FitOptions, command_words
+from rpil.cli.options_file import LISTS
 from rpil.cli.progress import ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
@@ -84,7 +86,8 @@ class Commands(click.Group):
             sys.exit(INTERRUPTED)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
-            message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            message = _with_commas(error.format_message(), list(args or sys.argv[1:]))
+            message = message.rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _exit_with_error(f"{message}; see {command} --help.")
         except (click.ClickException, DataError, MissingExtraError) as error:
             _exit_with_error(str(error))
@@ -93,6 +96,16 @@ class Commands(click.Group):
                 raise
             _exit_with_error(f"{error.filename}: {error.strerror}; check the path.")
         sys.exit(code)
+
+
+def _with_commas(message: str, words: Sequence[str]) -> str:
+    """The message of click, with what was meant where several columns stand after an option, as ``--action x y``."""
+    extra = re.search(r"unexpected extra arguments? \((.*)\)", message)
+    for k, word in enumerate(words):
+        values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
+        if extra and word.removeprefix("--") in LISTS and " ".join(values[1:]) == extra[1]:
+            return f"{message}; write {word} {shlex.quote(','.join(values))}"
+    return message
 
 
 def tell_if_interrupted(kept: str) -> None:
@@ -122,9 +135,16 @@ def open_recording(
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
+    from rpil.formats.guesses import RoleError
 
     progress(f"reading {file}")
-    return formats.read_recording(file, columns, on_disk=stream)
+    try:
+        return formats.read_recording(file, columns, on_disk=stream)
+    except RoleError as error:
+        if not error.guess:
+            raise
+        words = [word for name, value in error.guess.items() for word in (f"--{name}", value)]
+        raise DataError(f"{error.sentence}; perhaps: {shlex.join(['rpil', 'audit', file, *words])}.") from error
 
 
 def read_reference(

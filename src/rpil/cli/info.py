@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 import click
@@ -9,6 +10,7 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import open_recording
 from rpil.cli.options import (
+    command_words,
     json_option,
     outcome_option,
     pop_columns,
@@ -43,5 +45,10 @@ def info(
     else:
         terminal.print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
+    if not json_wanted:
+        words = command_words(ctx, "audit", without=("write_options_wanted",))
+        operator = recording.description.operator_column
+        more = ["--operator", operator] if operator and options.get("operator") is None else []
+        click.echo(f"\nNext: {shlex.join([*words, *more])}")
     if write_options_wanted:
         click.echo(f"Options: {write_options(file, ctx.params)}", err=json_wanted)

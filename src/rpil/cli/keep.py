@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rpil.formats.recording import Recording
     from rpil.formats.registry import Found
     from rpil.results.choice import Table
+    from rpil.scale.protocol import Engine
 
 
 @click.command()
@@ -72,7 +73,6 @@ def keep(
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
     from rpil.formats.registry import find
     from rpil.results.choice import kept_ids
-    from rpil.results.verdict_table import verdict_columns
 
     found = find(file)
     _check_output(found, output, options.pop("in_place"), trim)
@@ -86,12 +86,11 @@ def keep(
             with connect_engine(scheduler, progress) as engine:
                 read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
-                audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine, reference=good)
-            table: Table = verdict_columns(audit, who)
-            demonstrations, why = read.demonstrations, f" ({audit.finding})"
+                table, why = _judged(file, read, FitOptions(**options), progress, engine, good)
         else:
             why, read = "", _read_all(file, columns, progress, stream)
-            table, demonstrations = _verdicts_on(read, verdicts), read.demonstrations
+            table = _verdicts_on(read, verdicts)
+        demonstrations = read.demonstrations
         kept = kept_ids(table, share, at_least)
         if not kept:
             raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
@@ -110,6 +109,23 @@ def keep(
         click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
     if not quiet:
         print_lines([*lost, *found.commands_to_keep(whole, kept, output or "")])
+
+
+def _judged(
+    file: str,
+    read: Recording,
+    options: FitOptions,
+    progress: StageProgress,
+    engine: Engine | None,
+    good: Recording | None,
+) -> tuple[Table, str]:
+    """The verdicts on what is read, and why; nothing can be compared with one demonstration alone, which stays open."""
+    from rpil.results.verdict_table import verdict_columns
+
+    if len(read.demonstrations) == 1 and good is None:
+        return {"id": read.demonstrations.ids, "verdict": ["open"], "log_odds": [0.0]}, ""
+    audit, who = audit_by_task(file, read, options, progress, engine, reference=good)
+    return verdict_columns(audit, who), f" ({audit.finding})"
 
 
 def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:

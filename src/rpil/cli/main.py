@@ -38,6 +38,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.options_file import file_argument
 from rpil.cli.progress import StageProgress, show_stages
+from rpil.cli.review import review
 
 
 def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
@@ -68,7 +69,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (audit, report, check, info, label, keep, convert, evaluate):
+for command in (audit, report, check, info, label, review, keep, convert, evaluate):
     main.add_command(command)
 
 

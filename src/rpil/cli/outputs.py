@@ -65,8 +65,9 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
 
     audit = given.audit
 
-    command = click.get_current_context()
-    view = cache(lambda: make_view(audit, _about(given, seconds, command)))
+    ctx = click.get_current_context()
+    command = shlex.join(command_words(ctx, str(ctx.info_name)))
+    view = cache(lambda: make_view(audit, about(given, command, seconds)))
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -91,8 +92,8 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             tell_if_interrupted(f"{path} is written")
 
 
-def _about(given: Audited, seconds: float, ctx: click.Context) -> About:
-    """What the report shows beside the audit, which took so many `seconds`."""
+def about(given: Audited, command: str, seconds: float | None = None) -> About:
+    """What the report shows beside the audit, which a `command` made in so many `seconds`."""
     from rpil.results.view import About
 
     read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
@@ -108,7 +109,7 @@ def _about(given: Audited, seconds: float, ctx: click.Context) -> About:
         fps=read.fps or given.recording.times().fps,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
-        command=shlex.join(command_words(ctx, str(ctx.info_name))),
+        command=command,
         seconds=seconds,
     )
 

@@ -45,9 +45,10 @@ def check_exists(path: StrPath) -> Path:
     """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
-        there = os.listdir(path.parent) if path.parent.is_dir() else []
-        close = get_close_matches(path.name, there, 1)
-        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
+        names = map(Path, os.listdir(path.parent) if path.parent.is_dir() else [])
+        there = {name.stem: name for name in names if bool(name.suffix) == bool(path.suffix)}
+        close = get_close_matches(path.stem, there, 1, 0.75)
+        hint = f"perhaps it is {str(path.parent / there[close[0]])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")
     if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
         raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")
@@ -152,16 +153,22 @@ def beside(path: Path) -> Iterator[Path]:
 
     Temporary files beside `path` of dead processes of this computer are deleted first.
     """
+    temporary = temporary_path(path)
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+
+
+def temporary_path(path: Path) -> Path:
+    """A path beside `path` that names this process; what others that were killed left under such names is removed."""
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
     mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
-    try:
-        yield temporary
-    finally:
-        _remove(temporary)
+    return temporary
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Literal, TypeVar, cast
 
@@ -96,8 +96,8 @@ def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict
 def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:
     """Write a file that `read_answers` reads: what it held `before`, and these answers as ids and words.
 
-    All rows and columns of a CSV file stay as they were. A `DataError` where it cannot be written; a file that was
-    there is then as it was.
+    A label replaces that which the demonstration had. All other rows and columns of a CSV file stay as they were. A
+    `DataError` where it cannot be written; a file that was there is then as it was.
     """
     is_csv = Path(path).suffix.lower() == ".csv"
     old = (before or (b"id,label\n" if is_csv else b"{}")).decode()
@@ -107,24 +107,48 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[s
 
 
 def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
-    header = csv.DictReader(before.splitlines(), skipinitialspace=True).fieldnames or ()
+    comma = _delimiter(before)
+    header = csv.DictReader(before.splitlines(), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
+    before = _without_labels(before, {same_question(*answer) for answer in answers})
     added = io.StringIO()
-    writer = csv.writer(added, lineterminator=end)
+    writer = csv.writer(added, lineterminator=end, delimiter=comma)
     for m, word in answers:
         row = {id_column: to_cell(m), "label": word}
         writer.writerow([row.get(name.removeprefix("\ufeff"), "") for name in header])
     return before + end * (not before.endswith("\n")) + added.getvalue()
 
 
+def _without_labels(text: str, asked: Set[frozenset[str]]) -> str:
+    """The lines of a CSV file without labels that answer what was `asked` again."""
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    id_column, lines = _id_column(rows.fieldnames or ()) or "", text.splitlines(keepends=True)
+    kept, first = lines[: rows.line_num], rows.line_num
+    for row in rows:
+        m, word = (from_cell((row[name] or "").strip()) for name in (id_column, "label"))
+        if same_question(m, word) not in asked or _worse(word) is not None:
+            kept += lines[first : rows.line_num]
+        first = rows.line_num
+    return "".join([*kept, *lines[first:]])
+
+
 def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
     before = before.removeprefix("\ufeff")
     words: dict[str, list[str]] = {}
-    for m, given in [*parse(before, "", LARGEST_TABLE, list), *answers]:
-        words.setdefault(m, []).extend(given if isinstance(given, list) else [given])
+    labelled = {m for m, word in answers if _worse(word) is None}
+    for m, given in parse(before, "", LARGEST_TABLE, list):
+        old = given if isinstance(given, list) else [given]
+        words.setdefault(m, []).extend(word for word in old if m not in labelled or _worse(word) is not None)
+    for m, word in answers:
+        words.setdefault(m, []).append(word)
     content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
     return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+
+
+def same_question(m: str, word: str) -> frozenset[str]:
+    """The ids of the demonstrations that an answer is about; two answers about the same ones exclude each other."""
+    return frozenset((m, _worse(word) or m))
 
 
 def better_than(worse: str) -> str:
@@ -221,8 +245,14 @@ def _id_column(header: Sequence[str]) -> str | None:
     return next((name for name in ("id", *EPISODE) if name in plain), None)
 
 
+def _delimiter(text: str) -> str:
+    """A comma, or the semicolon that Excel writes where numbers have commas."""
+    header = text.partition("\n")[0]
+    return ";" if ";" in header and "," not in header else ","
+
+
 def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True)
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:

@@ -72,13 +72,13 @@ class Known:
         else:
             where, rows = "the labels", labels.items() if isinstance(labels, Mapping) else labels or ()
             by_name, pairs = parse_answers(((str(m), word) for m, word in rows), where) if rows else ({}, [])
-            check_ids([*by_name, *chain.from_iterable(pairs)], read, source, where)
+            check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             who: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
             check_ids(who, ids, demonstrators, "the demonstrators")
         else:
-            who = _by_id(demonstrators, read, source)
+            who = _by_id(demonstrators, read, source, ids)
         if order is not None:
             facts = replace(facts, order=given_order(order, read, source))
         known = cls(by_name, pairs, who, facts, answers_source=where).select(range(len(read)), {*map(str, read)})
@@ -129,10 +129,12 @@ class Known:
         return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
 
 
-def _by_id(demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str) -> dict[str, Hashable]:
-    """The demonstrators by the ids of their demonstrations as text."""
+def _by_id(
+    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object]
+) -> dict[str, Hashable]:
+    """The demonstrators by the `ids` of their demonstrations as text; a mapping may have others that are `known`."""
     if isinstance(demonstrators, Mapping):
-        check_ids(demonstrators, ids, source, "the demonstrators")
+        check_ids(demonstrators, known, source, "the demonstrators")
         return {str(m): name for m, name in demonstrators.items()}
     if demonstrators is not None and len(demonstrators) != len(ids):
         raise DataError(

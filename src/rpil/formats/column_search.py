@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.facts import FILE_SESSION
@@ -32,6 +33,10 @@ from rpil.data.names import (
     short_name,
 )
 from rpil.formats.columns import LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
+from rpil.formats.guesses import RoleError, guess_options, quantity
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 def find_columns(
@@ -40,10 +45,14 @@ def find_columns(
     source: str,
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
+    head: pa.Table | None = None,
 ) -> Columns:
-    """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id."""
+    """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id.
+
+    By the first rows, `head`, the error guesses.
+    """
     check_unique(names, source)
-    return _Search(names, kinds, source, options, default_id).columns()
+    return _Search(names, kinds, source, options, default_id, head).columns()
 
 
 class _Search:
@@ -56,7 +65,9 @@ class _Search:
         source: str,
         options: ColumnOptions,
         default_id: str | None = None,
+        head: pa.Table | None = None,
     ) -> None:
+        self.head = head
         self.names, self.kinds, self.source, self.options, self.default_id = names, kinds, source, options, default_id
         self.plain = {name: plain_name(name) for name in names}
         self.chosen_parts: dict[str, list[str]] = {}
@@ -206,9 +217,10 @@ class _Search:
         found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
         wanted = self.one(self.options.id, "id") or (found[0] if found else self.default_id)
         if wanted is None:
-            raise DataError(
+            raise RoleError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with id= (found {self.found()})."
+                f"column with id= (found {self.found()})",
+                guess_options(self.head, self.options),
             )
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -228,9 +240,10 @@ class _Search:
                 return found[:1], True
             if numbers:
                 return numbers, False
-        raise DataError(
+        raise RoleError(
             f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action= "
-            f"(found {self.found()})."
+            f"(found {self.found()})",
+            guess_options(self.head, self.options),
         )
 
     def refuse_written_lists(self, given: set[str]) -> None:
@@ -276,6 +289,8 @@ class _Search:
     def reason(self, name: str, plain: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
         kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
+        if kind == "text" and (text := quantity(self.head, name)):
+            return f"text, as {text!r}; to observe it, write its numbers alone"
         if kind in ("text", "written list"):
             return kind
         if kind == "nested":

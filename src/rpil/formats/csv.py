@@ -160,8 +160,9 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(path.name, *_FAULT):
-        kinds = flat.kinds_of(_parsed(path, dialect, head).slice(0, flat.HEAD_ROWS))
-    return find_columns(dialect.names, kinds, path.name, options, default_id)
+        first = _parsed(path, dialect, head)
+        kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
+    return find_columns(dialect.names, kinds, path.name, options, default_id, first)
 
 
 def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows:

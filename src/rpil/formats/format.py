@@ -12,6 +12,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.lerobot.frames import Shot
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
@@ -75,6 +76,8 @@ class Format:
         Write demonstrations without some first and last steps: the fourth argument is the range to keep of some ids.
     find_defects, mend : functions of a path, optional
         What beside the demonstrations does not agree with them (with True, in videos too), and mending what is safe.
+    shots : function of a path, optional
+        Where in video files each demonstration is seen; files need not be there.
     mask : function of a path and ids, optional
         Lists some demonstrations in the file itself.
     commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
@@ -98,6 +101,7 @@ class Format:
     check_trim: Callable[[Path, Path], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     mend: Callable[[Path], Iterable[str]] | None = None
+    shots: Callable[[Path], Sequence[Shot]] | None = None
     mask: Callable[[Path, Sequence[Id]], None] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
     notes_on_weights: tuple[str, ...] = ()

@@ -13,6 +13,7 @@ from rpil.data.arrays import group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
+from rpil.data.missing import allow_missing
 from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
@@ -40,12 +41,13 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         optional = dict.fromkeys([_OPTIONAL, options.operator, clock, *columns.facts])
         arrays = stored.read([name for name in (*wanted, *optional) if name in found])
     observations, actions, steps = (arrays[name] for name in wanted)
-    demonstrations = Demonstrations.from_groups(
-        *(observations, actions, steps),
-        observation_names=arrays.get(_OPTIONAL, ()),
-        source=source,
-        action_kind=options.action_kind,
-    )
+    with allow_missing():  # values are checked when they are asked for
+        demonstrations = Demonstrations.from_groups(
+            *(observations, actions, steps),
+            observation_names=arrays.get(_OPTIONAL, ()),
+            source=source,
+            action_kind=options.action_kind,
+        )
     ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
     columns = replace(columns, ignored=ignored | dict.fromkeys(columns.facts, "session or outcome"))
     if options.operator and options.operator not in arrays:
@@ -78,6 +80,7 @@ def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOp
     others = [name for name in found if name not in (*wanted, _OPTIONAL)]
     outcomes = tuple(filter(may_be_outcome, others))
     columns = Columns(wanted[-1], (), (), True, session=options.session, outcome=options.outcome, outcomes=outcomes)
+    columns = replace(columns, action_kind=options.action_kind)
     unknown = [name for name in columns.facts if name not in others]
     if unknown:
         raise DataError(

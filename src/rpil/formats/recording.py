@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import PurePosixPath
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import Id, check_any
+from rpil.data.arrays import SMALLEST, Id, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts
@@ -166,8 +166,7 @@ def from_demonstrations(
     }
     files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
     origin = Origin(d.source, format_name, metadata)
-    recording = from_batches([pa.table({**others, **table})], columns, origin, files)
-    return recording if is_on_disk() else replace(recording, load=lambda: d)
+    return from_batches([pa.table({**others, **table})], columns, origin, files)
 
 
 def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:
@@ -234,7 +233,8 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
     seconds, fps = clock.seconds(places.offsets) if clock else (None, None)
     if metadata.fps:
         seconds, fps = n_steps / metadata.fps, metadata.fps
-    names = layout.names
+    names, ranges = layout.names, found.statistics.ranges(layout.names)
+    tiny = [name for name in layout.observation_names if name in ranges and _is_tiny(*ranges[name])]
     constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
     return Description(
         source=origin.source,
@@ -256,15 +256,38 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         tasks=different(found.tasks, metadata.tasks),
         ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
         missing=found.statistics.missing,
-        ranges=found.statistics.ranges(names),
+        ranges=ranges,
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
-        notes=(*_constant_note(constant), *origin.notes, *metadata.notes(len(places.ids), n_steps)),
+        notes=(
+            *_one_step_note(columns.episode, len(places.ids), n_steps),
+            *_notes_on(constant, tiny),
+            *origin.notes,
+            *metadata.notes(len(places.ids), n_steps),
+        ),
     )
 
 
-def _constant_note(names: list[str]) -> tuple[str, ...]:
-    text = f"Constant within each demonstration: {listed(names)}; leave out what the demonstrators did not see."
-    return (text,) if names else ()
+def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
+    return (
+        (f"Each demonstration has one step: is {column} the right column of the demonstration?",)
+        if 1 < n == n_steps
+        else ()
+    )
+
+
+def _is_tiny(low: float, high: float) -> bool:
+    return 0 < high / 2 - low / 2 < SMALLEST
+
+
+def _notes_on(constant: list[str], tiny: list[str]) -> Iterator[str]:
+    """Sentences on observations that differ between demonstrations only, or by too little."""
+    if constant:
+        yield f"Constant within each demonstration: {listed(constant)}; leave out what the demonstrators did not see."
+    if tiny:
+        yield (
+            f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number, and so "
+            "count as constant; use smaller units."
+        )
 
 
 def ignored_columns(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:

@@ -25,14 +25,15 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
 
     A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
     """
-    if recording.chosen is None or not (options.only or options.without or options.skip_bad):
+    only, without = (ids if isinstance(ids, int) or ids else () for ids in (options.only, options.without))
+    if recording.chosen is None or ((only, without) == ((), ()) and not options.skip_bad):
         return recording
     ids, source = recording.ids, recording.description.source
     mask = np.ones(len(ids), dtype=bool)
-    if options.only:
+    if only != ():
         mask[:] = False
-        mask[[*_numbers(options.only, ids, source, "only")]] = True
-    mask[[*_numbers(options.without, ids, source, "without")]] = False
+        mask[[*_numbers(only, ids, source, "only")]] = True
+    mask[[*_numbers(without, ids, source, "without")]] = False
     if not mask.any():
         raise DataError(f"{source}: only= and without= leave no demonstration; correct them.")
     n_asked = int(mask.sum())

@@ -1,7 +1,8 @@
 """Rows of formats other than Parquet on disk: copied once, in batches, to a temporary Parquet file.
 
 Passes over Parquet take less time than decoding text, HDF5 or Zarr again in each of them, and need one way of reading
-only. The file is removed when its rows are no longer needed, or when the process ends.
+only. The file is removed when its rows are no longer needed, when the process ends, or, where that was killed, when the
+next one makes a copy.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
+from rpil.data.files import temporary_path
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -72,7 +74,9 @@ def spool(tables: Iterable[pa.Table], name: str) -> Copy:
         check_any(0, name)
     assert first is not None
     with _writing(name):
-        copy = Copy(Path(tempfile.mkdtemp(prefix="rpil-")) / Path(name).name)
+        folder = temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}"))
+        folder.mkdir(mode=0o700)
+        copy = Copy(folder / Path(name).name)
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
     for table in chain([first], waiting):  # whose errors are those of the data
         try:

@@ -226,10 +226,10 @@ def columns_of_file(stored: Stored, options: ColumnOptions) -> Columns:
     # Of images no value is read, and of very many columns the types are enough.
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
     check_pages(stored, plain)
-    head = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
-    if head is not None:
-        kinds |= flat.kinds_of(pa.Table.from_batches([head]))
-    return find_columns(schema.names, kinds, stored.name, options)
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
+    head = None if batch is None else pa.Table.from_batches([batch])
+    kinds |= {} if head is None else flat.kinds_of(head)
+    return find_columns(schema.names, kinds, stored.name, options, head=head)
 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:

@@ -43,6 +43,8 @@ MAX_DRAWN = 300
 N_SUGGESTED = 3
 """Demonstrations to label, which are drawn."""
 BAND = 0.05, 0.95
+MIN_NATS = 1e-6
+"""Evidence that is more than rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,15 +176,16 @@ def part_name(data: FitData, j: int) -> str:
 
 
 def shares(nats: Float[Array, " J"]) -> Float[Array, " J"]:
-    """Share of each part among those that point where their sum points."""
+    """Share of each part among those that point where their sum points; 0 where there is nothing but rounding."""
     toward = np.maximum(nats * (1 if nats.sum() > 0 else -1), 0.0)
-    return np.asarray(toward / max(float(toward.sum()), 1e-300))
+    return np.asarray(toward / toward.sum() if toward.sum() > MIN_NATS else np.zeros_like(toward))
 
 
 def traces(audit: Audit, compared: Comparison, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
-    """The traces of the demonstrations `drawn`, by their ids."""
+    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median typical one."""
     place = np.searchsorted(compared.members, audit.copy_of[drawn])
-    return {audit.ids[m]: _traces(compared, k) for m, k in zip(drawn.tolist(), place.tolist(), strict=True)}
+    found = {audit.ids[m]: _traces(compared, k) for m, k in zip(drawn.tolist(), place.tolist(), strict=True)}
+    return {name: own for name, own in found.items() if own.parts}
 
 
 def _traces(compared: Comparison, place: int) -> Traces:

@@ -198,7 +198,7 @@ class AuditResult:
 
         Parameters
         ----------
-        labels : mapping of id to {"good", "bad"}
+        labels : mapping of id to {"good", "bad", "better than ID"}
         pairs : sequence of (id, id)
             The better and the worse of two demonstrations.
 

@@ -165,7 +165,7 @@ def _packed(*sizes: int) -> Test:
     return is_packed
 
 
-_TEXTS, _STEP = _Each(_text), _below(int(MAX_RUN_NUMBER))
+_SENTENCES, _STEP = _Each(_text), _below(int(MAX_RUN_NUMBER))
 
 
 def _shape(view: View) -> Shape:
@@ -179,7 +179,7 @@ def _shape(view: View) -> Shape:
     interval = dict.fromkeys(("mean", "low", "high"), _share)
     return {
         **dict.fromkeys(("format", "run", "title", "source", "adversary", "question", "command"), _text),
-        **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), _TEXTS),
+        **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), _SENTENCES),
         "version": _number,
         "seconds": _optional(_number),
         "finding": {**dict.fromkeys(("name", "sentence", "next"), _text), "decided": _flag},
@@ -243,8 +243,8 @@ def _faults(faults: object, member: Test) -> Shape:
     return {
         "kinds": _Each({"rule": _text, "words": _text, "n": _STEP}),
         "found": {**own, "demonstration": _Each(_optional(member), every)} if found else {},
-        "not_checked": _Each({"reason": _text, "rules": _TEXTS}),
-        "usual": _TEXTS,
+        "not_checked": _Each({"reason": _text, "rules": _SENTENCES}),
+        "usual": _SENTENCES,
     }
 
 

@@ -21,11 +21,11 @@ def one_line(name: object) -> str:
     return " ".join(printable(name).split())
 
 
-def listed(names: Sequence[object]) -> str:
+def listed(names: Sequence[object], most: int = MAX_LISTED_NAMES) -> str:
     """Some names in one line, and how many more there are."""
-    texts = [printable(name) for name in names[:MAX_LISTED_NAMES]]
-    if len(names) > MAX_LISTED_NAMES:
-        texts.append(f"{len(names) - MAX_LISTED_NAMES:,} more")
+    texts = [printable(name) for name in names[:most]]
+    if len(names) > most:
+        texts.append(f"{len(names) - most:,} more")
     return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
 
 

@@ -17,6 +17,7 @@ from rpil.faults.record import FaultReport, Finding
 from rpil.results.html.page import Article, write_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
+from rpil.results.run_file import read_run, write_run
 from rpil.results.traces import Part, Traces
 from rpil.results.view import About, make_view
 
@@ -185,6 +186,32 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     assert labels == dict.fromkeys(HOSTILE, "bad")
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     assert kept["episodes"] == []
+
+
+def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
+    evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
+    shown = {"title", "sentence", "reason", "task", "words", "command", "question", "name", "notes", "meaning", "rule"}
+
+    def spoilt(value: object, key: str = "") -> object:
+        if isinstance(value, dict):
+            return {name: spoilt(one, name) for name, one in value.items()}
+        if isinstance(value, list):
+            return [spoilt(one, key) for one in value]
+        return evil if isinstance(value, str) and key in shown else value
+
+    value = np.arange(80.0)
+    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value, value),), 1)}
+    audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
+    faults = FaultReport((Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
+    view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
+    write_run(tmp_path / "run.json", spoilt(view))
+    write_page(tmp_path / "r.html", [Article(read_run(tmp_path / "run.json"))])
+    browser.open(tmp_path / "r.html")
+    browser.press("j", "k", "b")
+    assert browser.evaluate("document.title") == evil
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+    assert "</script>" in browser.text(".detail")
+    assert browser.evaluate("document.querySelectorAll('script').length") == 2
 
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:

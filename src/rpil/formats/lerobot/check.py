@@ -107,6 +107,12 @@ class Folder:
         return found
 
 
+def find_shots(path: Path) -> list[Shot]:
+    """Where the frames of each episode of the folder are; a `DataError` where ``meta`` does not say."""
+    with guarded(path / "meta"):
+        return Folder(path).shots()
+
+
 def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = Folder(path)

@@ -24,7 +24,7 @@ from rpil.data.names import quoted
 from rpil.formats import folder
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.check import Folder, find_defects, mend
+from rpil.formats.lerobot.check import Folder, find_defects, find_shots, mend
 from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept, Trims
 from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
@@ -185,4 +185,5 @@ FORMAT = Format(
     stays_on_disk=folder.holds_parquet,
     find_defects=find_defects,
     mend=mend,
+    shots=find_shots,
 )

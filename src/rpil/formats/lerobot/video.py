@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
@@ -176,3 +177,20 @@ def look(path: Path) -> tuple[Array, Array]:
             pictures.append(rows[down // 2 :: down, right // 2 :: right][:PIXELS, :PIXELS].reshape(-1))
             times.append(float(frame.time or 0.0))
     return np.array(times), np.array(pictures)
+
+
+def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
+    """The frame that a video shows at `seconds`, as a JPEG file with `width` pixels in a row; a `DataError` if none."""
+    encoder = load_av().CodecContext.create("mjpeg", "w")
+    with _opened(path) as source:
+        stream = source.streams.video[0]
+        source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
+        shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
+        frame = next(shown, None)
+        if frame is None:
+            raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
+        encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
+        encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
+        small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
+        small.pts, small.time_base = 0, encoder.time_base
+        return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)])

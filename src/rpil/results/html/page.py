@@ -27,6 +27,7 @@ class Article:
     view: View
     summary: str = ""  # one sentence for the list of articles at the top of a page
     sections: Sequence[tuple[str, str | Markup]] = ()
+    top: Markup = Markup("")  # before all of it
 
 
 def html_environment(package: str, folder: str) -> Environment:
@@ -66,10 +67,13 @@ def _plain(value: object) -> str:
     return "; ".join(map(_plain, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def render_page(articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "") -> str:
+def render_page(
+    articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "", live: str = ""
+) -> str:
     """Audits as one self-contained HTML page, whose title is by default that of the first article.
 
     `headline` and `introduction` are a sentence, and a paragraph below it, for the top of a page of several articles.
+    `live` is the script of a page that asks its server; without one a page asks nobody.
     """
     environment = html_environment("rpil.results", "html")
     template = environment.get_template("article.html")
@@ -77,12 +81,15 @@ def render_page(articles: Sequence[Article], *, title: str = "", headline: str =
     for k, article in enumerate(articles, start=1):
         # No two ids on a page are the same.
         level, prefix = (1, "") if len(articles) == 1 else (2, f"part-{k}-")
-        html = template.render(view=article.view, sections=article.sections, prefix=prefix, level=level)
+        html = template.render(
+            view=article.view, top=article.top, sections=article.sections, prefix=prefix, level=level
+        )
         rendered.append({"title": str(article.view["title"]), "summary": article.summary, "html": Markup(html)})
     return environment.get_template("page.html").render(
         title=title or str(articles[0].view["title"]),
         headline=headline,
         introduction=introduction,
+        live=Markup(live),
         articles=rendered,
         # Each vocabulary once.
         vocabularies=list({json.dumps(one.view["words"]): one.view["words"] for one in articles}.values()),

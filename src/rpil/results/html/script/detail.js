@@ -33,6 +33,10 @@ const makeDetail = (model, place, act) => {
   };
   const drawCharts = (m, box, readout) => {
     const drawing = view.drawings[m];
+    if (!drawing && live) {
+      live.load(view, m, () => { if (shown === m) show(m); });
+      return;
+    }
     if (!drawing) {
       box.append(el("p", { class: "muted" }, `Not drawn: only the ${Object.keys(view.drawings).length} most worth a look are.`));
       return;
@@ -55,8 +59,9 @@ const makeDetail = (model, place, act) => {
         el("h3", {}, names[m]),
         el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
         el("span", { class: "muted" }, `${view.words.probability} ${percent(d.p[m])}, log-odds ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
-      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), button("", "u", "No mark"),
+      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
+      live ? live.media(model, m) : "",
       el("p", {}, d.reason[m] && printable(d.reason[m])),
       view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
@@ -64,7 +69,7 @@ const makeDetail = (model, place, act) => {
       d.worst[m].length ? el("p", {}, "Worst steps: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
       model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `, ${model.span([found.first[k], found.last[k]])}: ${printable(found.sentence[k])}`))) : "",
       drawn, view.drawings[m] ? readout : "",
-      view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones in the same states.`) : "",
+      view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "",
       el("table", { class: "own-facts" }, el("tbody", {}, named(m).map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, printable(text)))), facts(m))));
     drawCharts(m, drawn, readout);
   };

@@ -38,7 +38,7 @@ const makeModel = (view) => {
   const order = d.order.length ? d.order : d.session.some(Boolean) ? d.id.map((_, m) => m + 1) : [];
 
   // Marks, by number, and what each replaced.
-  const store = makeStore(`rpil-marks-${view.run}`), marks = new Map(), past = [];
+  const store = live ? live.store(view) : makeStore(`rpil-marks-${view.run}`), marks = new Map(), past = [];
   const kept = store.read();
   d.id.forEach((id, m) => { if (Object.hasOwn(kept, id) && MARKS.includes(kept[id])) marks.set(m, kept[id]); });
   const put = (m, word) => {

@@ -1,6 +1,10 @@
 // Each audit of the page comes to life; where there are several, one is shown at a time.
-const start = (article, prefix) => {
+const start = (article, prefix, before = null) => {
   const view = JSON.parse(article.querySelector('script[type="application/json"]').textContent);
+  if (before) { // the order of looking stays while one works
+    view.demonstrations.look = before.look;
+    view.n_review = before.n_review;
+  }
   const model = makeModel(view), { state } = model, part = (role) => article.querySelector(`[data-role="${role}"]`);
   let chosen = null, axis = null;
   article.querySelector(".work").hidden = false;
@@ -30,10 +34,14 @@ const start = (article, prefix) => {
   };
   const mark = (word) => {
     if (chosen === null) return;
+    if (live) {
+      live.mark(word, chosen);
+      return;
+    }
     model.mark(chosen, word);
     tell();
   };
-  const undo = () => {
+  const undo = live ? live.undo : () => {
     const m = model.undo();
     if (m !== undefined) choose(m);
     tell();
@@ -96,15 +104,21 @@ const start = (article, prefix) => {
     }
   };
   new ResizeObserver(() => axis?.setSize({ width: Math.max(280, part("axis").clientWidth), height: 220 })).observe(part("axis"));
+  if (before) {
+    for (const [key, value] of Object.entries(before.state)) state[key] = value;
+    filters.show();
+  }
   changed();
   tell();
+  if (live && (before?.chosen ?? live.first()) !== null) choose(before?.chosen ?? live.first());
 
   const keys = {
     j: () => step(1), k: () => step(-1), g: () => mark("good"), b: () => mark("bad"), u: () => mark(""), z: undo,
     "/": () => search.focus(),
     Escape: () => { filters.clear(); changed(); table.focus(); },
   };
-  return { show, press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
+  if (live) for (const key of "us1234") keys[key] = () => live.press(key, chosen);
+  return { show, choose, kept: () => ({ chosen, state, look: view.demonstrations.look, n_review: view.n_review }), press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
 };
 
 const articles = [...document.querySelectorAll("main > article")];

@@ -39,7 +39,7 @@ const makeTable = (model, box, prefix, choose) => {
   const rowId = (m) => `${prefix}row-${m}`;
   const heads = columns.map((column) => el("th", { scope: "col", class: column.right ? "right" : null },
     column.fixed ? el("div", { class: "plain" }, column.title)
-      : el("button", { type: "button", tabindex: -1, onclick: () => sort(column.key) }, column.title)));
+      : el("button", { type: "button", onclick: () => sort(column.key) }, column.title)));
   const body = el("tbody"), above = el("tbody", { "aria-hidden": "true" }), below = el("tbody", { "aria-hidden": "true" });
   const table = el("table", { class: "demonstrations", role: "grid", tabindex: 0, "aria-label": "Demonstrations",
     style: `width:max(100%, ${columns.reduce((sum, column) => sum + column.width, 0)}px)` },

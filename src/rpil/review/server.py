@@ -1,0 +1,189 @@
+"""The server of a review: one page, what it shows, and the answers that it sends."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.json_files import Parsed
+from rpil.results.drawings import drawing
+from rpil.results.text import printable
+from rpil.results.view import About, View, make_view
+from rpil.review.frames import Videos
+from rpil.review.security import Application, Gate, guarded_by
+from rpil.review.session import ANSWER_KEYS, Session, fact_lines, question_sentence
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+    from rpil.results.record import Audit
+
+WHY = {
+    2: "No answer says yet what is good: this one would say most.",
+    1: "Of those without an answer, its answer would say most about the others.",
+}
+"""Why this question is asked, by the number of demonstrations that it is about."""
+
+
+@dataclass(eq=False)
+class Review:
+    """What the server shows and changes.
+
+    `finish` writes files for what follows, and returns sentences on them; `page` is the page of a `state` and a `view`.
+    """
+
+    session: Session
+    about: About
+    videos: Videos
+    finish: Callable[[Audit], list[str]]
+    page: Callable[[View, View], str]
+    lock: Lock = field(default_factory=Lock)
+    _drawn: tuple[int, View] | None = None
+
+    def view(self) -> View:
+        """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has."""
+        if self._drawn is None or self._drawn[0] != self.session.version:
+            view = make_view(self.session.audit, self.about, 0) | {"question": "", "pair": [], "look_at": []}
+            self._drawn = self.session.version, view
+        return self._drawn[1]
+
+    def state(self) -> View:
+        """What is asked, and what the last answer changed; all that a page needs to answer."""
+        session, audit, question = self.session, self.session.audit, self.session.question
+        asked: View = {"demonstrations": [audit.index(name) for name in question]}
+        if question:
+            first = [f"{printable(name)} is better" for name in question]
+            asked["sentence"] = question_sentence(audit, question, self.about.fps)
+            asked["why"] = WHY[len(question)]
+            asked["facts"] = list(fact_lines(audit, question))
+            words = [*first, "Both good", "Both bad"] if len(question) == 2 else ["Good", "Bad"]
+            keys = ANSWER_KEYS[len(question)]
+            asked["buttons"] = dict(zip(keys, [*words, "Cannot tell", "Skip"], strict=True))
+        return {
+            "version": session.version,
+            "asked": asked,
+            "lines": session.lines,
+            "n_answers": len(session.asking.rows),
+            "can_undo": session.can_undo,
+            "path": session.path,
+        }
+
+    def demonstration(self, m: int) -> View:
+        """What is drawn and played of one demonstration."""
+        audit = self.session.audit
+        if not 0 <= m < len(audit.ids):
+            raise DataError("There is no such demonstration.")
+        return {
+            "drawing": drawing(audit, m),
+            "videos": self.videos.cameras(m),
+            "frames": self.videos.has_frames,
+            "note": self.videos.note,
+        }
+
+    def answer(self, given: Mapping[str, Parsed]) -> list[str]:
+        """Answer as a page says it: the numbers of the demonstrations, and a key."""
+        named, ids = given.get("demonstrations"), self.session.audit.ids
+        numbers = named if isinstance(named, list) else []
+        known = all(type(m) is int and 0 <= m < len(ids) for m in numbers) and len({*numbers}) == len(numbers)
+        keys = ANSWER_KEYS.get(len(numbers), "") if known else ""
+        if given.get("key") not in [*keys]:
+            raise DataError("This answers no question about a demonstration, or about two; reload the page.")
+        return self.session.answer(tuple(ids[m] for m in numbers), given["key"])
+
+
+Change = Callable[[Mapping[str, Parsed]], list[str]]
+"""Changes what is known, as a page says it; sentences on what that did."""
+
+
+def application(review: Review, gate: Gate) -> Application:
+    """The server as an ASGI application; only what is posted changes anything."""
+    from starlette.applications import Starlette
+    from starlette.concurrency import run_in_threadpool
+    from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+    from starlette.routing import Route
+
+    def get(path: str, respond: Callable[..., Response]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            try:
+                return await run_in_threadpool(respond, **request.path_params)
+            except (DataError, MissingExtraError) as error:
+                return JSONResponse({"error": str(error)}, 404)
+
+        return Route(path, endpoint)
+
+    def post(path: str, change: Change) -> Route:
+        async def endpoint(request: Request) -> Response:
+            return JSONResponse(*await run_in_threadpool(_changed, review, change, await request.body()))
+
+        return Route(path, endpoint, methods=["POST"])
+
+    def shown(respond: Callable[[View, View], Response]) -> Response:
+        with review.lock:
+            return respond(review.state(), review.view())
+
+    videos, session = review.videos, review.session
+    routes = [
+        get("/", lambda: shown(lambda state, view: HTMLResponse(review.page(state, view)))),
+        get("/api/view", lambda: shown(lambda state, view: JSONResponse({"view": view, **state}))),
+        get("/favicon.ico", lambda: Response(status_code=204)),
+        get("/api/version", lambda: JSONResponse({"version": session.version})),
+        get("/api/demonstration/{m:int}", lambda m: JSONResponse(review.demonstration(m))),
+        get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
+        get(
+            "/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, "image/jpeg")
+        ),
+        post("/api/answer", review.answer),
+        post("/api/undo", lambda given: session.undo()),
+        post("/api/finish", lambda given: review.finish(session.audit)),
+    ]
+    return guarded_by(gate, Starlette(routes=routes))
+
+
+def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
+    """What a page gets after it asked for a change, and the status: 409 where it had not seen the last change."""
+    try:
+        given = json.loads(body)
+    except (ValueError, RecursionError):
+        given = None
+    if not isinstance(given, dict):
+        return {"error": "What is posted is no object of JSON."}, 400
+    with review.lock:
+        if given.get("version") != review.session.version:
+            return {"error": "Another tab has answered since; look again."}, 409
+        try:
+            lines = change(given)
+            return {**review.state(), "lines": lines}, 200
+        except DataError as error:
+            return {"error": str(error)}, 400
+
+
+def load_server() -> None:
+    """A `MissingExtraError` where the packages of the server are not installed."""
+    try:
+        import starlette  # noqa: F401
+        import uvicorn  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("To review on a page", "review") from error
+
+
+def listen(port: int) -> socket.socket:
+    """A socket of this computer alone, at any free port where `port` is 0; a `DataError` where it is in use."""
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise DataError(f"Port {port} cannot be used ({error.strerror}); give another --port, or none.") from error
+
+
+def serve(served: Application, at: socket.socket) -> None:
+    """Answer requests until the process is interrupted."""
+    import uvicorn
+
+    quiet = {"log_level": "warning", "access_log": False, "server_header": False, "proxy_headers": False}
+    config = uvicorn.Config(served, ws="none", lifespan="off", timeout_graceful_shutdown=1, **quiet)
+    uvicorn.Server(config).run(sockets=[at])

@@ -1,0 +1,189 @@
+"""A run of questions, in the terminal or on a page: every answer is learned from and written at once."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rpil.data.errors import DataError
+from rpil.data.id_values import better_than, parse_answers, same_question, write_answers
+from rpil.results.answering import where_to_look
+from rpil.results.facts import in_words
+from rpil.results.text import listed, printable
+
+if TYPE_CHECKING:
+    from rpil.results.record import Audit
+
+MIN_QUESTIONS = 4
+"""From this one on a run ends where the answers leave no demonstration open."""
+
+N_MOVED = 3
+"""Demonstrations of which it is said how far an answer moved them."""
+
+MAX_CHANGED = 20
+"""Demonstrations with another word that are named."""
+
+Question = tuple[Hashable, ...]
+"""Two demonstrations to compare, one to judge, or nothing that is left to ask."""
+
+Rows = tuple[tuple[str, str], ...]
+"""Answers as a file of labels has them: ids as text, and words."""
+
+ANSWER_KEYS = {1: "gbus", 2: "1234us"}
+"""The keys that answer a question about so many demonstrations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asking:
+    """Where a run of questions is; each answer makes a new one."""
+
+    start: Audit
+    """Judged with the answers that were there before."""
+    most: int | None
+    """Questions that the run asks at most."""
+    rows: Rows = ()
+    """The answers of this run."""
+    passed: frozenset[Hashable] = field(default=frozenset())
+    """Demonstrations about which this run asks no more, because nobody can tell or they were skipped."""
+    pair_passed: bool = False
+    n_asked: int = 0
+    """Questions that were answered, also by "cannot tell"."""
+
+    def audit(self) -> Audit:
+        """The audit with all answers; no policy is fitted again."""
+        return self.start.answered(*parse_answers(self.rows, "the answers")) if self.rows else self.start
+
+    def question(self, audit: Audit) -> Question:
+        """What to ask next."""
+        is_done = self.n_asked >= MIN_QUESTIONS and audit.anchor == "answers" and "open" not in audit.verdicts
+        if is_done or (self.most is not None and self.n_asked >= self.most):
+            return ()
+        if self.start.question is not None and not self.pair_passed:
+            return self.start.pair
+        suggested = audit.suggest_labels(len(self.passed) + 1)
+        return tuple(name for name in suggested if name not in self.passed)[:1]
+
+    def after(self, question: Question, key: str) -> Asking:
+        """The state after the question was answered with a key; an answer replaces an earlier one of this run."""
+        is_pair = len(question) == 2
+        passed = frozenset() if is_pair or key not in "us" else frozenset(question)
+        new = rows_of(question, key)
+        asked = {same_question(*row) for row in new}
+        return replace(
+            self,
+            rows=(*(row for row in self.rows if same_question(*row) not in asked), *new),
+            passed=self.passed | passed,
+            pair_passed=self.pair_passed or is_pair,
+            n_asked=self.n_asked + (key != "s"),
+        )
+
+
+def rows_of(question: Question, key: str) -> Rows:
+    """The answer that a key gives to a question."""
+    ids = [str(name) for name in question]
+    if key in ("1", "2"):
+        better, worse = ids if key == "1" else ids[::-1]
+        return ((better, better_than(worse)),)
+    word = {"g": "good", "3": "good", "b": "bad", "4": "bad"}.get(key)
+    return tuple((name, word) for name in ids) if word else ()
+
+
+class Session:
+    """A run of questions about `start`, judged with the answers of the file `path`, which held `before`.
+
+    `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
+    can tell whether they saw the same.
+    """
+
+    def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
+        self.path, self.before, self.audit = path, before, start
+        self.version, self.lines = 0, list[str]()
+        self.asking = Asking(start, most)
+        self.question = self.asking.question(start)
+        self._written, self._earlier = before, list[Asking]()
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._earlier)
+
+    def answer(self, question: Question, key: str) -> list[str]:
+        """Answer a question, this one or another, with one of `ANSWER_KEYS`; sentences on what it changed.
+
+        A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
+        written; nothing has changed then.
+        """
+        last = self.asking
+        self._go_to(last.after(question, key))
+        self._earlier.append(last)
+        return self.lines
+
+    def undo(self) -> list[str]:
+        """Take the last answer of this run back, where there is one; sentences on what that changed."""
+        if not self._earlier:
+            return []
+        self._go_to(self._earlier[-1])
+        del self._earlier[-1]
+        return self.lines
+
+    def _go_to(self, asking: Asking) -> None:
+        audit, lines = self.audit, list[str]()
+        if asking.rows != self.asking.rows:
+            audit = asking.audit()
+            lines = list(change_lines(self.audit, audit))
+            self._write(asking.rows)
+        self.question = asking.question(audit)
+        self.audit, self.lines, self.asking, self.version = audit, lines, asking, self.version + 1
+
+    def _write(self, rows: Rows) -> None:
+        """Write the answers, whole or not at all; without any the file is as it was."""
+        path = Path(self.path)
+        if (path.read_bytes() if path.exists() else None) != self._written:
+            raise DataError(f"{path}: another program has changed it; end this run, and start again.")
+        if rows or self.before is not None:
+            write_answers(path, self.before, rows)
+            self._written = path.read_bytes()
+        else:
+            path.unlink(missing_ok=True)
+            self._written = None
+
+
+def question_sentence(audit: Audit, question: Question, fps: float | None) -> str:
+    """The question in words, with where to look; never what the audit thinks of the demonstrations."""
+    where = " or ".join(where_to_look(audit, name, fps) for name in question)
+    return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
+
+
+def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
+    """The facts about the demonstrations of a question."""
+    for name in question:
+        m = audit.index(name)
+        facts = in_words(audit.facts, m)
+        yield f"{printable(name)}: {audit.lengths[m]:,} steps{'; ranks: ' * bool(facts)}{facts}"
+
+
+def change_lines(old: Audit, new: Audit) -> Iterator[str]:
+    """What an answer changed: the number of each word, which demonstrations have another, and who moved most."""
+    counts = ", ".join(f"{count:,} {word}" for word, count in new.verdict_counts().items())
+    yield f"Now: {counts}."
+    moved: dict[str, list[Hashable]] = {}
+    for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
+        if before != word:
+            moved.setdefault(word, []).append(name)
+    lists = "; ".join(f"{word}: {listed(ids, MAX_CHANGED)}" for word, ids in moved.items())
+    yield f"Other words than before, {lists}." if moved else "No word changed."
+    distance = abs(new.expert_proba - old.expert_proba)
+    most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
+    far = (f"{printable(new.ids[m])} {old.expert_proba[m]:.2f} to {new.expert_proba[m]:.2f}" for m in most)
+    yield f"{new.words.probability} moved most: {', '.join(far)}."
+    yield from (doubt for doubt in new.doubts if new.anchor == "answers")
+    yield from contradiction_lines(old.contradicting, new)
+
+
+def contradiction_lines(known: Sequence[Hashable], audit: Audit) -> Iterator[str]:
+    """The answers that look wrong, but for those that are `known` to."""
+    others = audit.answers.count - 1
+    for name in audit.contradicting:
+        if name not in known:
+            yield f"{printable(name)} contradicts {others:,} other{'s' * (others != 1)}; look again."

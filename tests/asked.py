@@ -1,0 +1,21 @@
+"""Demonstrations about which questions are asked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+N_STEPS, BAD = 40, {3, 5, 8, 9}
+
+
+def write(name, n=24, **columns):
+    """Demonstrations of a controller at 10 steps a second, but for the `BAD` ones, which act at random."""
+    rng = np.random.default_rng(1)
+    owner = np.repeat(np.arange(n), N_STEPS)
+    x, v = rng.normal(size=(2, len(owner)))
+    action = np.where(np.isin(owner, list(BAD)), rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v))
+    columns = {"timestamp": np.tile(np.arange(N_STEPS) * 0.1, n), **columns}
+    table = {"episode_index": owner, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
+    pq.write_table(pa.table(table), name)
+    return str(name)

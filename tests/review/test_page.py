@@ -1,0 +1,132 @@
+"""The page of a review in a browser: answers by keys, tabs, videos, and what is written."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+import lerobot_folders
+from browser import browsing, needs_chromium
+from rpil import RPIL, read
+from rpil.data.id_values import read_answers
+from rpil.review.frames import Videos
+from rpil.review.page import page_of
+from served import need_server, review_of, serving
+from small import FAST
+
+need_server()
+
+VERSION = "Number(document.querySelector('.ask').dataset.version)"
+CHOSEN = "document.querySelector('.detail h3').innerText"
+
+
+@pytest.fixture
+def browser(tmp_path):
+    with browsing(tmp_path / "profile") as browser:
+        yield browser
+        assert browser.errors == []
+
+
+def after(browser, version, *keys):
+    """Press keys, and wait for the page of a version."""
+    browser.press(*keys)
+    browser.wait(f"{VERSION} === {version}")
+
+
+def test_the_page_names_what_is_asked_and_escapes_it(audit):
+    review = review_of(audit)
+    page = page_of(review.state() | {"path": "<script>alert(1)</script>.csv"}, review.view())
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)" in page
+    assert f'data-asked="{[audit.index(name) for name in audit.pair]}"' in page
+    assert "connect-src &#39;self&#39;" in page or "connect-src 'self'" in page
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_answers_by_keys_are_written_and_shown(audit, browser):
+    with serving(review_of(audit, page=page_of)) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{CHOSEN} === '{audit.pair[0]}'")
+        assert browser.evaluate("location.href") == f"http://127.0.0.1:{client.gate.port}/", "the token is not shown"
+        assert "Which is better" in browser.text(".ask h2")
+        after(browser, 1, "1")
+        assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+        asked = audit.answered({}, [audit.pair]).suggest_labels(1)[0]
+        browser.wait(f"{CHOSEN} === '{asked}'")  # the next question is chosen
+        assert "Now: 0 good, 24 open, 0 bad." in browser.text(".ask [role=status]")
+        browser.press("j")
+        other = browser.evaluate(CHOSEN)
+        assert other != str(asked)
+        after(browser, 2, "b")
+        assert read_answers("labels.csv")[0] == {other: "bad"}
+        assert browser.evaluate(CHOSEN) == other, "another one than that of the question stays"
+        assert browser.evaluate("document.querySelector('[data-mark=bad]').getAttribute('aria-pressed')") == "true"
+        browser.press("k")
+        assert browser.evaluate(CHOSEN) == str(asked)
+        browser.press("g", "j", "g", "z")  # faster than the server
+        browser.wait(f"{VERSION} === 5")
+        assert read_answers("labels.csv")[0] == {other: "bad", str(asked): "good"}
+        browser.press("1")  # no pair is asked about
+        after(browser, 6, "s")
+        assert client.get("/api/view")["n_answers"] == 3
+        browser.click(".ask [data-role=take-back]")
+        browser.wait(f"{VERSION} === 7")
+        browser.evaluate("location.reload()")
+        browser.wait("document.querySelector('.ask')?.innerText.includes('3 answers of this run')")
+        assert all(url.startswith((f"http://{client.host}/", "data:", "blob:")) for url in browser.requests)
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser):
+    given = []
+    review = review_of(audit, page=page_of, finish=lambda found: given.append(found) or ["keep.json: 20 <b>of</b> 24."])
+    with serving(review) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        browser.type("[data-role=search]", "1")
+        browser.evaluate("document.querySelector('[data-role=search]').dispatchEvent(new Event('input'))")
+        assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
+        client.answer(0, "b", 3)
+        browser.wait(f"{VERSION} === 1")
+        assert browser.evaluate("document.querySelector('[data-role=search]').value") == "1", "filters stay"
+        assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
+        # An answer of a page that has not yet seen the last one is not taken.
+        never = "path === '/api/version' ? new Promise(() => {}) : fetchNow(path, ...more)"
+        browser.evaluate(f"window.fetchNow = fetch; window.fetch = (path, ...more) => {never}")
+        time.sleep(0.1)
+        client.answer(1, "b", 5)
+        browser.click("[data-mark=good]")
+        browser.wait("document.querySelector('[data-role=said]').innerText.includes('Another tab')")
+        assert read_answers("labels.csv")[0] == {"3": "bad", "5": "bad"}
+        browser.click(".ask [data-role=finish]")
+        browser.wait("document.querySelector('[data-role=said]').innerText.includes('keep.json: 20 <b>of</b> 24.')")
+        assert given[0].answers.count == 2
+        browser.errors = [error for error in browser.errors if "409" not in error]
+    browser.press("g")
+    browser.wait("document.querySelector('[data-role=said]').innerText.includes('The server has ended')")
+    browser.errors = [error for error in browser.errors if "ERR_CONNECTION" not in error]
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_videos_and_frames_of_the_chosen_demonstration(browser, tmp_path):
+    pytest.importorskip("av")
+    folder = lerobot_folders.write(tmp_path / "set", [30] * 12, per_file=4)
+    audit = RPIL(settings=FAST).fit(read(folder)).audit_
+    videos = Videos.of(str(folder), audit.ids, lerobot_folders.FPS)
+    with serving(review_of(audit, videos=videos, page=page_of)) as client:
+        browser.open(client.gate.url)
+        browser.wait("document.querySelectorAll('.media img').length >= 2")
+        browser.wait("[...document.querySelectorAll('.media img')].every((one) => one.naturalWidth === 320)")
+        source = browser.evaluate("document.querySelector('.media video').src")
+        m = audit.index(audit.pair[0]) if audit.question else audit.index(audit.suggest_labels(1)[0])
+        assert source.startswith(f"http://{client.host}/video/{m}/0#t=")
+        first, last = map(float, source.partition("#t=")[2].split(","))
+        start = client.get(f"/api/demonstration/{m}")["videos"][0]["start"]
+        assert start <= first < last <= start + 30 / 10 + 1e-6  # review_of says 10 frames a second
+        browser.wait(f"Math.abs(document.querySelector('.media video').currentTime - {first}) < 0.05")
+        answer = client.ask("GET", f"/video/{m}/0", range="bytes=0-9")
+        assert answer[0] == 206

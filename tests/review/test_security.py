@@ -1,0 +1,166 @@
+"""Who may ask the server of a review, and for what."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rpil.review.security import MAX_BODY, Gate
+from served import need_server, review_of, serving
+
+need_server()
+
+GETS = ("/", "/api/view", "/api/version", "/api/demonstration/0", "/video/0/0", "/frame/0/0/0")
+
+
+@pytest.fixture(scope="module")
+def server(audit, tmp_path_factory):
+    """A server that no test changes."""
+    labels = tmp_path_factory.mktemp("server") / "labels.csv"
+    with serving(review_of(audit, str(labels))) as client:
+        yield client
+        assert not labels.exists()
+
+
+@pytest.fixture
+def client(server):
+    yield server
+    assert server.get("/api/version") == {"version": 0}, "something was changed"
+
+
+def test_the_address_with_the_token_leads_to_the_page_with_a_cookie(client):
+    status, headers, content = client.ask("GET", f"/?token={client.gate.token}", cookie=None)
+    assert (status, headers["location"], content) == (303, "/", b"")
+    name, _, rest = headers["set-cookie"].partition("=")
+    assert {*rest.lower().split("; ")[1:]} == {"path=/", "httponly", "samesite=strict"}
+    assert headers["referrer-policy"] == "no-referrer"
+    given = f"other=1; {name}={rest.partition(';')[0]}"
+    assert client.ask("GET", "/", cookie=given)[0] == 200
+    assert str(client.gate.port) in name, "servers at two ports share all cookies"
+
+
+def test_another_program_may_show_the_token_in_a_header(client):
+    assert client.ask("GET", "/api/version", cookie=None, x_rpil_token=client.gate.token)[0] == 200
+    assert client.ask("GET", "/api/version", cookie=None, x_rpil_token="no")[0] == 403
+
+
+@pytest.mark.parametrize("path", [*GETS, "/?token=", "/?token=wrong", "/nothing", "/api/answer"])
+@pytest.mark.parametrize("cookie", [None, "", "rpil-review-1=x", "{name}=", "{name}=wrong", "{name}={token}x"])
+def test_without_the_token_nothing_is_told(client, path, cookie):
+    given = cookie and cookie.format(name=client.gate.cookie, token=client.gate.token)
+    status, headers, content = client.ask("GET", path, cookie=given)
+    assert status == 403
+    assert "token" in json.loads(content)["error"]
+    assert "set-cookie" not in headers
+    assert client.ask("POST", "/api/answer", {}, cookie=given)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1", "127.0.0.1:1", "[::1]:{port}", "localhost.evil:{port}", "[", ""]
+)
+def test_another_name_of_the_server_is_refused(client, host):
+    """A page whose name was made to lead to this computer could read all that its own server answers."""
+    host = host.format(port=client.gate.port)
+    for path in (*GETS, f"/?token={client.gate.token}"):
+        status, headers, _ = client.ask("GET", path, host=host)
+        assert status == 421
+        assert "set-cookie" not in headers
+    assert client.ask("POST", "/api/undo", {"version": 0}, host=host, origin=f"http://{host}")[0] == 421
+
+
+def test_localhost_is_a_name_of_it(client):
+    host = f"localhost:{client.gate.port}"
+    assert client.ask("GET", "/api/version", host=host)[0] == 200
+    body = {"version": 1}  # which is stale
+    assert client.ask("POST", "/api/undo", body, host=host, origin=f"http://{host}")[0] == 409
+    assert client.ask("POST", "/api/undo", body, origin=f"http://{host}")[0] == 403, "another origin"
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "null", "http://evil.example", "http://127.0.0.1", "https://127.0.0.1:{port}"]
+)
+@pytest.mark.parametrize("path", ["/api/answer", "/api/undo", "/api/finish"])
+def test_another_page_may_change_nothing(client, path, origin):
+    body = {"version": 0, "demonstrations": [0], "key": "g"}
+    origin = origin and origin.format(port=client.gate.port)
+    assert client.ask("POST", path, body, origin=origin)[0] == 403
+
+
+@pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"])
+def test_what_a_form_can_post_is_refused(client, kind):
+    body = {"version": 0, "demonstrations": [0], "key": "g"}
+    assert client.ask("POST", "/api/answer", body, content_type=kind)[0] == 415
+
+
+@pytest.mark.parametrize(
+    ("body", "length", "status"),
+    [
+        (b" " * (MAX_BODY + 1), str(MAX_BODY + 1), 413),
+        (b"", "9" * 19, 413),
+        (b"2\r\n{}\r\n0\r\n\r\n", None, 411),
+        (b"{}", "-2", 400),
+        (b"[" * MAX_BODY, str(MAX_BODY), 400),
+        (b"\xff", "1", 400),
+        (b"[]", "2", 400),
+        (b"", "0", 400),
+    ],
+)
+def test_what_is_posted_is_bounded(client, body, length, status):
+    chunked = {"transfer_encoding": "chunked"} if length is None else {}
+    assert client.ask("POST", "/api/answer", body, content_length=length, **chunked)[0] == status
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "OPTIONS", "PATCH", "TRACE"])
+def test_other_methods_are_refused(client, method):
+    assert client.ask(method, "/api/answer")[0] == 405
+
+
+def test_to_read_changes_nothing(client):
+    for path in (*GETS, "/api/answer", "/api/undo", "/api/finish", "/api/answer?version=0&key=g&demonstrations=0"):
+        for method in ("GET", "HEAD"):
+            assert client.ask(method, path)[0] in (200, 404, 405)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/video/../../etc/passwd", "/video/%2e%2e/%2e%2e/etc/passwd", "/video/0/..%2f..%2fd.parquet", "/d.parquet"),
+        *(
+            "/video/0/-1",
+            "/video/-1/0",
+            "/video/0/00000000000000000001",
+            "/video/99999999999999999999999/0",
+            "//etc/passwd",
+        ),
+        *(
+            "/frame/0/0/-1",
+            "/frame/0/0/99999999999999999999",
+            "/frame/..%2f/0/0",
+            "/api/demonstration/24",
+            "/labels.csv",
+        ),
+    ],
+)
+def test_no_path_of_a_request_is_opened(client, path):
+    Path("d.parquet").write_text("secret")
+    status, _, content = client.ask("GET", path)
+    assert status == 404
+    assert b"secret" not in content
+    assert b"root:" not in content
+
+
+def test_every_answer_forbids_what_pages_of_others_could_do(client):
+    for path in ("/", "/api/view", "/nothing", "/video/0/0"):
+        headers = client.ask("GET", path)[1]
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+        assert headers["x-content-type-options"] == "nosniff"
+        assert "frame-ancestors 'none'" in headers["content-security-policy"]
+        assert headers["cache-control"] == "no-store"
+
+
+def test_each_server_has_a_token_of_its_own():
+    tokens = {Gate.new(8000).token for _ in range(20)}
+    assert len(tokens) == 20
+    assert min(map(len, tokens)) >= 40

@@ -1,0 +1,215 @@
+"""What the server of a review shows, and what answers change."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lerobot_folders
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.id_values import read_answers
+from rpil.results.drawings import drawing
+from rpil.results.view import make_view
+from rpil.review.frames import Videos
+from rpil.review.server import listen, load_server
+from served import need_server, review_of, serving
+
+need_server()
+
+
+@pytest.fixture
+def review(audit):
+    return review_of(audit)
+
+
+@pytest.fixture
+def client(review):
+    with serving(review) as client:
+        yield client
+
+
+def test_the_state_is_the_view_and_the_question(client, review, audit):
+    state = client.get("/api/view")
+    view = make_view(audit, review.about, 0) | {"question": "", "pair": [], "look_at": []}
+    assert state["view"] == json.loads(json.dumps(view))
+    assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "u", "s"]
+    pair = [audit.index(name) for name in audit.pair]
+    assert state["asked"]["demonstrations"] == pair
+    assert state["asked"]["sentence"].startswith("Which is better: ")
+    assert [line.split(":")[0] for line in state["asked"]["facts"]] == [str(name) for name in audit.pair]
+    assert (state["version"], state["n_answers"], state["can_undo"]) == (0, 0, False)
+    status, headers, content = client.ask("GET", "/")
+    assert (status, content) == (200, b"<!DOCTYPE html><p>0 Review of d.parquet")
+    assert headers["content-type"].startswith("text/html")
+
+
+def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
+    a, b = (audit.index(name) for name in audit.pair)
+    status, state = client.answer(0, "1", a, b)
+    assert status == 200
+    assert state["lines"][0] == "Now: 0 good, 24 open, 0 bad."
+    assert any(line.startswith("P(good) moved most: ") for line in state["lines"])
+    answered = audit.answered({}, [audit.pair])
+    assert client.get("/api/view")["lines"] == state["lines"]
+    assert client.get("/api/view")["view"]["demonstrations"]["verdict"] == list(answered.verdicts)
+    assert list(state["asked"]["buttons"].items()) == [("g", "Good"), ("b", "Bad"), ("u", "Cannot tell"), ("s", "Skip")]
+    assert state["asked"]["demonstrations"] == [audit.index(name) for name in answered.suggest_labels(1)]
+    assert (state["version"], state["n_answers"], state["can_undo"]) == (1, 1, True)
+    assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+
+
+def test_any_demonstration_can_be_answered_and_undone(client):
+    version = 0
+    for m, key in ((7, "g"), (3, "b"), (7, "b"), (9, "u"), (10, "s")):
+        status, state = client.answer(version, key, m)
+        assert status == 200
+        version = state["version"]
+    assert read_answers("labels.csv")[0] == {"3": "bad", "7": "bad"}
+    for n, labels in ((2, {"3": "bad", "7": "bad"}),) * 2 + ((2, {"3": "bad", "7": "good"}), (1, {"7": "good"})):
+        status, state = client.post("/api/undo", version=version)
+        version = state["version"]
+        assert (state["n_answers"], read_answers("labels.csv")[0]) == (n, labels)
+    client.post("/api/undo", version=version)
+    assert not Path("labels.csv").exists()
+    status, state = client.post("/api/undo", version=version + 1)
+    assert (status, state["version"], state["lines"]) == (200, version + 1, []), "there is nothing to undo"
+
+
+def test_two_tabs_agree(client):
+    first, second = client.get("/api/view"), client.get("/api/view")
+    assert client.answer(first["version"], "g", 1)[0] == 200
+    status, refused = client.answer(second["version"], "b", 1)
+    assert status == 409
+    assert "Another tab" in refused["error"]
+    assert client.post("/api/undo", version=second["version"])[0] == 409
+    assert client.post("/api/finish", version=second["version"])[0] == 409
+    version = client.get("/api/version")["version"]
+    assert version == client.get("/api/view")["version"] == 1
+    assert client.answer(version, "b", 1)[0] == 200
+
+
+def test_of_answers_at_once_one_counts(client):
+    found = []
+    tabs = [threading.Thread(target=lambda m=m: found.append(client.answer(0, "g", m)[0])) for m in range(8)]
+    for tab in tabs:
+        tab.start()
+    for tab in tabs:
+        tab.join()
+    assert sorted(found) == [200, *[409] * 7]
+    assert len(read_answers("labels.csv")[0]) == 1
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"demonstrations": [0]},
+        *({"demonstrations": [0], "key": key} for key in ("1", "3", "z", "gb", "", None, 1, ["g"])),
+        *({"demonstrations": [0, 1], "key": key} for key in ("g", "5")),
+        *({"demonstrations": m, "key": "g"} for m in (0, "0", None, [], ["0"], [True], [0.0], [-1], [24], [[0]])),
+        *({"demonstrations": m, "key": "1"} for m in ([0, 0], [0, 1, 2], [0, 24])),
+    ],
+)
+def test_what_is_no_answer_is_refused(client, given):
+    status, answer = client.post("/api/answer", version=0, **given)
+    assert status == 400
+    assert answer["error"].endswith(".")
+    assert client.post("/api/answer", **given)[0] == 409, "without a version"
+    assert client.get("/api/version") == {"version": 0}
+
+
+def test_answers_that_contradict_each_other_are_refused_with_a_sentence(client):
+    Path("labels.csv").write_text("id,label\n3,bad\n")
+    status, answer = client.answer(0, "b", 3)
+    assert status == 400
+    assert "another program has changed it" in answer["error"]
+
+
+def test_what_is_drawn_of_a_demonstration(client, review, audit):
+    found = client.get("/api/demonstration/3")
+    assert found["drawing"] == json.loads(json.dumps(drawing(audit, 3)))
+    assert (found["videos"], found["note"]) == ([], "These data have no videos.")
+    assert client.ask("GET", "/api/demonstration/24")[0] == 404
+
+
+def test_finish_names_what_was_written(audit):
+    given = []
+
+    def finish(answered):
+        given.append(answered)
+        if len(given) > 1:
+            raise DataError("keep.json: it cannot be written.")
+        return ["keep.json: 20 of 24."]
+
+    with serving(review_of(audit, finish=finish)) as client:
+        client.answer(0, "g", 1)
+        status, state = client.post("/api/finish", version=1)
+        assert (status, state["lines"], state["version"]) == (200, ["keep.json: 20 of 24."], 1)
+        assert given[0].labelled == (1,)
+        assert client.post("/api/finish", version=1) == (400, {"error": "keep.json: it cannot be written."})
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """A folder of LeRobot with two cameras."""
+    pytest.importorskip("av")
+    return lerobot_folders.write(tmp_path_factory.mktemp("films") / "set", [24] * 24, cameras=("front", "side"))
+
+
+def test_videos_are_served_in_parts(audit, films):
+    videos = Videos.of(str(films), audit.ids, 20.0)
+    with serving(review_of(audit, videos=videos)) as client:
+        found = client.get("/api/demonstration/4")["videos"]
+        assert [one["camera"] for one in found] == ["observation.images.front", "observation.images.side"]
+        np.testing.assert_allclose([found[1]["start"], found[1]["end"]], [1.2, 2.4])
+        whole = videos.file(4, 1).read_bytes()
+        status, headers, content = client.ask("GET", "/video/4/1")
+        assert (status, content, headers["content-type"]) == (200, whole, "video/mp4")
+        status, headers, content = client.ask("GET", "/video/4/1", range="bytes=100-299")
+        assert (status, content) == (206, whole[100:300])
+        assert headers["content-range"] == f"bytes 100-299/{len(whole)}"
+        assert client.ask("GET", "/video/4/1", range="bytes=-50")[2] == whole[-50:]
+        assert client.ask("GET", "/video/4/1", range=f"bytes={len(whole)}-")[0] == 416
+        status, headers, content = client.ask("GET", "/frame/4/0/7")
+        assert (status, headers["content-type"], content[:3]) == (200, "image/jpeg", b"\xff\xd8\xff")
+        for path in ("/video/4/2", "/frame/4/2/0", "/frame/4/0/24", "/video/24/0"):
+            assert client.ask("GET", path)[0] == 404
+
+
+def test_a_link_out_of_the_folder_is_not_followed(audit, films, tmp_path):
+    videos = Videos.of(str(films), audit.ids, 20.0)
+    with serving(review_of(audit, videos=videos)) as client:
+        file = videos.file(0, 0)
+        moved = file.rename(tmp_path / "moved.mp4")
+        file.symlink_to(moved)
+        try:
+            for path in ("/video/0/0", "/frame/0/0/0"):
+                status, _, content = client.ask("GET", path)
+                assert status == 404
+                assert "leads out of" in json.loads(content)["error"]
+            file.unlink()
+            assert client.ask("GET", "/video/0/0")[0] == 404
+        finally:
+            file.unlink(missing_ok=True)
+            moved.rename(file)
+
+
+def test_without_the_extra_it_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    with pytest.raises(MissingExtraError, match=r"rpil\[review\]"):
+        load_server()
+
+
+def test_a_port_in_use_is_named():
+    with listen(0) as at:
+        assert at.getsockname()[0] == "127.0.0.1"
+        assert at.family is socket.AF_INET
+        port = at.getsockname()[1]
+        with pytest.raises(DataError, match=f"Port {port} cannot be used"):
+            listen(port)

@@ -1,0 +1,136 @@
+"""A run of questions: what is asked, written, replaced and undone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from asked import BAD
+from rpil.data.errors import DataError
+from rpil.data.id_values import read_answers
+from rpil.review.session import (
+    Asking,
+    Session,
+    change_lines,
+    contradiction_lines,
+    fact_lines,
+    question_sentence,
+    rows_of,
+)
+
+
+def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
+    text = "\n".join([question_sentence(audit, (0, 3), 10.0), *fact_lines(audit, (0, 3))])
+    assert re.search(r"0: 40 steps; ranks: length 0\.50, pauses 0\.\d\d, smoothness ", text)
+    assert not re.search(r"P\(|typical|unlike", text)
+
+
+@pytest.mark.parametrize(
+    ("key", "answer"),
+    [
+        ("1", (("a", "better than 7"),)),
+        ("2", (("7", "better than a"),)),
+        ("3", (("a", "good"), ("7", "good"))),
+        ("4", (("a", "bad"), ("7", "bad"))),
+        ("u", ()),
+    ],
+)
+def test_keys_as_answers(key, answer):
+    assert rows_of(("a", 7), key) == answer
+    assert rows_of((7,), "g") + rows_of((7,), "b") == (("7", "good"), ("7", "bad"))
+
+
+def test_it_ends_after_four_questions_where_no_demonstration_is_open(audit):
+    assert "open" not in audit.verdicts
+    assert Asking(audit, 8, n_asked=3).question(audit) == audit.pair
+    assert Asking(audit, 8, n_asked=4).question(audit) == audit.pair  # nothing was answered
+    sure = replace(audit, anchor="answers")
+    assert Asking(audit, 8, n_asked=3).question(sure) == audit.pair
+    assert Asking(audit, 8, n_asked=4).question(sure) == ()
+    doubtful = audit.answered({0: "good"})
+    assert len(Asking(audit, 8, n_asked=4, pair_passed=True).question(doubtful)) == 1
+    assert Asking(audit, 8, n_asked=8).question(doubtful) == ()
+    assert Asking(audit, None, n_asked=800, pair_passed=True).question(doubtful)
+
+
+def test_an_answer_that_looks_wrong_is_named_once(audit):
+    right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 5, 8)}
+    before, after = audit.answered(right), audit.answered({**right, 9: "good"})
+    assert list(contradiction_lines((), before)) == []
+    assert list(contradiction_lines((), after)) == ["9 contradicts 6 others; look again."]
+    assert list(contradiction_lines((9,), after)) == []
+    assert list(change_lines(before, after))[-1] == "9 contradicts 6 others; look again."
+    assert "No word changed." in list(change_lines(after, after))
+
+
+def rows():
+    return Path("labels.csv").read_text().splitlines()
+
+
+def test_every_answer_is_learned_from_and_written_at_once(audit):
+    session = Session(audit, "labels.csv", None, None)
+    assert session.question == audit.pair
+    lines = session.answer(audit.pair, "1")
+    assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
+    assert lines[0] == "Now: 0 good, 24 open, 0 bad."
+    assert session.version == session.asking.n_asked == 1
+    answered = audit.answered({}, [audit.pair])
+    assert session.audit.verdicts == answered.verdicts
+    assert session.question == answered.suggest_labels(1)
+
+
+def test_undo_goes_back_to_the_first_question(audit):
+    session = Session(audit, "labels.csv", None, None)
+    assert session.undo() == []
+    assert session.version == 0
+    session.answer((1,), "g")
+    session.answer((4,), "u")
+    assert session.undo() == []
+    assert rows() == ["id,label", "1,good"]
+    assert session.undo()
+    assert not Path("labels.csv").exists()
+    assert (session.question, session.audit.verdicts, session.can_undo) == (audit.pair, audit.verdicts, False)
+    assert session.version == 4
+
+
+def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
+    session = Session(audit, "labels.csv", None, None)
+    for question, key in (((1,), "g"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
+        session.answer(question, key)
+    assert rows() == ["id,label", "1,bad", "4,better than 3", "3,better than 1"]
+    assert session.audit.labelled == (1,)
+    session.undo()
+    session.undo()
+    assert rows() == ["id,label", "3,better than 4", "1,bad"]
+
+
+@pytest.mark.parametrize("name", ["labels.csv", "labels.json"])
+def test_a_label_replaces_that_of_an_earlier_run(audit, name):
+    before = {
+        "labels.csv": b'note,id,label\n"two\nlines",1,GOOD\n,1,better than 3\n\n"a",2,good\n',
+        "labels.json": b'{"1": ["good", "better than 3"], "2": "good"}',
+    }[name]
+    Path(name).write_bytes(before)
+    start = audit.answered(*read_answers(name))
+    session = Session(start, name, before, None)
+    session.answer((1,), "b")
+    assert read_answers(name) == ({"1": "bad", "2": "good"}, [("1", "3")])
+    assert session.audit.answers.labels[1] == -1
+    session.undo()
+    assert read_answers(name) == ({"1": "good", "2": "good"}, [("1", "3")])
+    assert session.audit.answers.labels[1] == 1
+
+
+def test_what_cannot_be_written_changes_nothing(audit):
+    Path("labels.csv").write_text("id,label\n1,better than 3\n")
+    session = Session(audit.answered({}, [(1, 3)]), "labels.csv", Path("labels.csv").read_bytes(), None)
+    with pytest.raises(DataError, match="each is better than the other"):
+        session.answer((3, 1), "1")
+    Path("labels.csv").write_text("id,label\n1,better than 3\n5,bad\n")
+    with pytest.raises(DataError, match="another program has changed it"):
+        session.answer((3,), "b")
+    assert (session.version, session.asking.rows, session.can_undo) == (0, (), False)
+    assert rows()[-1] == "5,bad"

@@ -1,0 +1,98 @@
+"""The server of a review in a thread, and requests to it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from rpil.data.errors import MissingExtraError
+from rpil.results.view import About
+from rpil.review.frames import Videos
+from rpil.review.security import Gate
+from rpil.review.server import Review, application, listen, load_server
+from rpil.review.session import Session
+
+
+def need_server():
+    """Skip the tests of a module where the extra is not installed."""
+    try:
+        load_server()
+    except MissingExtraError as error:
+        pytest.skip(str(error), allow_module_level=True)
+
+
+class Client:
+    """A browser's requests to a server, with its token as a cookie."""
+
+    def __init__(self, gate):
+        self.gate = gate
+        self.host = f"127.0.0.1:{gate.port}"
+
+    def ask(self, method, path, body=None, **headers):
+        """Status, headers and content of an answer; a header that is None is not sent."""
+        given = {"host": self.host, "cookie": f"{self.gate.cookie}={self.gate.token}"}
+        if method == "POST":
+            given |= {"origin": f"http://{self.host}", "content-type": "application/json"}
+            body = body if isinstance(body, bytes) else json.dumps(body).encode()
+            given |= {"content-length": str(len(body))}
+        given |= {name.replace("_", "-"): value for name, value in headers.items()}
+        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=60)
+        try:
+            connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            for name, value in given.items():
+                if value is not None:
+                    connection.putheader(name, value)
+            connection.endheaders(body)
+            answer = connection.getresponse()
+            return answer.status, dict(answer.getheaders()), answer.read()
+        finally:
+            connection.close()
+
+    def get(self, path):
+        status, _, content = self.ask("GET", path)
+        assert status == 200, content
+        return json.loads(content)
+
+    def post(self, path, **given):
+        """The status and the answer to what is posted."""
+        status, _, content = self.ask("POST", path, given)
+        return status, json.loads(content)
+
+    def answer(self, version, key, *demonstrations):
+        return self.post("/api/answer", version=version, key=key, demonstrations=list(demonstrations))
+
+
+def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
+    """What a server shows of an audit, without answers from before."""
+    return Review(
+        session=Session(audit, labels, None, None),
+        about=About("Review of d.parquet", "d.parquet", fps=10.0, command="rpil audit d.parquet"),
+        videos=videos or Videos.of("d.parquet", audit.ids, 10.0),
+        finish=finish or (lambda _: []),
+        page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
+    )
+
+
+@contextmanager
+def serving(review):
+    """A client of a server that runs in a thread until the block ends."""
+    import uvicorn
+
+    with listen(0) as at:
+        gate = Gate.new(at.getsockname()[1])
+        config = uvicorn.Config(application(review, gate), log_level="warning", ws="none", lifespan="off")
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [at]})
+        thread.start()
+        while not server.started:
+            time.sleep(0.01)
+        try:
+            yield Client(gate)
+        finally:
+            server.should_exit = True
+            thread.join()
