@@ -57,7 +57,7 @@ def test_what_is_not_there_is_said(folder, tmp_path, monkeypatch):
     assert Videos.of("d.parquet", (0,), 20.0).note == "These data have no videos."
     assert Videos.of("hf://datasets/a/b", (0,), 20.0).note == "These data have no videos."
     videos = Videos.of(str(folder), ("no", "such"), 20.0)
-    assert videos.note == "The videos of these data are not in their folder."
+    assert videos.note == "There are no videos of these demonstrations in their folder."
     videos = Videos.of(str(folder), range(4), 20.0)
     for m, camera, step in ((4, 0, 0), (0, 2, 0), (0, -1, 0), (0, 0, 20), (0, 0, -1)):
         with pytest.raises(DataError):

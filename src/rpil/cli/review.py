@@ -74,7 +74,8 @@ def _review(file: str, judged: Judged, command: str, quiet: bool) -> Review:
         given = Audited(audit, file, recording, faults, judged.demonstrators)
         shown = about(given, command)
         progress("looking for videos")
-        videos = Videos.of(file, audit.ids, judged.fps)
+        # By another column of ids, no demonstration is an episode that videos are named after.
+        videos = Videos.of(file, () if recording.options.id else audit.ids, judged.fps)
     return Review(
         session=Session(audit, judged.path, judged.before, None),
         about=shown,

@@ -122,7 +122,7 @@ def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
 
 def _without_labels(text: str, asked: Set[frozenset[str]]) -> str:
     """The lines of a CSV file without labels that answer what was `asked` again."""
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    rows = csv.DictReader(text.removeprefix("\ufeff").splitlines(), skipinitialspace=True, delimiter=_delimiter(text))
     id_column, lines = _id_column(rows.fieldnames or ()) or "", text.splitlines(keepends=True)
     kept, first = lines[: rows.line_num], rows.line_num
     for row in rows:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -54,6 +54,19 @@ class StoredArray(Protocol):
 
     def __getitem__(self, rows: slice, /) -> object:
         """Some of its rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """An array in a file that is closed, because there may be more files than a process may have open."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[slice], object]
+    chunks: tuple[int, ...] | None = None
+
+    def __getitem__(self, rows: slice, /) -> object:
+        return self.read(rows)
 
 
 @runtime_checkable

@@ -116,6 +116,7 @@ class AuditResult:
         log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
         score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
+        typical = float(np.median(trusted)) if len(trusted) else math.nan
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
         known_of = dict(zip(self.ids, zip(known.labels.tolist(), known.outcome.tolist(), strict=True), strict=False))
@@ -132,7 +133,7 @@ class AuditResult:
                 contradicts=name in self.contradicting,
                 group=letters.get(name, ""),
                 score=float(score[m]),
-                trusted_score=float(np.median(trusted)) if len(trusted) else math.nan,
+                trusted_score=typical,
                 stretch=worst_stretch(log_ratio[self.steps(m)]),
                 deviation=self.deviations[m] if self.deviations else "",
             )

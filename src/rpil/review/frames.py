@@ -15,7 +15,7 @@ from rpil.formats.registry import find_format
 FRAME_WIDTH = 320
 """Pixels."""
 
-NOT_THERE = "The videos of these data are not in their folder."
+NOT_THERE = "There are no videos of these demonstrations in their folder."
 
 
 @dataclass(frozen=True)

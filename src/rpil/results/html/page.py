@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -30,6 +31,7 @@ class Article:
     top: Markup = Markup("")  # before all of it
 
 
+@cache
 def html_environment(package: str, folder: str) -> Environment:
     """The environment of the Jinja templates in a folder of a package; what they insert is escaped and `printable`."""
     loader = PackageLoader(package, folder)
