@@ -47,6 +47,7 @@ _IN_SHELL = {
     "trims=": "--trim",
     "into memory with rpil.read": "into memory with --no-stream",
     "on disk with rpil.open": "on disk with --stream",
+    " (n_samples=1)": "",
 }
 _ARGUMENT = re.compile(
     r"(?<![\w.])(id|action|observations|exclude|order|operator|task|session|outcome|labels|action_kind|embeddings|only"
