@@ -30,10 +30,11 @@ lint: $(VENV)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The site, in build/docs; a warning is an error. Everything is made anew: half a minute.
+# The site, in build/docs; a warning is an error, and so is a page that loads something from elsewhere. Half a minute.
 docs: $(VENV)/.docs
 	rm -rf build/docs build/doctrees docs/gallery docs/reference/generated
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -d build/doctrees docs build/docs
+	! grep -rE '<(script|link|img)[^>]* (src|href)="(https?:)?//' build/docs --include='*.html'
 
 $(VENV)/.docs: $(VENV)/.made
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'

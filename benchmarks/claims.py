@@ -148,7 +148,9 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Words without answers, by the truth that no audit reads: `unlike` counts as bad, `typical` as good."
+    explained = (
+        "The words of audits without answers, compared with the truth: `unlike` counts as bad, `typical` as good."
+    )
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
@@ -187,8 +189,8 @@ def pairs_asked(rows: list[Row]) -> list[str]:
     if not asked:
         return []
     one_each, middle = sum(set(pair) == {0, 1} for pair in asked), sum(-1 in pair for pair in asked)
-    text = f"The pair asked holds one good and one bad in {one_each} of {len(asked)} recorded sets; one of "
-    return [f"{text}middling quality in {middle}."]
+    text = f"The question names a good and a bad demonstration in {one_each} of {len(asked)} recorded sets, "
+    return [f"{text}and one of middling quality in {middle}."]
 
 
 def good_by_proba(rows: list[Row]) -> list[str]:
@@ -294,7 +296,7 @@ def point_masses(rows: list[Row]) -> list[str]:
     if not rows:
         return []
     of_kind = {kind: [row for row in rows if row["name"].split(",")[0] == kind] for kind in (*BAD, *GOOD, *ALL_DIFFER)}
-    text = "Made worlds of a point mass, on which no constant was chosen; `hard` is a bang-bang operator among others."
+    text = "Simulated worlds of a point mass; no setting was chosen on them. In `hard` some push only with full force."
     lines = [text, "", *HEAD]
     for kind, own in of_kind.items():
         lines += counted(kind, own)

@@ -1,4 +1,4 @@
-"""Recording faults that `faults.py` plants into clean demonstrations, each in three sizes."""
+"""Recording faults that `faults.py` plants into clean demonstrations."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Clean:
         it can know; None where the rule is about actions and these are discrete."""
         if rule in ("frozen action", "lag") and self.demonstrations.is_discrete:
             return None
-        if rule not in (*HELD, "spike", "jump", "scale", "sign", "never moves"):
+        if rule not in (*HELD, "spike", "jump", "scale", "sign", "offset", "never moves"):
             return float(rule not in self.report.not_checked or rule == "dropped frames")
         n_columns = int(self.of_rule(rule).sum())
         return len(self.columns(rule)) / n_columns if n_columns else None
@@ -75,8 +75,7 @@ def _longest_runs(episode: Array) -> list[int]:
 
 
 Fault = Callable[[Array, Clean, float, np.random.Generator], Array | None]
-"""A demonstration (T, C + 1) whose last column is time, the clean data, a size: the demonstration with the fault, or
-None where it is too short or nothing in it moves."""
+"""A demonstration (T, C + 1) whose last column is time, the clean data, a size: the same with the fault, or None."""
 
 
 def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
@@ -86,7 +85,6 @@ def _place(episode: Array, steps: int, rng: np.random.Generator) -> int | None:
 
 
 def drop(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """Frames are missing."""
     start = _place(episode, int(size), rng)
     return None if start is None else np.delete(episode, slice(start, start + int(size)), axis=0)
 
@@ -98,9 +96,7 @@ def repeat(episode: Array, clean: Clean, size: float, rng: np.random.Generator) 
         return None
     motion = (np.abs(np.diff(episode[:, columns], axis=0)) / clean.leap[columns]).mean(axis=1)
     fast = np.flatnonzero(np.minimum(motion[:-1], motion[1:]) >= np.median(motion))[1:-1]
-    if not len(fast):
-        return None
-    at = int(rng.choice(fast)) + 1
+    at = int(rng.choice(fast)) + 1 if len(fast) else 1
     again = np.insert(episode, [at + 1] * int(size), episode[at], axis=0)
     again[:, -1] = np.arange(len(again)) / FPS  # the clock goes on
     return again
@@ -138,9 +134,10 @@ def _column(rule: str, change: Callable[[Array, float, float, int], Array]) -> F
 
     def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
         column, other = clean.pick(rule, rng), episode.copy()
-        if column is not None:
-            other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
-        return None if column is None else other
+        if column is None or not np.ptp(episode[:, column]):
+            return None
+        other[:, column] = change(episode[:, column], size, clean.spread[column], int(rng.choice([-1, 1])))
+        return other
 
     return make
 
@@ -174,9 +171,12 @@ def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator
     known, other = clean.columns("exchanged"), episode.copy()
     own = known[known >= clean.n_observations]
     own = own if len(own) > 1 else known[known < clean.n_observations]
-    pair = rng.choice(own, 2, replace=False) if len(own) > 1 else own
-    other[:, pair] = episode[:, pair[::-1]]
-    return other if len(pair) > 1 else None
+    unknown = clean.report.unknown.get("exchanged", ())
+    pairs = [[a, b] for a in own for b in own if a < b and f"{clean.names[a]} and {clean.names[b]}" not in unknown]
+    if pairs:
+        pair = pairs[int(rng.integers(len(pairs)))]
+        other[:, pair] = episode[:, pair[::-1]]
+    return other if pairs else None
 
 
 def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
@@ -206,22 +206,25 @@ _cut: Fault = lambda e, _, size, __: e[: int(len(e) / size)] if len(e) >= 3 * si
 HELD = ("frozen sensor", "frozen action", "saturation")
 HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
 KINDS: dict[str, Kind] = {
-    "dropped frames": Kind(drop, (1, 3, 10), "frames", "dropped frames"),
-    "repeated frames": Kind(repeat, (1, 3, 10), "frames, without timestamps", "repeated frames"),
-    "frozen sensor": Kind(_hold("frozen sensor"), (1, 2, 3), HELD_UNIT, "frozen sensor", HELD),
-    "frozen action": Kind(_hold("frozen action"), (1, 2, 3), HELD_UNIT, "frozen action", HELD),
-    "saturation": Kind(_hold("saturation"), (1, 2, 3), HELD_UNIT, "saturation", HELD),
-    "spike": Kind(_leap("spike"), (3, 6, 12), "times the 99.9 % quantile of changes", "spike"),
-    "jump": Kind(_leap("jump"), (3, 6, 12), "times the 99.9 % quantile of changes", "jump"),
+    "dropped frames": Kind(drop, (1,), "frames", "dropped frames"),
+    "repeated frames": Kind(repeat, (1, 10), "frames, without timestamps", "repeated frames"),
+    "frozen sensor": Kind(_hold("frozen sensor"), (1, 3), HELD_UNIT, "frozen sensor", HELD),
+    "frozen action": Kind(_hold("frozen action"), (1, 3), HELD_UNIT, "frozen action", HELD),
+    "saturation": Kind(_hold("saturation"), (1, 3), HELD_UNIT, "saturation", HELD),
+    "spike": Kind(_leap("spike"), (3, 6), "times the 99.9 % quantile of changes", "spike"),
+    "jump": Kind(_leap("jump"), (3, 6), "times the 99.9 % quantile of changes", "jump"),
     "scale": Kind(
-        _column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3, 1000), "times or the inverse", "scale"
+        _column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3), "times or the inverse", "scale"
     ),
-    "lag": Kind(delay, (3, 5, 8), "steps late or early", "lag"),
-    "idle head": Kind(_idle(True), (1, 2, 3), IDLE_UNIT, "idle head"),
-    "idle tail": Kind(_idle(False), (1, 2, 3), IDLE_UNIT, "idle tail"),
-    "length, cut": Kind(_cut, (4, 7, 10), "times shorter", "length"),
+    "lag": Kind(delay, (3, 8), "steps late or early", "lag"),
+    "idle head": Kind(_idle(True), (1,), IDLE_UNIT, "idle head"),
+    "idle tail": Kind(_idle(False), (1,), IDLE_UNIT, "idle tail"),
+    "length, cut": Kind(_cut, (4, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
     "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
+    "offset": Kind(
+        _column("offset", lambda x, size, sd, way: x + size * sd * way), (0.5,), "sd of the column", "offset"
+    ),
     "action early": Kind(
         _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
     ),
@@ -269,7 +272,7 @@ def plant(clean: Clean, name: str, size: float, share: float, rng: np.random.Gen
     return rebuild(clean, timed, has_fault, name == "dropped frames", actions) if has_fault.any() else None
 
 
-def copies(clean: Clean, noise: float, share: float, rng: np.random.Generator) -> Planted:
+def copies(clean: Clean, _: str, noise: float, share: float, rng: np.random.Generator) -> Planted:
     """Some demonstrations are written again, with noise of a share of the standard deviation of each column; the mask
     marks both."""
     n = len(clean.episodes)

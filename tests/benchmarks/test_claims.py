@@ -95,7 +95,10 @@ def test_words_are_counted_by_kind():
     assert "| all twice | 2 | 0 | 2 |" in lines
     assert "| recorded, AUROC >= .6 | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
     assert "| recorded, AUROC < .6 | 1 | 0, 1 of 2 good | 0, 2 | 1 | 0.75 (standard error nan) |" in lines
-    assert "The pair asked holds one good and one bad in 2 of 2 recorded sets; one of middling quality in 0." in lines
+    assert (
+        "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
+        in lines
+    )
     assert "- recorded reversed: AUROC 0.00, some are unlike, 3 words, 3 wrong." in lines
     assert not any("- changes" in text for text in lines)
 

@@ -25,29 +25,30 @@ def test_planted_fault_changes_the_marked_demonstrations_only(clean, kind):
 
 
 def test_copies_are_marked_in_pairs(clean):
-    planted = copies(clean, 0.0, 0.2, np.random.default_rng(0))
+    planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
     assert (len(planted.demonstrations), planted.has_fault.sum()) == (14, 4)
 
 
 def test_counts():
-    rows = [
-        {"kind": "spike", "size": 3, "group": "chosen", "checked": c, "faults": 2, "found": 1} for c in (True, False)
-    ]
-    sums = faults.summarise([row | {"clean": 10, "accused": 1} for row in rows])
-    assert dict(sums["spike", 3, "chosen"]) == {"faults": 2, "found": 1, "clean": 10, "accused": 1}
+    rows = [{"kind": "spike", "checked": c, "faults": 2, "found": 1, "any": 1, "other": 0} for c in (True, False)]
+    sums = faults.summarise([row | {"clean": 10, "accused": 1} for row in rows], "kind")
+    assert dict(sums["spike",]) == {"faults": 2, "found": 1, "any": 1, "other": 0, "clean": 10, "accused": 1}
 
 
 @pytest.mark.slow
 def test_quick_run_finds_most_faults():
-    sums = faults.summarise(faults.run(None, [], 1, 12, quick=True)).values()
+    rows = faults.run(faults.clean_sets(None, [], 12, True), 1)
+    sums = faults.summarise(rows, "kind").values()
+    assert "| spike |" in faults.render(rows)
     assert sum(n["found"] for n in sums) > 0.8 * sum(n["faults"] for n in sums)
     assert sum(n["accused"] for n in sums) < 0.05 * sum(n["clean"] for n in sums)
 
 
 def test_counts_of_copies_are_those_of_pairs(clean):
-    planted = copies(clean, 0.0, 0.2, np.random.default_rng(0))
+    planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
     report = faults.find_faults(planted.demonstrations)
-    assert faults.score(report, planted, "duplicate", ()) == {"faults": 2, "found": 2, "clean": 10, "accused": 0}
+    counts = faults.score(report, planted, "duplicate", ())
+    assert counts == {"faults": 2, "found": 2, "any": 2, "other": 0, "clean": 10, "accused": 0}
 
 
 def test_speed_is_a_sentence():

@@ -102,6 +102,8 @@ def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
     write_answers(path, path.read_bytes(), [("8", "better than 7")])
     assert path.read_text() == "id;label\n7;good\na,b;bad\n8;better than 7\n"
     assert formats.read_answers(path)[1] == [("8", "7")]
+    write_answers(path, path.read_bytes(), [("7", "bad")])
+    assert path.read_text() == "id;label\na,b;bad\n8;better than 7\n7;bad\n"
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ SIGN = np.array([1, -1, 1])
 PLANTED = {
     "sign": ({"observations": X * SIGN}, "observation '1'"),
     "exchanged": ({"actions": A[:, [2, 1, 0]]}, "action 0 and action 2"),
+    "offset": ({"actions": A + 0.5 * (SIGN < 0)}, "action 1"),
     "shifted action": ({"observations": X[:-1], "actions": A[1:]}, ""),
     "lag": ({"observations": X[5:], "actions": A[:-5]}, ""),
     "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),
@@ -73,3 +74,11 @@ def test_quaternions_that_change_sign_are_no_faults():
         flips = np.where(np.arange(len(x)) // 40 % 2, -1.0, 1.0)[:, None] * rng.choice([-1, 1])
         turned.append((np.column_stack([x, quaternion * flips]), a))
     assert find_faults(demonstrations(turned)).findings == ()
+
+
+def test_level_that_several_share_is_a_session_and_what_rests_in_many_is_no_fault():
+    many = {1, 4, 8}
+    offset = [(x, a + 0.5 * (m in many)) for m, (x, a) in enumerate(CLEAN)]
+    assert not find_faults(demonstrations(offset)).findings
+    resting = [(x, np.where(SIGN < 0, a[:1], a) if m in many | {M, 6} else a) for m, (x, a) in enumerate(CLEAN * 2)]
+    assert "never moves" not in find_faults(demonstrations(resting)).counts

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from recordings import recording
-from rpil.faults.maps import OF_ROWS, Frame, Tried, gains, maps_of, misfit, plant, undo
+from rpil.faults.maps import OF_ROWS, Frame, Tried, gains, maps_of, misfit, undo
+from rpil.faults.naming import Level, Namer
+from rpil.faults.settings import FaultSettings
 
 ROWS = [np.concatenate(pair, axis=1) for pair in recording(6)]
-FRAME = Frame(np.arange(6), 3, 2, np.linspace(1, 2, 6), 10_000)
+FRAME = Frame(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)
 
 
 @pytest.mark.parametrize("kind", OF_ROWS)
 def test_what_is_undone_was_there_before(kind):
-    again = undo(kind, plant(kind, ROWS[0], 3), 3)
+    again = undo(kind, undo(OF_ROWS[kind], ROWS[0], 3), 3)
     distance = np.abs(ROWS[0][:, None] - again[None, 20:-20]).max(axis=2).min(axis=0)
     assert distance.max() < (0.1 if kind == "frame rate" else 1e-12)
 
@@ -33,3 +35,25 @@ def test_gains_are_those_of_demonstrations_changed_by_hand():
         (h,) = np.flatnonzero((tried.kind == kind) & (tried.columns == columns).all(axis=1))
         gain = np.log(misfit(maps, moments[0]) / misfit(maps, FRAME.moments(values))).sum() / 2
         np.testing.assert_allclose(found[h], gain, atol=1e-6)
+
+
+def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried():
+    tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
+    reach[1] = 200.0
+    namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
+    moments = np.eye(18)
+    assert namer._within(moments, reach).all()
+    wide = FRAME.places()[2]
+    moments[wide, wide] = 100 / FRAME.spread[2] ** 2
+    within = namer._within(moments, reach)
+    assert [tuple(c) for c in tried.columns[within]] == [(1, 2)]
+
+
+def test_constant_of_a_column_is_found_among_levels():
+    rng, column = np.random.default_rng(0), np.array([[1.0, 0.0], [0.5, 1.0], [0.0, 2.0]])
+    level = Level.of(rng.normal(size=(200, 3)) * [1, 2, 3] + 5, FaultSettings())
+    off = np.array([5.0, 5, 5]) + 8 * column[:, 0]
+    gain = level.gains(off, column)
+    assert gain.argmax() == 0
+    np.testing.assert_allclose(gain[0], 64 / 2 * level.power(column)[0], rtol=0.1)
+    assert abs(level.excess(off) - gain[0]) < 1 < level.rest

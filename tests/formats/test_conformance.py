@@ -18,6 +18,7 @@ import pytest
 
 import rpil
 import samples
+from command_line import ok
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
@@ -318,4 +319,15 @@ def test_keep_opens_a_file_seldom(path):
     ids = [str(name) for name in rpil.read(path).ids[:1]]
     with counted(path) as opened:
         rpil.open(path, on_disk=False).keep(ids, output_for(path))
+        assert opened() <= MOST_OPENS
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
+def test_the_command_opens_a_file_seldom(path):
+    ids = [str(name) for name in rpil.read(path).ids]
+    Path("labels.csv").write_text(
+        "".join(["id,label\n", *(f"{name},{'good' if name == ids[0] else 'bad'}\n" for name in ids)])
+    )
+    with counted(path) as opened:
+        ok("keep", path, "-o", output_for(path), "--verdicts", "labels.csv", "-q")
         assert opened() <= MOST_OPENS

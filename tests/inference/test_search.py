@@ -14,7 +14,7 @@ from rpil.inference import search
 from rpil.inference.search import SearchSettings, fit_mixture, starts
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.mixture.em import Result, e_step, run_em
+from rpil.mixture.em import MixtureFit, e_step, run_em
 from rpil.mixture.settings import MixtureSettings, MStep
 from rpil.numerics.parallel import in_parallel
 from rpil.policies.softmax import SoftmaxPolicy
@@ -74,7 +74,7 @@ def test_known_adversaries_alone_point_to_those_unlike_them():
 
 
 @pytest.fixture(scope="module")
-def fits() -> dict[str, tuple[FitData, Result]]:
+def fits() -> dict[str, tuple[FitData, MixtureFit]]:
     names = "shifted", "window", "mostly bad", "unequal lengths", "two actions", "labelled"
     problems = {name: zoo(2)[name].problem() for name in names}
     return {name: (problem, fitted(problem)) for name, problem in problems.items()}

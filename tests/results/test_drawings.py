@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, bin_starts, drawing, packed
+from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, bin_starts, drawing, drawings, packed
 from rpil.results.traces import Part, Traces
 
 
@@ -65,3 +65,10 @@ def test_discrete_actions_are_named():
     audit = make_audit(("unlike",), lengths=[3], traces={0: Traces("discrete", (part,), 1, ("left", "up", "left"))})
     taken = drawing(audit, 0)["taken"]
     assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
+
+
+def test_drawings_of_several_are_those_of_each():
+    audit = make_audit()
+    members = [7, 0, 5]
+    assert drawings(audit, members) == {str(m): drawing(audit, m) for m in members}
+    assert drawings(audit, []) == {}

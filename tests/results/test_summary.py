@@ -14,7 +14,7 @@ from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.claims import Doubt
-from rpil.mixture.em import Posterior, Result, run_em
+from rpil.mixture.em import MixtureFit, Posterior, run_em
 from rpil.mixture.settings import MixtureSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
@@ -39,7 +39,7 @@ def mixture_audit(
     data = FitData(np.ones((n, 1)), np.zeros(n, dtype=int), offsets, Discrete(3), np.array(labels))
     state = pooled_state(data, "uniform")
     posterior = Posterior(np.array(log_odds), np.zeros(5), np.zeros(5), np.linspace(-1, 1, n), np.zeros((n, 3)))
-    result = Result(state, posterior, np.array([-2.0, -1.0]), True)
+    result = MixtureFit(state, posterior, np.array([-2.0, -1.0]), True)
     return audit_from_mixture(data, result, SHARE, IDS, settings)
 
 

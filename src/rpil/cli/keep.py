@@ -30,6 +30,7 @@ from rpil.cli.outputs import lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
+from rpil.data.held import holding
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 )
 @click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
 @with_judge_options
+@holding()
 def keep(
     file: str,
     output: str | None,

@@ -61,9 +61,9 @@ def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
 def main(ctx: click.Context, /) -> None:
     """Find out which demonstrations are unlike the others, or bad, and learn a policy from the rest.
 
-    FILE holds demonstrations as .parquet, .csv or .npz: one row per step, with columns such as episode_index, action
-    and observation.*. It can also be a folder of .parquet or .csv files, or the address of one, larger than the memory.
-    rpil info FILE tells how it is read.
+    FILE holds demonstrations: a table (.parquet, .csv) with one row per step and columns such as episode_index, action
+    and observation.*, arrays (.npz, .hdf5, Zarr), a folder of tables, or data of LeRobot, robomimic and others. It may
+    be larger than the memory. rpil info FILE tells how it is read.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

@@ -20,8 +20,11 @@ _open: ContextVar[tuple[ExitStack, dict[tuple[str, object], object]] | None] = C
 
 @contextmanager
 def holding() -> Iterator[None]:
-    """Within the block, what `held` opens stays open until the end of the outermost such block."""
-    if _open.get() is not None:
+    """Within the block, what `held` opens stays open until the end of the outermost such block.
+
+    Nothing does where an open file cannot be replaced, as on Windows.
+    """
+    if _open.get() is not None or os.name != "posix":
         yield
         return
     with ExitStack() as stack:

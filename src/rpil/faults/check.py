@@ -30,6 +30,7 @@ FAULT_SETTINGS = FaultSettings()
 """The default."""
 
 CODES = "no {} measures something: they are constant, codes or pixels"
+HELD = ("frozen sensor", "frozen action", "saturation")
 NEEDS: dict[str, Callable[[Evidence], str | None]] = {
     "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
     "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
@@ -91,9 +92,11 @@ def find_faults(
         for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
             if comparison.rule not in why:
                 found += comparison.findings(ids)
-                silent = unknown.get(comparison.rule, comparison.names)
-                unknown[comparison.rule] = tuple(name for name in silent if name in comparison.unknown)
-                known[comparison.rule] |= len(comparison.unknown) < len(comparison.names)
+                silent = comparison.unknown
+                unknown[comparison.rule] = tuple(
+                    n for n in unknown.get(comparison.rule, comparison.names) if n in silent
+                )
+                known[comparison.rule] |= len(silent) < len(comparison.names)
         why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
         usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
@@ -117,16 +120,18 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     for f in sorted(found, key=lambda f: -f.severity):
         worst.setdefault((f.rule, f.id), f)
     found = list(worst.values())
-    held = [f for f in found if f.rule in ("frozen sensor", "frozen action", "saturation")]
+    held = [f for f in found if f.rule in HELD]
     ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
     meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
     remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
     timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
+    longer = {f.id for f in found if f.rule == "length" and f.value == f.last + 1 and f.value > f.threshold}
     return [
         f
         for f in found
         if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
         and not (f.rule == "length" and f.id in timed)
+        and not (f.rule in (*HELD, "spike", "jump") and f.id in longer)
         and not ("map" in RULES[f.rule].needs and f.id in remade)
     ]
 

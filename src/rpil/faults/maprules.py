@@ -12,6 +12,7 @@ from rpil.numerics.types import Array
 TRIED = {
     "sign": ("sign",),
     "exchanged": ("exchanged",),
+    "offset": ("offset",),
     "shifted action": ("actions late", "actions early"),
     "reversed": ("reversed",),
     "frame rate": ("frame rate",),
@@ -21,6 +22,7 @@ TRIED = {
 SENTENCES = {
     "sign": "{} has the other sign",
     "exchanged": "{} are exchanged",
+    "offset": "{} is off by a constant: perhaps its zero has moved",
     "actions late": "the actions are one step late",
     "actions early": "the actions are one step early",
     "reversed": "time is reversed: it runs backwards",
@@ -33,18 +35,21 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
     namer, by = seen.learned.namer, seen.measured
     if namer is None:
         return
-    tried, names = namer.tried, np.array(seen.columns.names)[namer.frame.column]
+    tried, every = namer.tried, np.array(seen.columns.names)
+    names, outside = every[namer.frame.column], np.delete(every, namer.frame.column)
     for rule, kinds in TRIED.items():
         own = np.flatnonzero(np.isin(tried.kind, kinds))
-        called = tuple(" and ".join(names[c[c >= 0]]) for c in tried.columns[own])
-        limit = np.where(np.isnan(namer.limit[own]), np.inf, namer.limit[own])
-        value = np.where(by.named[:, None] == own, by.gain[:, None], 0.0)
+        more = outside if tried.columns[own[0], 0] >= 0 else outside[:0]
+        called = (*(" and ".join(names[c[c >= 0]]) for c in tried.columns[own]), *more)
+        limit = np.append(np.nan_to_num(namer.limit[own], nan=np.inf), np.full(len(more), np.inf))
+        if tried.columns[own[0], 0] < 0:  # a rule that knows one direction would miss the other
+            limit[:] = np.where(np.isinf(limit).any(), np.inf, limit)
+        value = np.pad(np.where(by.named[:, None] == own, by.gain[:, None], 0.0), ((0, 0), (0, len(more))))
 
         def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
             return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
 
-        if len(own):
-            yield Comparison.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+        yield Comparison.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
 def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
@@ -88,7 +93,8 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     usual = np.median(ranges, axis=0)
     still = ranges <= s.least_range * usual
     low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
-    is_known = (still.mean(axis=0) < 0.25) & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+    few = still.sum(axis=0) <= min(max(4, 0.1 * len(still)), 0.25 * len(still))  # otherwise it is usual
+    is_known = few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
     yield Comparison.above(
         "never moves",
         names,

@@ -26,8 +26,14 @@ WIDTH = 3
 FLOOR = 1e-7
 """Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
 
-OF_ROWS = ("reversed", "frame rate", "actions late", "actions early")
-"""Faults of all columns."""
+OF_ROWS = {
+    "reversed": "reversed",
+    "frame rate": "doubled rate",
+    "doubled rate": "frame rate",
+    "actions late": "actions early",
+    "actions early": "actions late",
+}
+"""Faults of all columns, and those whose undoing makes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +47,7 @@ class Frame:
     n_states : int
     lag : int
         Steps after which the states follow the actions.
-    spread : (C,) array
+    centre, spread : (C,) arrays
     rows : int
         Windows of a demonstration that are looked at, at most.
     """
@@ -49,6 +55,7 @@ class Frame:
     column: Int[Array, " C"]
     n_states: int
     lag: int
+    centre: Float[Array, " C"]
     spread: Float[Array, " C"]
     rows: int
 
@@ -97,6 +104,12 @@ def misfit(maps: Float[Array, "K D"], moments: Float[Array, "D D"]) -> Float[Arr
     return np.asarray(((maps @ moments) * maps).sum(axis=1) + FLOOR)
 
 
+def others(fold: Int[Array, " M"], own: int, among: Array | bool = True) -> Array:
+    """The demonstrations of the other folds; all where there are none."""
+    rows = among & (fold != own)
+    return rows if rows.any() else fold >= 0
+
+
 def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Frame, s: FaultSettings) -> Array:
     """B for each fold of the demonstrations, of the others, (F, K, D).
 
@@ -104,7 +117,7 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Fram
     """
     n_folds, usual = int(fold.max()) + 1, np.ones(len(fold), dtype=bool)
     for _ in range(3):
-        own = [usual & (fold != f) if (usual & (fold != f)).any() else fold >= 0 for f in range(n_folds)]
+        own = [others(fold, f, usual) for f in range(n_folds)]
         maps = np.stack([maps_of(moments[rows].mean(axis=0), frame, s.map_ridge) for rows in own])
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
         off = (left - np.median(left, axis=0)).mean(axis=1)
@@ -116,32 +129,27 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Fram
     return maps * (np.median(np.exp(left), axis=0) < s.map_unknown * power)[:, None]
 
 
-def plant(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
-    """A demonstration with one of the faults `OF_ROWS`."""
-    if kind in ("reversed", "frame rate"):
+def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
+    """A demonstration without one of the faults `OF_ROWS`."""
+    if kind in ("reversed", "doubled rate"):
         return values[::-1] if kind == "reversed" else values[::2]
-    late = int(kind == "actions late")
+    if kind == "frame rate":
+        out = np.repeat(values, 2, axis=0)[:-1].astype(float)
+        out[1::2] = (values[1:] + values[:-1]) / 2
+        return out
+    late = int(kind == "actions early")
     states, actions = values[late : len(values) - 1 + late, :n_states], values[1 - late : len(values) - late, n_states:]
     return np.concatenate([states, actions], axis=1)
 
 
-def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
-    """A demonstration without it."""
-    if kind != "frame rate":
-        other = {"actions late": "actions early", "actions early": "actions late"}
-        return plant(other.get(kind, kind), values, n_states)
-    out = np.repeat(values, 2, axis=0)[:-1].astype(float)
-    out[1::2] = (values[1:] + values[:-1]) / 2
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """The faults that are tried, H of them, linear ones first: `columns` are positions in the frame, -1 where none is
-    meant."""
+    """The faults that are tried, H of them: `n_linear` signs and exchanged columns, `OF_ROWS`, and offsets. `columns`
+    are positions in the frame, -1 where none is meant."""
 
     kind: Array
     columns: Int[Array, "H 2"]
+    n_linear: int
 
     @classmethod
     def of(cls, frame: Frame) -> Tried:
@@ -149,12 +157,12 @@ class Tried:
         width, n = len(frame.column), frame.n_states
         pairs = [(i, j) for low, high in ((0, n), (n, width)) for i in range(low, high) for j in range(i + 1, high)]
         alone = [(c, -1) for c in range(width)]
-        kind = ["sign"] * width + ["exchanged"] * len(pairs) + list(OF_ROWS)
-        return cls(np.array(kind), np.array(alone + pairs + [(-1, -1)] * len(OF_ROWS)))
+        kind = ["sign"] * width + ["exchanged"] * len(pairs) + list(OF_ROWS) + ["offset"] * width
+        return cls(np.array(kind), np.array(alone + pairs + [(-1, -1)] * len(OF_ROWS) + alone), len(alone + pairs))
 
     def changes(self, maps: Float[Array, "K D"], frame: Frame) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
         """How undoing the linear faults, Q of them, changes B, and at which entries of a window."""
-        at, first = frame.places(), self.columns[: -len(OF_ROWS), 0]
+        at, first = frame.places(), self.columns[: self.n_linear, 0]
         second = np.where(self.columns[: len(first), 1] < 0, first, self.columns[: len(first), 1])
         own, other = maps[:, at[first]], maps[:, at[second]]
         ratio = (frame.spread[first] / frame.spread[second])[:, None]
@@ -164,7 +172,7 @@ class Tried:
 
 
 def gains(values: Float[Array, "T C"], moments: Array, maps: Array, frame: Frame, tried: Tried) -> Float[Array, " H"]:
-    """What undoing each fault gains in a demonstration."""
+    """What undoing each fault but offsets gains in a demonstration."""
     change, place = tried.changes(maps, frame)
     seen, left = maps @ moments, misfit(maps, moments)
     first = (change * seen[:, place].transpose(1, 0, 2)).sum(axis=2)
@@ -177,3 +185,13 @@ def left_over(values: Float[Array, "T C"], maps: Array, frame: Frame, before: Fl
     """What a demonstration gains over mean squares `before`, 0 where it is too short."""
     moments = frame.moments(values)
     return 0.0 if moments is None else float(np.log(before / misfit(maps, moments)).sum() / 2)
+
+
+def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], frame: Frame) -> Float[Array, " K"]:
+    """What the maps leave over of the mean of a demonstration."""
+    return np.asarray(per_column(maps, frame) @ ((values.mean(axis=0) - frame.centre) / frame.spread))
+
+
+def per_column(maps: Float[Array, "... K D"], frame: Frame) -> Float[Array, "... K C"]:
+    """What the maps leave over of a constant in a column."""
+    return np.asarray(maps[..., frame.places()].sum(axis=-1))

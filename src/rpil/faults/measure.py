@@ -147,6 +147,8 @@ def _spikes_and_jumps(change: Array, size: Array, offsets: Array) -> tuple[Array
     around = np.zeros_like(size)  # of the changes before and after that to a step
     np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
     jump = np.where(2.0 * around < size, size - around, 0.0)
+    jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
+    jump[:, offsets[1:] - 1] = 0.0
     spike = np.zeros_like(size)
     np.minimum(size[:, 1:-2], size[:, 2:-1], out=spike[:, 1:-2])
     spike[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0

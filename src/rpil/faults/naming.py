@@ -1,21 +1,54 @@
 """Which fault, when undone, makes a demonstration fit the maps of the others: limits from a sample, then each block.
 
-For a linear fault, the gain of undoing it where it is follows from the gain of undoing it where it is not; the others
-are planted into the sample. Where the two gains overlap, that fault of that column is not known.
+What undoing a fault gains in the demonstrations as they are tells from where on a gain is unusual. Undoing a fault
+where it is not loses what undoing it gains where it is: so it is known, without planting it, whether it would be found.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.data.demonstrations import Block
 from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag
-from rpil.faults.maps import OF_ROWS, Frame, Tried, fit_maps, gains, left_over, misfit, plant, undo
+from rpil.faults.maps import FLOOR, OF_ROWS, Frame, Tried, fit_maps, gains, levels, misfit, others, per_column
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
+
+EXPLAINED, CONSTANT = 2.0, 1.1
+"""Times what undoing a fault gains that may be unusual before: it explains at least half, and an offset nine tenths."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What the maps leave over of the means of demonstrations: its centre and variance, (K,), and from where on the
+    sum of squares is unusual. A constant that is added to a column changes nothing else."""
+
+    centre: Float[Array, " K"]
+    variance: Float[Array, " K"]
+    rest: float = np.inf
+
+    @classmethod
+    def of(cls, levels: Float[Array, "M K"], s: FaultSettings) -> Level:
+        """From those of a sample."""
+        centre = np.median(levels, axis=0)
+        variance = np.median((levels - centre) ** 2, axis=0) / 0.455 + FLOOR
+        plain = cls(centre, variance)
+        return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), s.map_rest)))
+
+    def excess(self, level: Float[Array, " K"]) -> float:
+        return float(((level - self.centre) ** 2 / self.variance).sum() / 2)
+
+    def gains(self, level: Float[Array, " K"], column: Float[Array, "K C"]) -> Float[Array, " C"]:
+        """What taking the best constant off each column gains, with `per_column`."""
+        along = column.T @ ((level - self.centre) / self.variance)
+        return np.asarray(along**2 / (2.0 * self.power(column)))
+
+    def power(self, column: Float[Array, "K C"]) -> Float[Array, " C"]:
+        """Twice what a constant of one standard deviation gains."""
+        return np.asarray((column**2 / self.variance[:, None]).sum(axis=0) + FLOOR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +61,25 @@ class Namer:
         `fit_maps`.
     usual : (K,) array
         Mean squares.
-    limit, rest : (H,) arrays
-        Gain from which a fault is named, NaN where nothing is known; and what may be left over beyond the usual then.
+    reach : (F, C) array
+        Variances up to which the maps are known.
+    level : Level
+    limit : (H,) array
+        Gain from which a fault is named, NaN where nothing is known.
+    rest : float
+        What a demonstration leaves over beyond the usual, from which on that is unusual.
     screen : float
-        What a demonstration leaves over beyond the usual, from which on faults are tried.
+        The same, from which on faults other than offsets are tried.
     """
 
     frame: Frame
     tried: Tried
     maps: Float[Array, "F K D"]
     usual: Float[Array, " K"]
+    reach: Float[Array, "F C"]
+    level: Level
     limit: Float[Array, " H"]
-    rest: Float[Array, " H"]
+    rest: float
     screen: float
 
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
@@ -47,13 +87,27 @@ class Namer:
         maps, moments = self.maps[number % len(self.maps)], self.frame.moments(values)
         if moments is None:
             return -1, 0.0
+        gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.frame.column)
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
-        if excess <= self.screen:
-            return -1, 0.0
-        gain = gains(values, moments, maps, self.frame, self.tried)
-        gain = np.where((gain > self.limit) & (excess - gain <= self.rest), gain, 0.0)
+        within = self._within(moments, self.reach[number % len(self.maps)])
+        if excess > self.screen:
+            gain[:n] = gains(values, moments, maps, self.frame, self.tried)
+            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED) & within[:n]
+        if not gain.any() and excess <= self.rest and within[n]:  # an offset changes the level alone
+            level = levels(values, maps, self.frame)
+            off = self.level.gains(level, per_column(maps, self.frame))
+            gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
         best = int(np.argmax(gain))
         return (best, float(gain[best])) if gain[best] > 0 else (-1, 0.0)
+
+    def _within(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> Array:
+        """Whether no column, once a fault is undone, moves farther than where the maps are known, (H,)."""
+        wide = moments.diagonal()[self.frame.places()[:, 1]] * self.frame.spread**2
+        first, second = self.tried.columns.T
+        second, far = np.where(second < 0, first, second), wide > reach
+        own = far[first].astype(int) + np.where(first == second, 0, far[second])
+        after = (wide[first] > reach[second]) | (wide[second] > reach[first])
+        return np.asarray(np.where(first < 0, ~far.any(), (far.sum() == own) & ~after))
 
 
 def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:
@@ -76,71 +130,57 @@ def learn(
     own = np.concatenate([np.sort(state), np.sort(action)])
     values = columns.of(sample)[own]
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
-    spread, best = values.std(axis=1), None
+    centre, spread = np.median(values, axis=1), values.std(axis=1)
+    found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):
-        frame = Frame(own, len(state), steps, np.where(spread > 0, spread, 1.0), s.map_rows)
-        seen = [frame.moments(x) for x in rows]
-        kept = [m for m, g in enumerate(seen) if g is not None]
-        if len(kept) < s.min_demonstrations:
-            continue
-        fold = numbers[kept] % s.map_folds
-        moments = np.stack([g for g in seen if g is not None])
-        maps = fit_maps(moments, fold, frame, s)
-        left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
-        apart = _apart([rows[m] for m in kept[:: -(-len(kept) // s.lag_sample)]], maps[0], frame)
-        if best is None or apart > best[0]:
-            best = apart, frame, maps, left, kept
-    if best is None or not best[2].any():
+        frame = Frame(own, len(state), steps, centre, np.where(spread > 0, spread, 1.0), s.map_rows)
+        namer = _namer(rows, numbers, frame, n_all, s)
+        found += [] if namer is None else [namer]
+    return max(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _namer(rows: list[Array], numbers: Array, frame: Frame, n_all: int, s: FaultSettings) -> tuple[float, Namer] | None:
+    """How much faults of all columns would be seen with a frame, and what names them; None where no map tells
+    anything."""
+    seen = [frame.moments(x) for x in rows]
+    kept = [m for m, g in enumerate(seen) if g is not None]
+    if len(kept) < s.min_demonstrations:
         return None
-    _, frame, maps, left, kept = best
+    fold, moments = numbers[kept] % s.map_folds, np.stack([g for g in seen if g is not None])
+    maps = fit_maps(moments, fold, frame, s)
+    if not maps.any():
+        return None
+    left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
     usual = np.median(left, axis=0)
     excess = (left - usual).sum(axis=1) / 2
     share = max(1.0 - s.map_tested / n_all, 0.0)
-    screen = float(np.quantile(excess, share)) if share else -np.inf
-    chosen = np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
-    tried, sampled = Tried.of(frame), [kept[k] for k in chosen]
-    clean, planted, rest = _gains([rows[m] for m in sampled], maps[numbers[sampled] % s.map_folds], frame, tried, usual)
-    return Namer(frame, tried, maps, np.exp(usual), _limits(clean, planted, s), _above(rest, s), screen)
+    tried, some = Tried.of(frame), np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
+    gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], frame, tried) for k in some])
+    offs = np.array([levels(rows[m], maps[f], frame) for m, f in zip(kept, fold, strict=True)])
+    level, column = Level.of(offs, s), per_column(maps, frame)
+    off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
+    rest, screen = float(_above(excess, s.map_rest)), float(np.quantile(excess, share)) if share else -np.inf
+    limit = np.maximum(_above(gain, s.map_tail), s.least_gain)
+    middle = frame.places()[:, 1]
+    reach = [
+        s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * frame.spread**2 for f in range(len(maps))
+    ]
+    limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
+    usual_ones = excess[some] <= np.quantile(excess, s.map_usual)
+    power = np.append(_planted(gain[usual_ones], s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
+    known = np.where(power > limit, limit, np.nan)
+    apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
+    return apart, Namer(frame, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)
 
 
-def _apart(rows: list[Array], maps: Array, frame: Frame) -> float:
-    """How far apart the gains of undoing faults of all columns are, without and with the fault."""
-    clean, planted, _ = _gains(rows, np.broadcast_to(maps, (len(rows), *maps.shape)), frame, Tried.of(frame), 0.0)
-    return float((np.median(planted, axis=0) - np.median(clean, axis=0))[-len(OF_ROWS) :].sum())
+def _planted(gain: Float[Array, "M H"], s: FaultSettings) -> Float[Array, " H"]:
+    """What undoing each fault would gain at least in most demonstrations: what making it loses."""
+    lost, n = -np.quantile(gain, s.map_power, axis=0), gain.shape[1] - len(OF_ROWS)
+    rows = list(OF_ROWS)
+    return np.append(lost[:n], [lost[n + rows.index(opposite)] for opposite in OF_ROWS.values()])
 
 
-def _gains(rows: list[Array], maps: Array, frame: Frame, tried: Tried, usual: Array | float) -> tuple[Array, ...]:
-    """Gains of undoing each fault in demonstrations without, and with it, and what is left over then, (M, H)."""
-    clean, planted, rest = [], [], []
-    for x, own in zip(rows, maps, strict=True):
-        moments = frame.moments(x)
-        assert moments is not None
-        gain = gains(x, moments, own, frame, tried)
-        with_fault, excess = -gain, np.full(len(gain), (np.log(misfit(own, moments)) - usual).sum() / 2)
-        for h, kind in enumerate(OF_ROWS, start=len(gain) - len(OF_ROWS)):
-            changed = plant(kind, x, frame.n_states)
-            other = frame.moments(changed)
-            if other is not None:
-                before = misfit(own, other)
-                with_fault[h] = left_over(undo(kind, changed, frame.n_states), own, frame, before)
-                excess[h] = (np.log(before) - usual).sum() / 2 - with_fault[h]
-        clean.append(gain)
-        planted.append(with_fault)
-        rest.append(excess)
-    return np.array(clean), np.array(planted), np.array(rest)
-
-
-def _above(rest: Array, s: FaultSettings) -> Array:
-    """From where on what is left over is unusual (Tukey 1977)."""
-    low, high = np.quantile(rest, [0.25, 0.75], axis=0)
-    return np.asarray(high + s.map_rest * (high - low))
-
-
-def _limits(clean: Array, planted: Array, s: FaultSettings) -> Array:
-    """Between the gains without and with a fault, as far from both in their spreads; NaN where they overlap."""
-    below, middle = np.quantile(clean, [0.75, 0.5], axis=0), np.median(planted, axis=0)
-    wide = below[0] - below[1], middle - np.quantile(planted, 0.25, axis=0)
-    limit = (below[1] * wide[1] + middle * wide[0]) / np.maximum(wide[0] + wide[1], 1e-9)
-    limit = np.maximum(limit, s.least_gain)
-    is_known = (below[1] + s.map_tail * wide[0] < limit) & (middle - s.map_tail * wide[1] > limit)
-    return np.asarray(np.where(is_known, limit, np.nan))
+def _above(values: Array, tail: float) -> Array:
+    """From where on values of demonstrations are unusual, above most of them."""
+    middle, high = np.quantile(values, [0.5, 0.75], axis=0)
+    return np.asarray(high + tail * (high - middle))

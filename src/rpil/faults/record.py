@@ -57,6 +57,7 @@ RULES = {
     "lag": Rule("the state follows the action sooner or later than elsewhere", ("lag", "several"), LAGS_DIFFER),
     "sign": Rule("a column has the other sign", MAPS, UNTOLD),
     "exchanged": Rule("two columns are exchanged", MAPS, UNTOLD),
+    "offset": Rule("a constant is added to a column", MAPS, UNTOLD),
     "shifted action": Rule("the actions are one step early or late", MAPS, UNTOLD),
     "reversed": Rule("time runs backwards", MAPS, UNTOLD),
     "frame rate": Rule("it has half the frame rate of the others", MAPS, UNTOLD),

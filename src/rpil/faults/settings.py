@@ -46,7 +46,8 @@ class FaultSettings:
     min_frozen : int
         Steps. Shorter runs of one value are no fault.
     least_moving : float
-        Share of the steps in motion in which a column changes, from which its leaps are looked at.
+        Share of the steps in motion in which a column changes, from which its leaps are looked at: what is
+        touched leaps out of rest. benchmarks/faults.py.
     min_moving : float
         Share of the steps in motion in which a column changes, from which it may be frozen: a gripper, a switch or a
         controller that is on or off rests for long.
@@ -86,13 +87,21 @@ class FaultSettings:
     map_trim, map_unknown : float, float
         Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
         nothing.
-    lag_sample, map_sample, map_tail, map_rest : int, int, float, float
-        Demonstrations that choose the lag of the map, and in which faults are planted, and quartile distances by which
-        gains with and without must differ, and beyond which what is left over is unusual.
+    map_sample, map_tail, map_rest : int, float, float
+        Demonstrations in which faults are tried to learn the gains where there is none, and distances of the upper
+        quartile from the median beyond which a gain, and what is left over, are unusual. benchmarks/faults.py.
     map_tested : int
         Demonstrations, about, those with the most misfit, in which faults are tried at most.
-    least_gain : float
-        Logarithm of likelihood for each step that undoing a fault gains at least. benchmarks/faults.py.
+    map_usual, map_power : float, float
+        Share of the sample, that with the least misfit, and share of that in which a fault would be named, from which
+        on its rule is one that knows. benchmarks/faults.py.
+    map_reach : float
+        Times the variance of a column in the others, up to which the maps are known. benchmarks/faults.py.
+    least_gain, offset_gain : float
+        Logarithm of likelihood that undoing a fault, and an offset, gains at least: the second is that of seven
+        standard deviations between demonstrations. benchmarks/faults.py.
+    least_offset : float
+        Standard deviations of a column from which on an offset shall be named.
     length_factor : float
         Times the usual length, or its inverse. benchmarks/faults.py.
     scale_factor : float
@@ -120,17 +129,17 @@ class FaultSettings:
     pilot_steps: int = 50_000
     min_distinct: int = 20
     max_columns: int = 1_000
-    fence: float = 2.0
-    max_spread: float = 5.0
-    spike_factor: float = 2.5
-    jump_factor: float = 2.5
+    fence: float = 3.0
+    max_spread: float = 8.0
+    spike_factor: float = 1.75
+    jump_factor: float = 1.75
     smallest: float = 0.5
     change_factor: float = 1.5
     smallest_leap: float = 0.1
     frozen_factor: float = 2.5
     smallest_run: float = 2.0
     min_frozen: int = 12
-    least_moving: float = 0.1
+    least_moving: float = 0.25
     min_moving: float = 0.5
     frame_gap: float = 0.5
     repeat_motion: float = 0.5
@@ -154,14 +163,18 @@ class FaultSettings:
     map_ridge: float = 1e-4
     map_trim: float = 0.7
     map_unknown: float = 0.8
-    lag_sample: int = 6
     map_sample: int = 40
     map_tail: float = 2.5
-    map_rest: float = 1.5
+    map_rest: float = 3.0
+    map_usual: float = 0.85
+    map_power: float = 0.85
+    map_reach: float = 16.0
+    offset_gain: float = 25.0
+    least_offset: float = 0.5
     map_tested: int = 200
     least_gain: float = 1.0
     length_factor: float = 2.0
-    scale_factor: float = 8.0
+    scale_factor: float = 12.0
     near_share: float = 0.005
     near_duplicate: tuple[float, float] = (0.02, 0.2)
     least_range: float = 0.005

@@ -195,19 +195,6 @@ def keep(
     find(path).keep(output, ids, options, trims)
 
 
-def write_mask(path: StrPath, ids: Sequence[Id]) -> None:
-    """List some demonstrations in the file itself, under ``mask/rpil_kept``; errors are those of `keep`."""
-    find(path).mask(ids)
-
-
-def commands_to_keep(path: StrPath, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
-
-    `output` is the file or folder to which `keep` wrote these: a JSON file stands for lists too long to be read.
-    """
-    return find(path).commands_to_keep(ids, kept, output)
-
-
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:
     """Write demonstrations to a .parquet, .csv or .npz file, which is whole or not there.
 

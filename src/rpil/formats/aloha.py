@@ -6,9 +6,8 @@ import csv
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from rpil.data.names import natural_key
 from rpil.formats import d4rl, hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import Part, from_parts
+from rpil.formats.parts import Closed, Part, from_parts
 from rpil.formats.recording import Recording
 
 LINK_TABLE = "kept.csv"
@@ -60,7 +59,7 @@ def _read_part(name: str, path: Path) -> tuple[Part, tuple[str, ...]]:
         d4rl.check_one(file, path.name)
         found = hdf5.contents(file)
         arrays = {
-            column: _InFile(path, column, array.shape, array.dtype, array.chunks)
+            column: Closed(array.shape, array.dtype, partial(_rows, path, column), array.chunks)
             for column, array in found.arrays.items()
         }
         notes = ("Recorded in a simulation.",) if np.any(file.attrs.get("sim", False)) else ()
@@ -103,22 +102,13 @@ def _files(path: Path) -> dict[str, Path]:
     return {file.stem: file for file in sorted(found, key=lambda file: natural_key(file.name))}
 
 
-@dataclass(frozen=True, eq=False)
-class _InFile:
-    """An array in a file that is closed, because there may be more files than a process may have open."""
-
-    path: Path
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    chunks: tuple[int, ...] | None
-
-    def __getitem__(self, rows: slice) -> object:
-        with hdf5.opened(self.path) as file:
-            array = hdf5.array_at(file, self.name)
-            if array is None:
-                raise DataError(f"{self.path.name}: it has changed while it was read; read it again.")
-            return array[rows]
+def _rows(path: Path, name: str, rows: slice) -> object:
+    """Some rows of an array in a file."""
+    with hdf5.opened(path) as file:
+        array = hdf5.array_at(file, name)
+        if array is None:
+            raise DataError(f"{path.name}: it has changed while it was read; read it again.")
+        return array[rows]
 
 
 FORMAT = Format(

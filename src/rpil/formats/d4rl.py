@@ -17,7 +17,7 @@ from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import NUMBERED, Part, Stored, from_parts
+from rpil.formats.parts import NUMBERED, Part, StoredArray, from_parts
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
@@ -37,7 +37,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     """Read the arrays that have a value for each action, and split them into demonstrations."""
     with hdf5.opened(path) as file:
         found = hdf5.contents(file)
-        arrays: dict[str, Stored] = dict(found.arrays)
+        arrays: dict[str, StoredArray] = dict(found.arrays)
         column, notes = options.id, found.notes
         if column is None:
             column, ids, note = _ids(file, path.name)

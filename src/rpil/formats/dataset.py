@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data.arrays import ActionKind, Id, Indices, check_finite
+from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.memory import check_memory
 from rpil.formats.layout import Layout
@@ -148,28 +148,16 @@ class Dataset(DemonstrationSet):
         """
         chosen = np.atleast_1d(np.arange(len(self))[indices])
         order = np.unique(chosen)
+        check_any(len(order), self.source)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source)
-        observations, actions = self.layout.empty(int(offsets[-1]))
-        # Runs of consecutive demonstrations: their first and last rows, and the first row of each in the result.
-        heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
-        begins = self.offsets[order[heads]]
-        ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
-        demonstration_of = self._shard([0, len(self)]).demonstration_of
-        for start, end in self.rows.runs:
-            runs = np.flatnonzero((begins < end) & (ends > start)).tolist()
-            if not runs:
-                continue
-            first, last = max(int(begins[runs[0]]), start), min(int(ends[runs[-1]]), end)
-            for row, table, at in self.rows.tables(first, last, self.layout.columns, demonstration_of):
-                for r in runs:
-                    a, b = max(int(begins[r]) - row, 0), min(int(ends[r]) - row, len(table))
-                    if a < b:
-                        shift = int(offsets[heads[r]] - begins[r]) + row
-                        rows = slice(shift + a, shift + b)
-                        self.layout.fill(observations[rows], actions[rows], table.slice(a, b - a), shifted(at, a))
         ids = tuple(self.ids[m] for m in order.tolist())
+        # Runs of consecutive demonstrations: their first rows, and those after their last.
+        heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
+        ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
+        rows = self.rows.chosen(np.stack([self.offsets[order[heads]], ends], axis=1))
+        (block,) = Shard(rows, self.layout, (0, len(order)), offsets, ids)
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names
-        selected = Demonstrations(observations, actions, offsets, ids, *names)
+        selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))

@@ -13,7 +13,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import without_suffix
 from rpil.formats.format import Format, check_found
 from rpil.formats.recording import Recording
-from rpil.formats.store import find_files
+from rpil.formats.store import find_files, has_parquet
 
 
 def read(path: StrPath, options: ColumnOptions) -> Recording:
@@ -25,8 +25,8 @@ def read(path: StrPath, options: ColumnOptions) -> Recording:
         raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     if not parquet_files:
         return csv.read_folder([Path(file) for file in text_files], options, source)
-    recording = parquet.read_files(filesystem, parquet_files, options, source)
-    return recording.with_ignored_files(text_files)
+    beside = {Path(file).name: "a text table beside Parquet files" for file in text_files}
+    return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
 
 
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:
@@ -66,11 +66,6 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
         check_found(wanted, found, path)
 
 
-def holds_parquet(path: StrPath) -> bool:
-    """Whether there are Parquet files, which stay on disk where they are many."""
-    return bool(find_files(path)[1])
-
-
 FORMAT = Format(
-    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, stays_on_disk=holds_parquet
+    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, stays_on_disk=has_parquet
 )

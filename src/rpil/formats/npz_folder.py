@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcom
 from rpil.data.npy import opened_npz
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import Part, from_parts
+from rpil.formats.parts import Closed, Part, from_parts
 from rpil.formats.recording import Recording
 from rpil.formats.store import find_files
 from rpil.numerics.types import Array
@@ -83,7 +83,7 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
     """The demonstration in one file, whose one array of actions says how many steps it has."""
     where = f"{file.parent.name}/{file.name}"
     with opened_npz(file, where, _TAKE_OUT) as stored:
-        arrays = {name: _InFile(file, where, name, *stored.declared(name)) for name in stored.names}
+        arrays = {name: Closed(*stored.declared(name), partial(_rows, file, where, name)) for name in stored.names}
     actions = [array for array in arrays if plain_name(array) in ACTION and arrays[array].shape]
     actions += [array for array in arrays if ACTION_COLUMNS[1][0].fullmatch(plain_name(array)) and arrays[array].shape]
     if not actions:
@@ -91,7 +91,8 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
     n_steps = arrays[actions[0]].shape[0]
     if several := [one for one in arrays if plain_name(one) in EPISODE and arrays[one].shape[:1] == (n_steps,)]:
         raise DataError(f"{where}: {several[0]!r} says that it holds several demonstrations; give its path alone.")
-    single = {one: array[:].reshape(-1)[0] for one, array in arrays.items() if may_be_outcome(one) and array.is_single}
+    singles = (one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf")
+    single = {one: np.asarray(arrays[one][:]).reshape(-1)[0] for one in singles if may_be_outcome(one)}
     said = {one: value for one, value in _said(about).items() if one not in single} if about else {}
     whole: dict[str, Id | float] = {_EPISODE_FILE: name, **said, **{one: value.item() for one, value in single.items()}}
     return Part(n_steps, {one: array for one, array in arrays.items() if one not in whole}, whole)
@@ -111,25 +112,11 @@ def _said(about: Path) -> dict[str, str | float]:
     return {**tasks, **{name: float(value) for name, value in ends.items()}}
 
 
-@dataclass(frozen=True, eq=False)
-class _InFile:
-    """An array in a file that is closed, because there may be more files than a process may have open."""
-
-    path: Path
-    where: str
-    member: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[np.generic]
-
-    @property
-    def is_single(self) -> bool:
-        """Whether it holds one number, for the demonstration as a whole."""
-        return self.shape in ((), (1,)) and self.dtype.kind in "biuf"
-
-    def __getitem__(self, rows: slice) -> Array:
-        with opened_npz(self.path, self.where, _TAKE_OUT) as stored:
-            values = stored.read([self.member])[self.member]
-        return values[rows] if values.ndim else values
+def _rows(file: Path, where: str, name: str, rows: slice) -> Array:
+    """Some rows of an array in a file."""
+    with opened_npz(file, where, _TAKE_OUT) as stored:
+        values = stored.read([name])[name]
+    return values[rows] if values.ndim else values
 
 
 FORMAT = Format(

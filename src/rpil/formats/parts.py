@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -41,7 +41,7 @@ _TEXTS_AT_ONCE = 1 << 16
 _COPIES_OF_TEXTS = 3  # as they are stored, in the table, and as they are kept
 
 
-class Stored(Protocol):
+class StoredArray(Protocol):
     """An array that need not be in memory, such as a data set of HDF5."""
 
     @property
@@ -54,6 +54,19 @@ class Stored(Protocol):
 
     def __getitem__(self, rows: slice, /) -> object:
         """Some of its rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """An array in a file that is closed, because there may be more files than a process may have open."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[slice], object]
+    chunks: tuple[int, ...] | None = None
+
+    def __getitem__(self, rows: slice, /) -> object:
+        return self.read(rows)
 
 
 @runtime_checkable
@@ -79,7 +92,7 @@ class Part:
     """
 
     n_steps: int
-    arrays: Mapping[str, Stored]
+    arrays: Mapping[str, StoredArray]
     about: Mapping[str, Id | float] = field(default_factory=dict)
 
     def has_steps(self, name: str) -> bool:
@@ -155,7 +168,7 @@ def _kinds(part: Part, source: str) -> dict[str, Kind]:
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
 
 
-def _kind(array: Stored) -> Kind:
+def _kind(array: StoredArray) -> Kind:
     kind, shape = array.dtype.kind, array.shape
     if kind in "SUT":
         return "text" if len(shape) == 1 else "nested"
@@ -200,7 +213,7 @@ def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> Non
             array.check()
 
 
-def _chunk_bytes(arrays: Sequence[Stored]) -> int:
+def _chunk_bytes(arrays: Sequence[StoredArray]) -> int:
     """Bytes of the largest chunk, which is decoded as a whole and may be larger than its array."""
     chunks = ((getattr(array, "chunks", None) or (0,), array.dtype.itemsize) for array in arrays)
     return max((math.prod(shape) * size for shape, size in chunks), default=0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -107,10 +106,6 @@ class Recording:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(self.description.source):
             return self.load()
-
-    def with_ignored_files(self, paths: Sequence[str]) -> Recording:
-        """The same, where files beside those of the recording are not read."""
-        return self.with_ignored({PurePosixPath(path).name: "a text table beside Parquet files" for path in paths})
 
     def with_ignored(self, names: Mapping[str, str]) -> Recording:
         """The same, where parts of the file that are no columns are not read for the reasons in `names`."""

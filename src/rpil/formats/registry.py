@@ -160,7 +160,10 @@ class Found:
             self.format.mask(Path(self.path), ids)
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-        """What to give the tool that wrote the data; see `rpil.formats.commands_to_keep`."""
+        """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
+
+        `output` is the file or folder to which `keep` wrote these: a JSON file stands for lists too long to be read.
+        """
         return self.format.commands_to_keep(Path(self.path), ids, kept, output)
 
 

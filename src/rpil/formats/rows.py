@@ -75,6 +75,8 @@ class TableRows:
         return [(0, len(self.table) if self.place is None else len(self.place))]
 
     def chosen(self, runs: Int[Array, "K 2"]) -> TableRows:
+        if runs.tolist() == [[*self.runs[0]]]:
+            return self
         rows = np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()])
         return replace(self, place=rows if self.place is None else self.place[rows])
 
@@ -134,9 +136,11 @@ class ChosenRows:
     def runs(self) -> list[tuple[int, int]]:
         return [(self._here(first), self._here(last)) for first, last in self.rows.runs]
 
-    def chosen(self, runs: Int[Array, "K 2"]) -> ChosenRows:
-        parts = [self._there(np.arange(begin, end)) for begin, end in runs.tolist()]
-        return ChosenRows(self.rows, np.array([[row, row + 1] for part in parts for row in part.tolist()]))
+    def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
+        there = self._there(np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()]))
+        heads = np.flatnonzero(np.diff(there, prepend=-2) != 1)
+        ends = there[np.append(heads[1:], len(there)) - 1] + 1
+        return self.rows.chosen(np.stack([there[heads], ends], axis=1))
 
     def between(self, first: int, last: int) -> ChosenRows:
         begin, end = self._there(np.array([first, last - 1])).tolist()

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.formats.parts import Stored
+from rpil.formats.parts import StoredArray
 from rpil.numerics.types import Array
 
 NOTE = "There is no array action: an action is the move of pose and gripper to the next step, none at the last step."
@@ -19,7 +19,7 @@ WHOLE = re.compile(r"robot\d+_demo_(?:start|end)_pose")
 _POSE = re.compile(r"robot\d+_(?:eef_pos|eef_rot_axis_angle|gripper_width)")
 
 
-def moves(arrays: Mapping[str, Stored], ends: Array, source: str) -> dict[str, Array]:
+def moves(arrays: Mapping[str, StoredArray], ends: Array, source: str) -> dict[str, Array]:
     """The action (N, K) by name, of each array (N, K) of poses; ``ends`` (M,) are where demonstrations end.
 
     A position and a width move by their difference, in the units of the file; an orientation, as a rotation vector, by

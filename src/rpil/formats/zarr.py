@@ -25,7 +25,7 @@ from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import NUMBERED, Part, Stored, from_parts, without_steps
+from rpil.formats.parts import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.recording import Recording
 from rpil.formats.zarr_array import ZarrArray
 from rpil.formats.zarr_files import Files
@@ -83,7 +83,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
                 f"can be read is in data ({listed(closed) or 'nothing is there'}); copy the data as well."
             )
         whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
-        steps: dict[str, Stored] = {name: array for name, array in arrays.items() if name not in whole}
+        steps: dict[str, StoredArray] = {name: array for name, array in arrays.items() if name not in whole}
         actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
         empty = np.flatnonzero(np.diff(ends, prepend=0) == 0).tolist()
         notes = (*([umi.NOTE] if actions else []), *without_steps(empty))

@@ -25,7 +25,7 @@ STREAMS = {"zlib": "gzip", "gzip": "gzip", "bz2": "bz2", "zstd": "zstd"}
 _NUMERIC = ("delta", "fixedscaleoffset", "quantize")
 _CODECS = (*STREAMS, "blosc", "lz4", "shuffle", *_NUMERIC, "crc32", "crc32c", "adler32", "fletcher32")
 _IMAGE_CODECS = "imagecodecs_"
-_TEXTS = ("vlen-utf8", "vlen-bytes")
+_TEXT_CODECS = ("vlen-utf8", "vlen-bytes")
 _TEXT_TYPES = ("string", "bytes", "variable_length_bytes")  # of format 3
 _DTYPE = re.compile(r"[<>|]?(?:[biufcSU]\d{1,6}|[mM]8(?:\[\d{0,9}[a-zA-Z]{1,2}\])?)")
 _TYPE_NAME = re.compile(r"bool|u?int(?:8|16|32|64)|float(?:16|32|64)|complex(?:64|128)")
@@ -127,7 +127,7 @@ def _parse_2(about: Options, where: str) -> Header:
     codecs = [*(about.get("filters") or ()), *([about["compressor"]] if about.get("compressor") else ())]
     names = [_checked(codec, where) for codec in codecs]
     # Until zarr 3.1 texts of one length were stored like others.
-    is_text = bool(names) and names[0] in _TEXTS and _is_text(about["dtype"])
+    is_text = bool(names) and names[0] in _TEXT_CODECS and _is_text(about["dtype"])
     dtype = _text_type() if is_text else _dtype(about["dtype"], where)
     coding = Coding(dtype, _axes(about.get("order", "C"), len(shape)), tuple(codecs[is_text:]))
     _check_text(names[is_text:], where)
@@ -167,14 +167,14 @@ def _parse_3(about: Options, where: str) -> Header:
 def _coding_3(data_type: object, codecs: Sequence[Parsed], n_axes: int, where: str) -> Coding:
     """The coding by the codecs of format 3, of which one makes bytes, and those before it reorder axes."""
     axes, endian, found = _axes("C", n_axes), "<", []
-    is_text = data_type in _TEXT_TYPES and any(_name(codec) in _TEXTS for codec in codecs)
+    is_text = data_type in _TEXT_TYPES and any(_name(codec) in _TEXT_CODECS for codec in codecs)
     for codec in codecs:
         name, options = _name(codec), codec.get("configuration") or {} if isinstance(codec, dict) else {}
         if name == "transpose":
             axes = _axes(options["order"], n_axes)
         elif name == "bytes":
             endian = {"little": "<", "big": ">"}[options.get("endian") or "little"]
-        elif not (name in _TEXTS and is_text):
+        elif not (name in _TEXT_CODECS and is_text):
             found.append({**options, "id": name})
             _check_text([_checked(found[-1], where)], where)
     dtype = _text_type() if is_text else _type_3(data_type, where).newbyteorder(endian)  # type: ignore[arg-type]
@@ -209,14 +209,14 @@ def _checked(codec: Options, where: str) -> str:
     for option in ("dtype", "astype"):
         if option in codec:
             _dtype(codec[option], where)
-    if name not in (*_CODECS, *_TEXTS) and not name.startswith(_IMAGE_CODECS):
+    if name not in (*_CODECS, *_TEXT_CODECS) and not name.startswith(_IMAGE_CODECS):
         raise _refusal(f"the codec {name[:60]!r}", where)
     return name
 
 
 def _check_text(names: Sequence[str], where: str) -> None:
     """A `DataError` where text is to be coded again."""
-    if not {*_TEXTS}.isdisjoint(names):
+    if not {*_TEXT_CODECS}.isdisjoint(names):
         raise _refusal("a codec of text for what is none", where)
 
 

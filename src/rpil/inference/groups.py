@@ -1,15 +1,16 @@
-"""One group of scores or two: from M scores and their variances to P(expert).
+"""One group of scores or two: from M scores and their variances to P(typical).
 
 Demonstration m has the score y_m, a mean over its steps, with the variance v_m of that mean. Two models of the scores:
 
     one group    y_m ~ two-piece normal: mode mu, spreads s_L below and s_R above, each widened by c v_m
     two groups   y_m ~ p N(mu_1, t_1 + c v_m) + (1 - p) N(mu_0, t_0 + c v_m),      mu_1 > mu_0
 
+The second is a normal mixture with known variances of the errors ("extreme deconvolution", Bovy et al. 2011).
 c <= 1 is the share of v_m that distinguishes demonstrations: a part of it differs between steps in the same way in all
-demonstrations. The two are compared by BIC. If there are two groups, the upper one is the experts'. If there is one, P
-is graded by rank: the demonstration of rank r (0 lowest, 1 highest) is an expert's where the share of adversaries lies
-below r, which has the probability I_r(2, 2) under a Beta(2, 2) share. Rank and quality are correlated by less than one,
-so this is shrunk towards 1/2. P(expert) is the average over the two models.
+demonstrations. The two are compared by BIC. If there are two groups, the upper one is typical. If there is one, P is
+graded by rank: the demonstration of rank r (0 lowest, 1 highest) is typical where the share of the others lies below r,
+which has the probability I_r(2, 2) under a Beta(2, 2) share. Rank and quality are correlated by less than one, so this
+is shrunk towards 1/2. P(typical) is the average over the two models.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.adversaries.protocol import Adversary
-from rpil.mixture.em import Result, State, e_step, run_em
+from rpil.mixture.em import MixtureFit, State, e_step, run_em
 from rpil.mixture.expert_prior import as_prior
 from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.parallel import in_parallel
@@ -40,19 +40,19 @@ class SearchSettings:
 
 def fit_mixture(
     data: FitData, settings: SearchSettings, which: str | Adversary, progress: Callable[[str], None] = lambda _: None
-) -> Result:
+) -> MixtureFit:
     """The best run of EM with the adversary `which`: the one that contradicts fewest labels, then the one with the best
     objective.
 
     Labels come first because the likelihood prefers the larger of two groups, whichever is the expert's.
     """
 
-    def begin(start: tuple[str, Array]) -> Result:
+    def begin(start: tuple[str, Array]) -> MixtureFit:
         name, weight = start
         progress(f"start: {name}")
         return _first_iterations(data, settings, which, weight)
 
-    def rank(result: Result) -> tuple[int, float]:
+    def rank(result: MixtureFit) -> tuple[int, float]:
         return _contradicted_labels(data, settings, result), -result.objective
 
     best = min(in_parallel(begin, starts(data, settings).items(), data.features), key=rank)
@@ -96,7 +96,7 @@ def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dic
     }
 
 
-def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adversary, weight: Array) -> Result:
+def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adversary, weight: Array) -> MixtureFit:
     """The first iterations of EM from the policy fitted to demonstrations of `weight` (M,).
 
     Where that is fewer than half of the demonstrations, the policy is fitted once more, to those that it explains too.
@@ -110,7 +110,7 @@ def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adve
     return run_em(data, state, replace(settings.mixture, max_iter=settings.mixture.start_iter), outputs)
 
 
-def _contradicted_labels(data: FitData, settings: SearchSettings, result: Result) -> int:
+def _contradicted_labels(data: FitData, settings: SearchSettings, result: MixtureFit) -> int:
     """Labels that the log-odds of a run contradict, by a policy that is refitted without labelled experts."""
     if not data.labels.any():
         return 0

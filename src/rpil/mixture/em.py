@@ -50,7 +50,7 @@ class Posterior:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class MixtureFit:
     """A run of EM: the last state and its posterior, the objective after each iteration, and whether it converged."""
 
     state: State
@@ -105,7 +105,7 @@ def run_em(
     state: State,
     settings: MixtureSettings,
     outputs: Float[Array, "N ..."] | None = None,
-) -> Result:
+) -> MixtureFit:
     """EM from `state`, whose policy has these `outputs`, until it converges; the last step is an E-step.
 
     It has converged when the objective gains at most `tol` nats a demonstration, or at most ten times that while no
@@ -124,4 +124,4 @@ def run_em(
         converged = gain <= tol or (gain <= 10 * tol and change <= settings.steady)
         if converged:
             break
-    return Result(state, posterior, np.array(history), converged)
+    return MixtureFit(state, posterior, np.array(history), converged)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 
 import numpy as np
 
+from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.reasons import MAX_LOG_RATIO
 from rpil.results.result import AuditResult
@@ -21,7 +23,23 @@ NO_VALUE = 255
 
 def drawing(audit: AuditResult, m: int) -> dict[str, object]:
     """The drawing of demonstration `m`; see `rpil.results.view`."""
-    ratio = np.clip(audit.step_log_ratio[audit.steps(m)], -MAX_LOG_RATIO, MAX_LOG_RATIO).astype(float)
+    return drawings(audit, [m])[str(m)]
+
+
+def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
+    """The drawings of some demonstrations by their numbers; the trust in the steps is that of `Audit.step_trust`."""
+    if not members:
+        return {}
+    chosen = list(members)
+    ratios = [np.clip(audit.step_log_ratio[audit.steps(m)], -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float) for m in chosen]
+    lengths = audit.lengths[chosen]
+    # At once for all: a pass goes from step to step.
+    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.steps)
+    parts = zip(chosen, ratios, np.split(trust, np.cumsum(lengths)[:-1]), strict=True)
+    return {str(m): _drawn(audit, m, ratio, own) for m, ratio, own in parts}
+
+
+def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[Array, " n"]) -> dict[str, object]:
     starts = bin_starts(len(ratio))
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
     traces = audit.traces.get(audit.ids[m])
@@ -30,7 +48,7 @@ def drawing(audit: AuditResult, m: int) -> dict[str, object]:
     return {
         "bins": len(starts),
         "ratio": packed({**extremes, "mean": _means(ratio, starts)}),
-        "trust": packed({"mean": _means(audit.step_trust(m), starts)}, (0.0, 1.0)),
+        "trust": packed({"mean": _means(trust, starts)}, (0.0, 1.0)),
         "width": traces.width if traces else 1,
         "compared_with": traces.compared_with if traces else "typical",
         "taken": {"names": names, "codes": _as_text(np.array([names.index(one) for one in taken]))},

@@ -12,7 +12,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
-from rpil.mixture.em import Result
+from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, verdicts_of
 from rpil.results.facts import ranks_beside
@@ -85,7 +85,7 @@ def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
 
 def audit_from_mixture(
     data: FitData,
-    result: Result,
+    result: MixtureFit,
     expert_share: Interval,
     ids: Sequence[Hashable],
     settings: AuditSettings,

@@ -70,7 +70,7 @@ from rpil.faults.record import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
 from rpil.results import answering
-from rpil.results.drawings import drawing
+from rpil.results.drawings import drawings
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.verdict_table import is_whole
@@ -150,7 +150,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> Vi
         "hub": about.hub,
         "command": about.command,
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
-        "drawings": {str(m): drawing(audit, m) for m in order[:drawn]},
+        "drawings": drawings(audit, order[:drawn]),
     }
 
 

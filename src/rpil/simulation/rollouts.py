@@ -102,7 +102,7 @@ class Returns:
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class RecordedEpisode:
     """One recorded episode of n steps."""
 
     observations: Array
@@ -213,7 +213,7 @@ def _returns(
     return _Played(returns, first, reports)
 
 
-def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[Episode]:
+def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:
     """Play a policy and keep every step; the parameters and errors are those of `rollout`.
 
     The episodes are in the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
@@ -227,7 +227,10 @@ def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[E
     order = np.argsort(owner, kind="stable")
     ends = np.cumsum(np.bincount(owner))[:-1]
     columns = zip(*((step.observations, step.actions, step.rewards) for step in steps), strict=True)
-    return [Episode(*parts) for parts in zip(*(np.split(np.concatenate(c)[order], ends) for c in columns), strict=True)]
+    return [
+        RecordedEpisode(*parts)
+        for parts in zip(*(np.split(np.concatenate(c)[order], ends) for c in columns), strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,14 @@ import rpil
 from hostile import full_disk
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 LENGTHS = (4, 6, 5, 7)
 TASKS = ["lift", "put down"]
+
+
+def commands_to_keep(path, *given):
+    return find(path).commands_to_keep(*given)
 
 
 def stats(values):
@@ -173,23 +178,23 @@ def test_list_and_commands(dataset):
     formats.keep(dataset, output, ["3", "1"])
     assert json.loads(output.read_text()) == {"episodes": [1, 3]}
     assert json.loads(json.dumps(rpil.read(dataset).ids)) == [0, 1, 2, 3]
-    train, of_statistics, delete = formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
+    train, of_statistics, delete = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
     assert shlex.split(train)[-1] == "--dataset.episodes=[1, 3]"
     assert "stats.json" in of_statistics
-    (line,) = formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
+    (line,) = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
     assert f"--dataset.root={dataset.with_name('kept')}" in line
     info = dataset / "meta" / "info.json"
     version_3 = info.read_text()
     info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
-    assert len(formats.commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])) == 2
+    assert len(commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])) == 2
     info.write_text(version_3)
     words = shlex.split(delete.partition(": ")[2])
     options = dict(zip(words[1::2], words[2::2], strict=True))
     assert options["--root"] == str(dataset)
     assert options["--new_root"] == f"{dataset}_trusted"
     assert json.loads(options["--operation.episode_indices"]) == [0, 2]
-    assert len(formats.commands_to_keep(dataset, [0, 1], [0, 1])) == 1
-    assert formats.commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
+    assert len(commands_to_keep(dataset, [0, 1], [0, 1])) == 1
+    assert commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
 
 
 def test_a_new_folder_is_consistent(dataset):
@@ -262,13 +267,13 @@ def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
 def test_long_lists_are_read_from_a_file_by_the_shell(dataset):
     output, ids = dataset.with_name("my keep.json"), range(2000)
     output.write_text(json.dumps({"episodes": [*range(0, 2000, 2)]}))
-    lines = formats.commands_to_keep(dataset, ids, ids[::2], output)
+    lines = commands_to_keep(dataset, ids, ids[::2], output)
     assert sum(map(len, lines)) < 2000
     for line, expected in zip((lines[0], lines[-1]), (ids[::2], ids[1::2]), strict=True):
         words = line.partition(": ")[2].replace("$(python ", f"$({shlex.quote(sys.executable)} ")
         printed = subprocess.check_output(["sh", "-c", f"printf '%s\\n' {words}"], text=True).splitlines()
         assert json.loads(printed[-1].rpartition("=")[2]) == [*expected]
-    assert len(formats.commands_to_keep(dataset, range(1, 2001), ids[2::2], output)) == 1  # other numbers are there
-    (hint,) = formats.commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
+    assert len(commands_to_keep(dataset, range(1, 2001), ids[2::2], output)) == 1  # other numbers are there
+    (hint,) = commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
     assert "keep.json" in hint
     assert len(hint) < 200 + len(str(dataset))

@@ -160,6 +160,33 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert column(browser, 1) == first[1:]
 
 
+def test_marks_stay_in_memory_where_the_browser_keeps_nothing(browser: Browser, tmp_path: Path) -> None:
+    denied = "Object.defineProperty(window, 'localStorage', { get() { throw new Error('denied'); } })"
+    browser.send("Page.addScriptToEvaluateOnNewDocument", source=denied)
+    browser.open(write(tmp_path / "r.html", make_audit()))
+    browser.press("b")
+    assert browser.text("[data-role=marked]") == "Your marks: 0 good, 1 bad."
+    assert "does not keep them" in browser.text("[data-role=kept]")
+
+
+def test_it_is_used_by_keys_alone(browser: Browser, tmp_path: Path) -> None:
+    browser.open(write(tmp_path / "r.html", make_audit()))
+    focused = "document.activeElement.textContent"
+    for _ in range(60):
+        browser.press("Tab")
+        if browser.evaluate(focused) == "Log-odds":
+            break
+    browser.press("Enter")
+    assert browser.evaluate("document.querySelector('[aria-sort]').textContent") == "Log-odds"
+    assert browser.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    browser.press("/")
+    assert browser.evaluate("document.activeElement.type") == "search"
+    browser.send("Input.insertText", text="jgb")
+    assert column(browser, 1) == []
+    browser.press("Escape", "End", "g")
+    assert column(browser, 2)[-1] == "good"
+
+
 def test_whole_numbers_are_kept_exactly(browser: Browser, tmp_path: Path) -> None:
     ids = (2**53 + 1, 2**63 - 1, 7)
     browser.open(write(tmp_path / "r.html", make_audit(("typical",) * 3, ids=ids)))

@@ -29,6 +29,7 @@ from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept, Trims
 from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
 from rpil.formats.lerobot.video import load_av
+from rpil.formats.store import has_parquet
 
 read = folder.read
 
@@ -182,7 +183,7 @@ FORMAT = Format(
     check_trim=partial(check_output, trim=True),
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
-    stays_on_disk=folder.holds_parquet,
+    stays_on_disk=has_parquet,
     find_defects=find_defects,
     mend=mend,
     shots=find_shots,
