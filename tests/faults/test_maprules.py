@@ -39,9 +39,9 @@ def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
 
 def test_the_sign_of_one_action_of_one_state_is_named():
     single = recording(joints=1)
-    x, a = single[M]
-    report = find_faults(demonstrations(changed(single, M, actions=-a)))
-    assert {f.id for f in report.findings} == {M} and ("sign", M) in {(f.rule, f.id) for f in report.findings}
+    report = find_faults(demonstrations(changed(single, M, actions=-single[M][1])))
+    assert {f.id for f in report.findings} == {M}
+    assert ("sign", M) in {(f.rule, f.id) for f in report.findings}
 
 
 @pytest.mark.parametrize(("rule", "rows"), [("frame rate", slice(None, None, 2)), ("reversed", slice(None, None, -1))])
