@@ -5,7 +5,7 @@ python tools/tutorials.py            # every tutorial; pictures that its blocks 
 - ```python is run, and ```sh line by line (lines that begin with rpil or python).
 - ```text shows what the block before it printed; `...` stands for anything. It is compared, not written.
 - A comment before a block says more: `<!-- writes: labels.csv -->` makes the block a file,
-  `<!-- bad: 5 11 -->` answers the questions of `rpil label` by the truth, `<!-- not run -->` leaves the block out.
+  `<!-- bad: 5 11 -->` answers the questions of `rpil label` by the truth, `<!-- refused -->` expects an error.
 """
 
 from __future__ import annotations
@@ -55,8 +55,6 @@ def run(page: Path, folder: Path) -> list[str]:
     names: dict[str, object] = {"__name__": "__main__"}
     printed, wrong = "", []
     for each in blocks(page):
-        if each.comment == "not run":
-            continue
         if each.comment.startswith("writes: "):
             (folder / each.comment.removeprefix("writes: ")).write_text(each.text, encoding="utf-8")
         elif each.kind == "text":
@@ -68,12 +66,12 @@ def run(page: Path, folder: Path) -> list[str]:
                     exec(compile(each.text, page.name, "exec"), names)
                 else:
                     for line in each.text.splitlines():
-                        call(shlex.split(line, comments=True), page, each.bad)
+                        call(shlex.split(line, comments=True), page, each)
             printed = out.getvalue()
     return wrong
 
 
-def call(words: Sequence[str], page: Path, bad: set[str]) -> None:
+def call(words: Sequence[str], page: Path, block: Block) -> None:
     """A line of the shell; what it writes is printed."""
     from rpil.cli.main import main
 
@@ -83,12 +81,13 @@ def call(words: Sequence[str], page: Path, bad: set[str]) -> None:
         runpy.run_path(words[1], run_name="__main__")
         sys.argv = before
     elif words[:2] == ["rpil", "label"]:
-        print(answer(words, bad))
+        print(answer(words, block.bad))
     else:
         assert words[0] == "rpil", words
         done = CliRunner().invoke(main, [*words[1:]])
-        assert done.exit_code == 0, (words, done.output)
-        print(done.stdout, end="")
+        refused = block.comment == "refused"
+        assert done.exit_code == (2 if refused else 0), (words, done.output)
+        print(done.stderr if refused else done.stdout, end="")
 
 
 def answer(words: Sequence[str], bad: set[str]) -> str:

@@ -9,11 +9,13 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 from queue import SimpleQueue
 
+import pyarrow.parquet as pq
 import pytest
 
-from asked import BAD, write
+from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil.data.id_values import read_answers
 from rpil.review.security import Gate
@@ -68,7 +70,13 @@ def test_what_was_answered_outlives_the_server(data):
         status, finished = client.post("/api/finish", version=2)
         assert status == 200
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
-        assert finished["lines"][3].endswith(command)
+        assert finished["lines"][0].endswith(command)
+        assert finished["lines"][1] == "Keep: keep.json"
+        good = client.get("/api/view")["view"]["demonstrations"]["verdict"]
+        kept = json.loads(Path("keep.json").read_text())["episodes"]
+        assert kept == [m for m, word in enumerate(good) if word != "bad"]
+        assert len(Path("verdicts.csv").read_text().splitlines()) == 25
+        assert pq.read_table("weights.parquet").num_rows == 24 * N_STEPS
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
@@ -87,6 +95,18 @@ def test_the_port_can_be_chosen_and_the_page_needs_its_token(data):
         connection.close()
         page = client.ask("GET", "/")[2].decode()
         assert "Audit of d.parquet" in page
+
+
+@pytest.mark.slow
+def test_nothing_that_is_finished_joins_the_data(tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write(folder / "d.parquet")
+    with reviewing(str(folder), "--observations", "x,v", "--labels", str(folder / "labels.json")) as (_, client):
+        status, answer = client.post("/api/finish", version=0)
+        assert status == 400
+        assert "would join the data" in answer["error"]
+    assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):

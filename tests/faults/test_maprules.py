@@ -37,6 +37,13 @@ def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
     assert rule == "two episodes" or places[0] == places[1]  # the state of an action is as good
 
 
+def test_the_sign_of_one_action_of_one_state_is_named():
+    single = recording(joints=1)
+    report = find_faults(demonstrations(changed(single, M, actions=-single[M][1])))
+    assert {f.id for f in report.findings} == {M}
+    assert ("sign", M) in {(f.rule, f.id) for f in report.findings}
+
+
 @pytest.mark.parametrize(("rule", "rows"), [("frame rate", slice(None, None, 2)), ("reversed", slice(None, None, -1))])
 def test_other_times_are_named_where_a_motor_is_slow(rule, rows):
     driven = []

@@ -6,20 +6,25 @@ import shlex
 import threading
 import webbrowser
 from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings
+from rpil.cli.commands import CommandSettings, check_paths
 from rpil.cli.label import WITHOUT, Judged, command_with_labels, judge, last_lines
 from rpil.cli.options import Value, command_words, with_label_options
 from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import Audited, about
+from rpil.cli.outputs import OUTPUTS, Audited, about, lines_after_output, write_outputs
 from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
     from rpil.review.server import Review
+
+BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
+"""Outputs of an audit that are written beside the labels where a review is finished."""
 
 
 @click.command()
@@ -47,7 +52,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             judged = judge(file, options)
-            found = _review(file, judged, shlex.join(command_words(ctx, "audit", WITHOUT)), quiet)
+            found = _review(ctx, file, judged, quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if browser:
@@ -57,12 +62,11 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     terminal.print_lines(last_lines(found.session, command_with_labels(ctx, judged.path)))
 
 
-def _review(file: str, judged: Judged, command: str, quiet: bool) -> Review:
-    """What the page shows and changes; `command` is that of an audit, without the answers."""
+def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Review:
+    """What the page shows and changes."""
     from rpil.faults.recorded import faults_of
     from rpil.faults.settings import FaultSettings
     from rpil.review.frames import Videos
-    from rpil.review.outputs import write_beside
     from rpil.review.page import page_of
     from rpil.review.server import Review
     from rpil.review.session import Session
@@ -71,15 +75,26 @@ def _review(file: str, judged: Judged, command: str, quiet: bool) -> Review:
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         progress("looking for recording faults")
         faults = faults_of(recording, None, None, False, FaultSettings())
-        given = Audited(audit, file, recording, faults, judged.demonstrators)
-        shown = about(given, command)
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = Videos.of(file, () if recording.options.id else audit.ids, judged.fps)
+    given = Audited(audit, file, recording, faults, judged.demonstrators)
     return Review(
         session=Session(audit, judged.path, judged.before, None),
-        about=shown,
+        about=about(given, shlex.join(command_words(ctx, "audit", WITHOUT))),
         videos=videos,
-        finish=lambda answered: list(write_beside(judged.path, file, answered, shown, recording)),
+        finish=lambda answered: _finish(ctx, replace(given, audit=answered), judged.path),
         page=page_of,
     )
+
+
+def _finish(ctx: click.Context, given: Audited, labels: str) -> list[str]:
+    """Write what to keep, verdicts and weights beside the labels; sentences on these, and what to run then."""
+    beside = {title: str(Path(labels).with_name(name)) for title, name in BESIDE.items()}
+    check_paths((given.source,), *beside.values())
+    with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
+        write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
+    lines = [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
+    for title, path in beside.items():
+        lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, given)]
+    return lines

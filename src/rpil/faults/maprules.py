@@ -39,6 +39,8 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
     names, outside = every[namer.frame.column], np.delete(every, namer.frame.column)
     for rule, kinds in TRIED.items():
         own = np.flatnonzero(np.isin(tried.kind, kinds))
+        if not len(own):
+            continue  # one column cannot be exchanged
         more = outside if tried.columns[own[0], 0] >= 0 else outside[:0]
         called = (*(" and ".join(names[c[c >= 0]]) for c in tried.columns[own]), *more)
         limit = np.append(np.nan_to_num(namer.limit[own], nan=np.inf), np.full(len(more), np.inf))

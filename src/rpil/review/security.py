@@ -81,7 +81,7 @@ def guarded_by(gate: Gate, application: Application) -> Application:
     """The application behind a gate; the address with the token leads to the page, with a cookie."""
     from starlette.datastructures import MutableHeaders
     from starlette.requests import Request
-    from starlette.responses import JSONResponse, RedirectResponse
+    from starlette.responses import HTMLResponse, JSONResponse
 
     async def guarded(scope: Message, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
@@ -93,7 +93,8 @@ def guarded_by(gate: Gate, application: Application) -> Application:
         asked, given = (request.method, scope["path"]), request.query_params.get("token", "")
         respond = application
         if asked == ("GET", "/") and gate.is_host(request.headers) and gate.knows(given):
-            respond = RedirectResponse("/", 303)
+            # With status 303 a browser that followed a link of another site would keep the cookie back.
+            respond = HTMLResponse('<meta http-equiv="refresh" content="0; url=/">')
             respond.set_cookie(gate.cookie, gate.token, httponly=True, samesite="strict")
         elif refused := gate.refusal(request.method, request.headers, request.cookies.get(gate.cookie, "")):
             respond = JSONResponse({"error": refused[1]}, refused[0], {"connection": "close"})
