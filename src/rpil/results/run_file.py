@@ -10,7 +10,9 @@ import base64
 import binascii
 import json
 import re
+import shlex
 from collections.abc import Callable, Container, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -118,6 +120,16 @@ def _among(values: Container[object]) -> Test:
     return lambda value: isinstance(value, str) and value in values
 
 
+def _command(value: object) -> bool:
+    """One command of rpil, or nothing: a reader of the page pastes it into a shell, which must run no other."""
+    if not (isinstance(value, str) and _text(value) and value.isprintable()):
+        return False
+    with suppress(ValueError):  # of a quote that is not closed
+        words = shlex.split(value)
+        return words[:1] in ([], ["rpil"]) and shlex.join(words) == value
+    return False
+
+
 def _flag(value: object) -> bool:
     return isinstance(value, bool)
 
@@ -178,7 +190,8 @@ def _shape(view: View) -> Shape:
     member, counted = _below(len(steps)), dict.fromkeys(words, _STEP)
     interval = dict.fromkeys(("mean", "low", "high"), _share)
     return {
-        **dict.fromkeys(("format", "run", "title", "source", "adversary", "question", "command"), _text),
+        **dict.fromkeys(("format", "run", "title", "source", "adversary", "question"), _text),
+        "command": _command,
         **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), _SENTENCES),
         "version": _number,
         "seconds": _optional(_number),
@@ -188,7 +201,7 @@ def _shape(view: View) -> Shape:
         "counts": counted,
         "share": interval,
         "mean_weight": _share,
-        "pair": _Each(member, (0, 2)),
+        "pair": _Each(member, (2,) if view.get("question") else (0, 2)),
         "contradicting": _Each(member),
         "answers": _Each(
             lambda value: isinstance(value, list) and len(value) == 2 and member(value[0]) and _text(value[1]),
