@@ -108,7 +108,7 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[s
 
 def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
     comma = _delimiter(before)
-    header = csv.DictReader(before.splitlines(), skipinitialspace=True, delimiter=comma).fieldnames or ()
+    header = csv.DictReader(_lines(before), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
     before = _without_labels(before, {same_question(*answer) for answer in answers})
@@ -122,8 +122,8 @@ def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
 
 def _without_labels(text: str, asked: Set[frozenset[str]]) -> str:
     """The lines of a CSV file without labels that answer what was `asked` again."""
-    rows = csv.DictReader(text.removeprefix("\ufeff").splitlines(), skipinitialspace=True, delimiter=_delimiter(text))
-    id_column, lines = _id_column(rows.fieldnames or ()) or "", text.splitlines(keepends=True)
+    rows = csv.DictReader(_lines(text.removeprefix("\ufeff")), skipinitialspace=True, delimiter=_delimiter(text))
+    id_column, lines = _id_column(rows.fieldnames or ()) or "", _lines(text)
     kept, first = lines[: rows.line_num], rows.line_num
     for row in rows:
         m, word = (from_cell((row[name] or "").strip()) for name in (id_column, "label"))
@@ -251,8 +251,13 @@ def _delimiter(text: str) -> str:
     return ";" if ";" in header and "," not in header else ","
 
 
+def _lines(text: str) -> list[str]:
+    """The lines with their ends, of which a quoted cell may hold some; ``splitlines`` knows more ends than CSV."""
+    return list(io.StringIO(text, newline=""))
+
+
 def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
+    rows = csv.DictReader(_lines(text), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:
