@@ -71,7 +71,10 @@ def test_an_address_is_not_read_again_nor_are_its_secrets_kept():
     ("text", "shown"),
     [
         ("s3://AKIA:secret@bucket/x", "s3://***@bucket/x"),
-        ("rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=ab%2F&b=2'", "rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=***&b=2'"),
+        (
+            "rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=ab%2F&b=2'",
+            "rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=***&b=2'",
+        ),
         ("hf://datasets/a/b?token=hf_abc", "hf://datasets/a/b?token=***"),
         ("s3://b/x?access_key=K&secret_key=S", "s3://b/x?access_key=***&secret_key=***"),
         ("hf://datasets/me/set@main/data", "hf://datasets/me/set@main/data"),

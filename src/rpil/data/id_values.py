@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -91,6 +91,15 @@ def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict
     if not labels and not pairs:
         raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
     return labels, list(pairs)
+
+
+def parse_labels(labels: object, source: str = "the labels") -> tuple[dict[str, Label], list[Pair]]:
+    """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
+    given = labels.items() if isinstance(labels, Mapping) else labels or ()
+    rows: list[Any] = list(given) if isinstance(given, Iterable) else [given]
+    if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
+        raise DataError(f"{source} must be a mapping of ids to words, or pairs of an id and a word.")
+    return parse_answers(((str(m), word) for m, word in rows), source) if rows else ({}, [])
 
 
 def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:

@@ -30,7 +30,9 @@ _MOST_DIGESTED, _MOST_FILES, _END = 256 * 2**20, 10_000, 64 * 2**10
 """More bytes than this are not read for a digest, nor more files opened; then the end of each file is."""
 
 _USER = re.compile(r"(?<=://)[^/\s'\"@]+@")
-_SECRET = re.compile(r"([?&][\w-]*(?:key|token|secret|password|credential|signature|sig)[\w-]*=)[^&\s'\"]+", re.IGNORECASE)
+_SECRET = re.compile(
+    r"([?&][\w-]*(?:key|token|secret|password|credential|signature|sig)[\w-]*=)[^&\s'\"]+", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
