@@ -11,10 +11,10 @@ import binascii
 import json
 import re
 import shlex
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
@@ -86,22 +86,20 @@ def _refuse_constant(name: str) -> NoReturn:
     raise _OtherShape(name)
 
 
-def _check(value: object, shape: Shape, where: str) -> None:
+def _check(value: Any, shape: Shape, where: str) -> None:
     """Compare a value with a shape."""
-    right = True
-    if isinstance(shape, _Each):
+    parts: Iterable[tuple[str, object, Shape]] = ()
+    if callable(shape):
+        right = shape(value)
+    elif isinstance(shape, _Each):
         right = isinstance(value, list) and len(value) in shape.sizes
-        parts = [(f"[{k}]", one, shape.shape) for k, one in enumerate(value)] if isinstance(value, list) else []
+        parts = ((f"[{k}]", one, shape.shape) for k, one in enumerate(value)) if right else ()
     elif isinstance(shape, _Named):
         right = isinstance(value, dict) and len(value) <= MAX_RUN_LIST and all(map(_text, value))
-        parts = [(f".{name}", one, shape.shape) for name, one in value.items()] if isinstance(value, dict) else []
-    elif callable(shape):
-        right, parts = shape(value), []
+        parts = ((f".{name}", one, shape.shape) for name, one in value.items()) if right else ()
     else:
         right = isinstance(value, dict) and value.keys() == shape.keys()
-        parts = (
-            [(f".{name}", value[name], own) for name, own in shape.items()] if isinstance(value, dict) and right else []
-        )
+        parts = ((f".{name}", value[name], own) for name, own in shape.items()) if right else ()
     if not right:
         raise _OtherShape(where.removeprefix(".")[:80])
     for name, one, own in parts:
