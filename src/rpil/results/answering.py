@@ -153,7 +153,7 @@ def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
 def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
-        return ("One answer alone gives no word: give a second one that agrees.",)
+        return ("One answer is not enough to call a demonstration good or bad; give a second one.",)
     return ()
 
 
