@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
 from rpil.numerics.types import Array, Int
 
@@ -96,7 +96,7 @@ def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict
 def parse_labels(labels: object, source: str = "the labels") -> tuple[dict[str, Label], list[Pair]]:
     """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
     given = labels.items() if isinstance(labels, Mapping) else labels or ()
-    rows: list[Any] = list(given) if isinstance(given, Iterable) else [given]
+    rows: list[Parsed] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
         raise DataError(f"{source} must be a mapping of ids to words, or pairs of an id and a word.")
     return parse_answers(((str(m), word) for m, word in rows), source) if rows else ({}, [])

@@ -14,10 +14,11 @@ import shlex
 from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
+from rpil.data.json_files import Parsed
 from rpil.results.drawings import MAX_BINS
 from rpil.results.groups import MAX_PARTS
 from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
@@ -86,7 +87,7 @@ def _refuse_constant(name: str) -> NoReturn:
     raise _OtherShape(name)
 
 
-def _check(value: Any, shape: Shape, where: str) -> None:
+def _check(value: Parsed, shape: Shape, where: str) -> None:
     """Compare a value with a shape."""
     parts: Iterable[tuple[str, object, Shape]] = ()
     if callable(shape):
