@@ -50,7 +50,7 @@ def _add_legend(ax: Axes) -> None:
 class _AuditDisplay(ABC):
     """A picture of an audit, on the axes of the caller or on new ones."""
 
-    audit: AuditResult
+    audit: AuditResult = field(repr=False)
     ax_: Axes = field(init=False, repr=False)
     figure_: Figure | SubFigure = field(init=False, repr=False)
 
