@@ -52,6 +52,17 @@ def test_nothing_to_keep_is_said(folder):
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
 
 
+def test_secrets_of_an_address_are_in_no_report():
+    audit = make_audit()
+    parts = np.random.default_rng(0).normal(size=(2, audit.offsets[-1], 2))
+    data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets)
+    recording = from_demonstrations(data, "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN")
+    given = outputs.Audited(audit, recording.description.source, recording, None, {})
+    shown = outputs.about(given, f"rpil audit {shlex.quote(given.source)}")
+    assert "HIDDEN" not in repr(shown)
+    assert shown.command == "rpil audit 's3://***@bucket/x.csv?token=***'"
+
+
 @pytest.mark.slow
 def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
     rng = np.random.default_rng(0)

@@ -109,6 +109,18 @@ def test_nothing_that_is_finished_joins_the_data(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
+@pytest.mark.slow
+def test_what_is_finished_never_replaces_the_answers(data):
+    with reviewing(data, "--labels", "verdicts.csv") as (_, client):
+        assert client.answer(0, "b", 3)[0] == 200
+        answers = Path("verdicts.csv").read_bytes()
+        status, answer = client.post("/api/finish", version=1)
+        assert status == 400
+        assert "verdicts.csv: it is named twice" in answer["error"]
+    assert Path("verdicts.csv").read_bytes() == answers
+    assert not Path("keep.json").exists()
+
+
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "starlette", None)
     refused(r"rpil\[review\]", "review", "nothing-is-read.parquet")

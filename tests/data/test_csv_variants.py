@@ -213,7 +213,7 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
         (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
         notes = read_recording(tmp_path / "a.csv").description.notes
         assert notes == (
-            "Constant within each demonstration: seed, wind; leave out what the demonstrators did not see.",
+            "Constant within each demonstration: seed, wind; leave out columns that the demonstrator could not see.",
         )
 
 

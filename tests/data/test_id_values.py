@@ -9,7 +9,13 @@ import pytest
 
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.data.id_values import better_than, match_pairs, write_answers
+from rpil.data.id_values import (
+    better_than,
+    match_pairs,
+    parse_labels,
+    read_answers,
+    write_answers,
+)
 
 
 def refused(match, call, path, *arguments):
@@ -232,3 +238,21 @@ def _npz(folder):
     path = folder / "small.npz"
     np.savez(path, observations=np.eye(4), actions=np.array([0, 1, 0, 1]), episode_ids=np.repeat([0, 1], 2))
     return path
+
+
+@pytest.mark.parametrize("labels", [["bad"], "labels.csv", 3, [("a", "bad", 1)], {"a"}])
+def test_labels_are_a_mapping_or_pairs(labels):
+    with pytest.raises(DataError, match="the labels must be a mapping of ids to words, or pairs"):
+        parse_labels(labels)
+    assert parse_labels([("a", "bad"), (3, "better than a")]) == ({"a": "bad"}, [("3", "a")])
+    assert parse_labels({3: "Good "}) == ({"3": "good"}, [])
+    assert parse_labels(None) == parse_labels({}) == ({}, [])
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\u2028b", "a\x85b", "a\x0bb", 'a"\n"b'])
+def test_an_id_may_hold_the_end_of_a_line(tmp_path, name):
+    path = tmp_path / "labels.csv"
+    write_answers(path, None, [(name, "bad"), ("c", better_than(name))])
+    assert read_answers(path) == ({name: "bad"}, [("c", name)])
+    write_answers(path, path.read_bytes(), [(name, "good")])
+    assert read_answers(path) == ({name: "good"}, [("c", name)])

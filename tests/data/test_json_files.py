@@ -1,7 +1,7 @@
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.json_files import LARGEST_METADATA, read_json, read_text
+from rpil.data.json_files import LARGEST_METADATA, parse_lines, read_json, read_text
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
@@ -19,3 +19,8 @@ def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
         file.truncate(10**12)
     with pytest.raises(DataError, match=rf"info\.json.* {LARGEST_METADATA // 2**20} MiB"):
         read_json(path)
+
+
+def test_lines_of_json_hold_all_characters_but_ends_of_lines():
+    text = '{"task": "a\u2028b\x85c"}\r\n\n[1]\r'
+    assert parse_lines(text, "x.jsonl") == parse_lines(text.encode(), "x.jsonl") == [{"task": "a\u2028b\x85c"}, [1]]

@@ -83,7 +83,7 @@ def test_answers_in_turn_are_answers_at_once(audit):
 def test_one_answer_alone_gives_no_word(audit):
     for one in (audit.answered({"d0": "good"}), audit.answered(pairs=[("d0", "d9")])):
         assert set(one.verdicts) == {"open"}
-        assert one.doubts == ("One answer alone gives no word: give a second one that agrees.",)
+        assert one.doubts == ("One answer is not enough to call a demonstration good or bad; give a second one.",)
     assert audit.answered(LABELS).doubts == ()
 
 
@@ -139,7 +139,7 @@ def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_
 def test_labels_of_copies_are_counted_once(copied):
     first, last = copied.ids[0], copied.ids[-1]
     both = copied.answered({first: "good", last: "good"})
-    assert both.doubts == ("One answer alone gives no word: give a second one that agrees.",)
+    assert both.doubts == ("One answer is not enough to call a demonstration good or bad; give a second one.",)
     assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
     said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
     assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]

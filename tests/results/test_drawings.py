@@ -67,6 +67,18 @@ def test_discrete_actions_are_named():
     assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
 
 
+def test_of_very_many_discrete_actions_the_most_frequent_are_named():
+    actions = tuple(f"a{k}" for k in (*range(400), *range(100, 300)))
+    part = Part("action", 1.0, -3.0, np.full(600, 0.5), np.zeros(600), np.ones(600))
+    audit = make_audit(("unlike",), lengths=[600], traces={0: Traces("discrete", (part,), 1, actions)})
+    taken = drawing(audit, 0)["taken"]
+    codes = base64.b64decode(taken["codes"])
+    assert len(taken["names"]) == NO_VALUE
+    shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
+    assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
+    assert None not in shown[100:300]
+
+
 def test_drawings_of_several_are_those_of_each():
     audit = make_audit()
     members = [7, 0, 5]

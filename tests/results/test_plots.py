@@ -43,6 +43,7 @@ def test_display_draws_on_given_axes_without_pyplot(display: type) -> None:
 
     ax = Figure().subplots()
     shown = display.from_audit(make_audit(), ax=ax)
+    assert repr(shown) == f"{display.__name__}()", "a notebook shows the picture, and not the audit again"
     assert shown.ax_ is ax
     assert shown.figure_ is ax.figure
     assert plt.get_fignums() == []

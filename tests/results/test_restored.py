@@ -119,6 +119,10 @@ def test_edited_dicts_are_refused_or_make_an_audit_that_can_be_used(fitted, name
         {"anchor": "faith"},
         {"contradicting": ["nobody"]},
         {"beside": {"dynamics": {"type": "float64", "shape": [1], "values": [0.5]}}},
+        {"beside": {"dynamics": {"type": "float64", "shape": [10], "values": ["nan"] * 10}}},
+        {"order": {"type": "float64", "shape": [10], "values": ["inf"] * 10}},
+        {"prior": {"mean": "nan", "low": 0.1, "high": 0.9}},
+        {"expert_proba": {"type": "float64", "shape": [10], "values": [5.0] * 10}},
         {"copy_of": {"type": "int64", "shape": [10], "values": [99] * 10}},
         {"log_odds": {"type": "float64", "shape": [10], "values": ["nan"] * 10}},
         {"offsets": {"type": "int64", "shape": [11], "values": [0] * 11}},
@@ -134,3 +138,13 @@ def test_a_recording_of_tasks_says_within_what(fitted):
     assert fitted["tasks"].within == "tasks"
     assert Audit.from_dict(through_json(fitted["tasks"])).within == "tasks"
     assert fitted["one"].within == ""
+
+
+@pytest.mark.parametrize("change", [{"width": 0}, {"width": 2}, {"parts": []}, {"taken": ["left"]}])
+def test_traces_of_other_steps_are_refused(fitted, change):
+    whole = through_json(fitted["one"])
+    traces = whole["audit"]["traces"]
+    one = next(iter(traces.values())) if isinstance(traces, dict) else traces[0][1]
+    one |= change
+    with pytest.raises(DataError, match="its parts do not belong together"):
+        Audit.from_dict(whole)

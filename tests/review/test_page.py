@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 import lerobot_folders
@@ -19,6 +17,23 @@ need_server()
 
 VERSION = "Number(document.querySelector('.ask').dataset.version)"
 CHOSEN = "document.querySelector('.detail h3').innerText"
+LISTENED = """(() => {
+  const now = fetch;
+  Object.assign(window, { asking: 0, unanswered: 0, isDeaf: false });
+  window.fetch = async (path, ...more) => {
+    if (path === "/api/version" && isDeaf) {
+      unanswered++;
+      return new Promise(() => {});
+    }
+    asking++;
+    try {
+      return await now(path, ...more);
+    } finally {
+      asking--;
+    }
+  };
+})()"""
+"""Counts requests; once `isDeaf`, those for the version are never answered."""
 
 
 @pytest.fixture
@@ -88,6 +103,7 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
     with serving(review) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
+        browser.evaluate(LISTENED)
         browser.type("[data-role=search]", "1")
         browser.evaluate("document.querySelector('[data-role=search]').dispatchEvent(new Event('input'))")
         assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
@@ -95,10 +111,9 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
         browser.wait(f"{VERSION} === 1")
         assert browser.evaluate("document.querySelector('[data-role=search]').value") == "1", "filters stay"
         assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
-        # An answer of a page that has not yet seen the last one is not taken.
-        never = "path === '/api/version' ? new Promise(() => {}) : fetchNow(path, ...more)"
-        browser.evaluate(f"window.fetchNow = fetch; window.fetch = (path, ...more) => {never}")
-        time.sleep(0.1)
+        # An answer of a page that has not yet seen the last one is not taken, nor does it wait for the next look.
+        browser.evaluate("isDeaf = true")
+        browser.wait("asking === 0 && unanswered === 1")
         client.answer(1, "b", 5)
         browser.click("[data-mark=good]")
         browser.wait("document.querySelector('[data-role=said]').innerText.includes('Another tab')")

@@ -60,9 +60,9 @@ def test_an_answer_that_looks_wrong_is_named_once(audit):
     right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 5, 8)}
     before, after = audit.answered(right), audit.answered({**right, 9: "good"})
     assert list(contradiction_lines((), before)) == []
-    assert list(contradiction_lines((), after)) == ["9 contradicts 6 others; look again."]
+    assert list(contradiction_lines((), after)) == ["The answer about 9 contradicts 6 others; check it."]
     assert list(contradiction_lines((9,), after)) == []
-    assert list(change_lines(before, after))[-1] == "9 contradicts 6 others; look again."
+    assert list(change_lines(before, after))[-1] == "The answer about 9 contradicts 6 others; check it."
     assert "No word changed." in list(change_lines(after, after))
 
 

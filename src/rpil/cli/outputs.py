@@ -94,14 +94,15 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
 
 def about(given: Audited, command: str, seconds: float | None = None) -> About:
     """What the report shows beside the audit, which a `command` made in so many `seconds`."""
+    from rpil.results.provenance import without_secrets
     from rpil.results.view import About
 
     read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
-    hub = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source)
+    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), without_secrets(given.source)
     return About(
-        title=f"Audit of {Path(given.source).name}",
-        source=given.source,
-        read=read.short(),
+        title=f"Audit of {Path(source).name}",
+        source=source,
+        read=list(map(without_secrets, read.short())),
         lost=given.lost,
         faults=given.faults,
         tasks=given.recording.tasks,
@@ -109,7 +110,7 @@ def about(given: Audited, command: str, seconds: float | None = None) -> About:
         fps=read.fps or given.recording.times().fps,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
-        command=command,
+        command=without_secrets(command),
         seconds=seconds,
     )
 

@@ -91,7 +91,7 @@ def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Revie
 def _finish(ctx: click.Context, given: Audited, labels: str) -> list[str]:
     """Write what to keep, verdicts and weights beside the labels; sentences on these, and what to run then."""
     beside = {title: str(Path(labels).with_name(name)) for title, name in BESIDE.items()}
-    check_paths((given.source,), *beside.values())
+    check_paths((given.source, labels, ctx.params["operator"]), *beside.values())
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
     lines = [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]

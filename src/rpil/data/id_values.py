@@ -17,7 +17,7 @@ from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
 from rpil.numerics.types import Array, Int
 
@@ -93,6 +93,15 @@ def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict
     return labels, list(pairs)
 
 
+def parse_labels(labels: object, source: str = "the labels") -> tuple[dict[str, Label], list[Pair]]:
+    """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
+    given = labels.items() if isinstance(labels, Mapping) else labels or ()
+    rows: list[Parsed] = list(given) if isinstance(given, Iterable) else [given]
+    if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
+        raise DataError(f"{source} must be a mapping of ids to words, or pairs of an id and a word.")
+    return parse_answers(((str(m), word) for m, word in rows), source) if rows else ({}, [])
+
+
 def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:
     """Write a file that `read_answers` reads: what it held `before`, and these answers as ids and words.
 
@@ -108,7 +117,7 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[s
 
 def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
     comma = _delimiter(before)
-    header = csv.DictReader(before.splitlines(), skipinitialspace=True, delimiter=comma).fieldnames or ()
+    header = csv.DictReader(_lines(before), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
     before = _without_labels(before, {same_question(*answer) for answer in answers})
@@ -122,8 +131,8 @@ def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
 
 def _without_labels(text: str, asked: Set[frozenset[str]]) -> str:
     """The lines of a CSV file without labels that answer what was `asked` again."""
-    rows = csv.DictReader(text.removeprefix("\ufeff").splitlines(), skipinitialspace=True, delimiter=_delimiter(text))
-    id_column, lines = _id_column(rows.fieldnames or ()) or "", text.splitlines(keepends=True)
+    rows = csv.DictReader(_lines(text.removeprefix("\ufeff")), skipinitialspace=True, delimiter=_delimiter(text))
+    id_column, lines = _id_column(rows.fieldnames or ()) or "", _lines(text)
     kept, first = lines[: rows.line_num], rows.line_num
     for row in rows:
         m, word = (from_cell((row[name] or "").strip()) for name in (id_column, "label"))
@@ -251,8 +260,13 @@ def _delimiter(text: str) -> str:
     return ";" if ";" in header and "," not in header else ","
 
 
+def _lines(text: str) -> list[str]:
+    """The lines with their ends, of which a quoted cell may hold some; ``splitlines`` knows more ends than CSV."""
+    return list(io.StringIO(text, newline=""))
+
+
 def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
+    rows = csv.DictReader(_lines(text), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:

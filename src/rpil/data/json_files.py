@@ -53,7 +53,8 @@ def check_text(text: str | bytes, where: str, limit: int) -> None:
 def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> list[Parsed]:
     """The values of a text with one value of JSON on each line; errors are those of `parse`."""
     check_text(text, where, limit)
-    return [json.loads(line) for line in text.splitlines() if line.strip()]
+    lines = text.replace("\r", "\n").split("\n") if isinstance(text, str) else text.splitlines()  # as JSON knows them
+    return [json.loads(line) for line in lines if line.strip()]
 
 
 def _check_size(n_bytes: int, where: str, limit: int) -> None:

@@ -15,7 +15,7 @@ from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome, given_order, given_outcome
 from rpil.data.fit_data import FitData
-from rpil.data.id_values import match_pairs, parse_answers
+from rpil.data.id_values import match_pairs, parse_labels
 from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
@@ -72,8 +72,7 @@ class Task:
             )
         groups = group_by_demonstrator(demonstrators, source)
         known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
-        rows = labels.items() if isinstance(labels, Mapping) else labels or ()
-        by_id, pairs = parse_answers(((str(m), word) for m, word in rows), "the labels") if rows else ({}, [])
+        by_id, pairs = parse_labels(labels)
         compared = match_pairs(pairs, source.ids)
         return cls(source, space, classes, label_codes(by_id, source), groups, *known, compared)
 

@@ -15,7 +15,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
 from rpil.data.files import StrPath
-from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_answers
+from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_labels
 from rpil.data.reference import with_reference
 from rpil.estimators.task import DemonstratorNames, Labels
 from rpil.formats import read_answers, read_demonstrators
@@ -70,8 +70,7 @@ class Known:
             where, (by_name, pairs) = str(labels), read_answers(labels)
             check_ids([*by_name, *chain.from_iterable(pairs)], ids, where, "the labels")
         else:
-            where, rows = "the labels", labels.items() if isinstance(labels, Mapping) else labels or ()
-            by_name, pairs = parse_answers(((str(m), word) for m, word in rows), where) if rows else ({}, [])
+            where, (by_name, pairs) = "the labels", parse_labels(labels)
             check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.errors import DataError
-from rpil.data.id_values import match_labels, match_pairs, parse_answers
+from rpil.data.id_values import match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
@@ -135,7 +135,7 @@ def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
-    words, more = parse_answers(((str(m), word) for m, word in labels.items()), "the labels") if labels else ({}, [])
+    words, more = parse_labels(labels)
     signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
     for m, is_good in match_labels(words, audit.ids).items():
         signs[m] = 1 if is_good else -1
@@ -153,7 +153,7 @@ def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
 def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
-        return ("One answer alone gives no word: give a second one that agrees.",)
+        return ("One answer is not enough to call a demonstration good or bad; give a second one.",)
     return ()
 
 

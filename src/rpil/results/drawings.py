@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -44,14 +45,15 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
     traces = audit.traces.get(audit.ids[m])
     taken = traces.taken if traces else ()
-    names = sorted({*taken})
+    names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
+    codes = dict(zip(names, range(len(names)), strict=True))
     return {
         "bins": len(starts),
         "ratio": packed({**extremes, "mean": _means(ratio, starts)}),
         "trust": packed({"mean": _means(trust, starts)}, (0.0, 1.0)),
         "width": traces.width if traces else 1,
         "compared_with": traces.compared_with if traces else "typical",
-        "taken": {"names": names, "codes": _as_text(np.array([names.index(one) for one in taken]))},
+        "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
             {"name": part.name, "share": round(part.share, 4), "nats": _short(part.nats)}
             | packed({"value": part.value, "low": part.low, "high": part.high})

@@ -6,6 +6,7 @@ import hashlib
 import math
 import os
 import platform
+import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
@@ -27,6 +28,11 @@ PROVENANCE_KEY = "rpil.provenance"
 
 _MOST_DIGESTED, _MOST_FILES, _END = 256 * 2**20, 10_000, 64 * 2**10
 """More bytes than this are not read for a digest, nor more files opened; then the end of each file is."""
+
+_USER = re.compile(r"(?<=://)[^/\s'\"@]+@")
+_SECRET = re.compile(
+    r"([?&][\w-]*(?:key|token|secret|password|credential|signature|sig)[\w-]*=)[^&\s'\"]+", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,7 @@ class Provenance:
             rpil=rpil_version(),
             python=platform.python_version(),
             libraries={name: version(name) for name in ("numpy", "scipy", "scikit-learn", "pyarrow")},
-            command=command,
+            command=without_secrets(command),
             seed=seed,
             settings=settings,
             columns=_columns(recording),
@@ -73,6 +79,14 @@ class Provenance:
     def to_dict(self) -> dict[str, object]:
         """All of it, for JSON."""
         return asdict(self)
+
+
+def without_secrets(text: str) -> str:
+    """The text with ``***`` in the place of what addresses in it keep secret: users, keys, tokens and passwords.
+
+    Reports and weights are passed on, and the address of a store may hold what opens it.
+    """
+    return _SECRET.sub(r"\1***", _USER.sub("***@", text))
 
 
 def changed_settings(given: object, default: object, name: str = "") -> dict[str, object]:
@@ -93,7 +107,8 @@ def digest(path: StrPath) -> dict[str, str | int]:
     """
     place, found = Path(path), hashlib.sha256()
     if not place.exists():
-        return {"path": str(path), "bytes": 0, "sha256": "", "of": "nothing: it is an address or a pattern"}
+        where = without_secrets(str(path))
+        return {"path": where, "bytes": 0, "sha256": "", "of": "nothing: it is an address or a pattern"}
     inside = [] if place.is_file() else place.rglob("*")
     seen = (file for file in inside if file.is_file() and not any(map(is_hidden, file.relative_to(place).parts)))
     files = [place] if place.is_file() else sorted(seen)

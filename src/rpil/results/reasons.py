@@ -100,7 +100,7 @@ class Grounds:
             group = f"It acts as group {self.group} does, and only" if self.group else "Only"
             return f"{group} an answer can tell which group is good"
         if self.finding == "nothing could be learned":
-            return "Nothing tells it from the others: the state does not help to predict anyone's actions"
+            return "Nothing tells it from the others: the state does not help to predict any actions"
         if self.finding == "in doubt":
             return "There is a reason to doubt the scores, so that it gets no word"
         if self.finding == "answered" and sign and self.has_outcome:

@@ -49,6 +49,13 @@ def check_sound(audit: AuditResult) -> None:
     sound &= audit.finding in FINDINGS and audit.anchor in WORDS and {*known.labels.tolist()} <= {-1, 0, 1}
     numbers = np.concatenate([audit.copy_of, known.pairs.ravel()])
     sound &= bool(((numbers >= 0) & (numbers < n)).all())
+    prior = np.array([audit.prior.mean, audit.prior.low, audit.prior.high])
+    for share in (audit.expert_proba, audit.reliability, audit.reliability_interval, audit.step_weight, prior):
+        sound &= bool(((share >= 0) & (share <= 1)).all())  # NaN is neither
+    ordered = () if audit.order is None else (audit.order,)
+    sound &= all(bool(np.isfinite(values).all()) for values in (*audit.beside.values(), *ordered))
+    steps = dict(zip(audit.ids, audit.lengths.tolist(), strict=True))
+    sound &= all(traces.fits(steps[name]) for name, traces in audit.traces.items())
     names = {*audit.contradicting, *audit.pair, *(m for group in audit.competing for m in group)}
     if not sound or not names <= {*audit.ids}:
         raise ValueError("values out of range")

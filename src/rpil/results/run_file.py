@@ -10,12 +10,15 @@ import base64
 import binascii
 import json
 import re
-from collections.abc import Callable, Container, Mapping
+import shlex
+from collections.abc import Callable, Container, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
+from rpil.data.json_files import Parsed
 from rpil.results.drawings import MAX_BINS
 from rpil.results.groups import MAX_PARTS
 from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
@@ -84,22 +87,20 @@ def _refuse_constant(name: str) -> NoReturn:
     raise _OtherShape(name)
 
 
-def _check(value: object, shape: Shape, where: str) -> None:
+def _check(value: Parsed, shape: Shape, where: str) -> None:
     """Compare a value with a shape."""
-    right = True
-    if isinstance(shape, _Each):
+    parts: Iterable[tuple[str, object, Shape]] = ()
+    if callable(shape):
+        right = shape(value)
+    elif isinstance(shape, _Each):
         right = isinstance(value, list) and len(value) in shape.sizes
-        parts = [(f"[{k}]", one, shape.shape) for k, one in enumerate(value)] if isinstance(value, list) else []
+        parts = ((f"[{k}]", one, shape.shape) for k, one in enumerate(value)) if right else ()
     elif isinstance(shape, _Named):
         right = isinstance(value, dict) and len(value) <= MAX_RUN_LIST and all(map(_text, value))
-        parts = [(f".{name}", one, shape.shape) for name, one in value.items()] if isinstance(value, dict) else []
-    elif callable(shape):
-        right, parts = shape(value), []
+        parts = ((f".{name}", one, shape.shape) for name, one in value.items()) if right else ()
     else:
         right = isinstance(value, dict) and value.keys() == shape.keys()
-        parts = (
-            [(f".{name}", value[name], own) for name, own in shape.items()] if isinstance(value, dict) and right else []
-        )
+        parts = ((f".{name}", value[name], own) for name, own in shape.items()) if right else ()
     if not right:
         raise _OtherShape(where.removeprefix(".")[:80])
     for name, one, own in parts:
@@ -116,6 +117,16 @@ def _matching(pattern: str) -> Test:
 
 def _among(values: Container[object]) -> Test:
     return lambda value: isinstance(value, str) and value in values
+
+
+def _command(value: object) -> bool:
+    """One command of rpil, or nothing: a reader of the page pastes it into a shell, which must run no other."""
+    if not (isinstance(value, str) and _text(value) and value.isprintable()):
+        return False
+    with suppress(ValueError):  # of a quote that is not closed
+        words = shlex.split(value)
+        return words[:1] in ([], ["rpil"]) and shlex.join(words) == value
+    return False
 
 
 def _flag(value: object) -> bool:
@@ -178,7 +189,8 @@ def _shape(view: View) -> Shape:
     member, counted = _below(len(steps)), dict.fromkeys(words, _STEP)
     interval = dict.fromkeys(("mean", "low", "high"), _share)
     return {
-        **dict.fromkeys(("format", "run", "title", "source", "adversary", "question", "command"), _text),
+        **dict.fromkeys(("format", "run", "title", "source", "adversary", "question"), _text),
+        "command": _command,
         **dict.fromkeys(("doubts", "notes", "assumptions", "lost", "read", "differ"), _SENTENCES),
         "version": _number,
         "seconds": _optional(_number),
@@ -188,7 +200,7 @@ def _shape(view: View) -> Shape:
         "counts": counted,
         "share": interval,
         "mean_weight": _share,
-        "pair": _Each(member, (0, 2)),
+        "pair": _Each(member, (2,) if view.get("question") else (0, 2)),
         "contradicting": _Each(member),
         "answers": _Each(
             lambda value: isinstance(value, list) and len(value) == 2 and member(value[0]) and _text(value[1]),

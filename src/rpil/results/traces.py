@@ -51,6 +51,14 @@ class Traces:
         """The first step of each point, counted from the first of the demonstration."""
         return self.width * np.arange(len(self.parts[0].value))
 
+    def fits(self, n_steps: int) -> bool:
+        """Whether these are traces of so many steps, and all parts have a value for each point."""
+        if self.width < 1 or not self.parts:
+            return False
+        curves = [curve for part in self.parts for curve in (part.value, part.low, part.high)]
+        n_points = -(-n_steps // self.width)
+        return len(self.taken) in (0, n_points) and all(curve.shape == (n_points,) for curve in curves)
+
 
 def point_width(n_steps: int) -> int:
     """Steps of a point of so many steps."""

@@ -96,16 +96,20 @@ const live = (() => {
 
   const passing = (m) => el("button", { type: "button", onclick: () => press("u", m) }, "Cannot tell ", el("kbd", {}, "u"));
 
-  // Another tab may answer.
-  setInterval(() => {
-    if (document.hidden) return;
-    last = last.then(async () => {
-      try {
-        if ((await ask("/api/version")).version !== version) await refresh();
-      } catch (error) {
-        say(error.message);
-      }
-    });
+  // Another tab may answer. Answers of this one wait for no such question: only one is on its way, beside their queue.
+  let isAsking = false;
+  setInterval(async () => {
+    if (document.hidden || isAsking) return;
+    isAsking = true;
+    try {
+      const known = (await ask("/api/version")).version;
+      const follow = async () => { if (known > version) await refresh(); };
+      last = last.then(follow).catch((error) => say(error.message));
+    } catch (error) {
+      say(error.message);
+    } finally {
+      isAsking = false;
+    }
   }, POLL);
   // The marks of the page are the labels that were given.
   const store = (view) => ({

@@ -72,7 +72,7 @@ class Gate:
         if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
             return 415, "An answer is JSON."
         length = headers.get("content-length", "")
-        if not (length.isascii() and length.isdigit()):
+        if "transfer-encoding" in headers or not (length.isascii() and length.isdigit()):
             return 411, "The length of an answer must be given."
         return (413, f"An answer has {MAX_BODY:,} bytes at most.") if int(length[:20]) > MAX_BODY else None
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
 
 WHY = {
-    2: "No answer says yet what is good: this one would say most.",
-    1: "Of those without an answer, its answer would say most about the others.",
+    2: "Nothing is labelled yet; this answer tells the audit most.",
+    1: "Of all demonstrations without a label, this label tells the audit most about the others.",
 }
 """Why this question is asked, by the number of demonstrations that it is about."""
 

@@ -172,7 +172,7 @@ def change_lines(old: Audit, new: Audit) -> Iterator[str]:
         if before != word:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_CHANGED)}" for word, ids in moved.items())
-    yield f"Other words than before, {lists}." if moved else "No word changed."
+    yield f"Now called {lists}." if moved else "No word changed."
     distance = abs(new.expert_proba - old.expert_proba)
     most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
     far = (f"{printable(new.ids[m])} {old.expert_proba[m]:.2f} to {new.expert_proba[m]:.2f}" for m in most)
@@ -186,4 +186,4 @@ def contradiction_lines(known: Sequence[Hashable], audit: Audit) -> Iterator[str
     others = audit.answers.count - 1
     for name in audit.contradicting:
         if name not in known:
-            yield f"{printable(name)} contradicts {others:,} other{'s' * (others != 1)}; look again."
+            yield f"The answer about {printable(name)} contradicts {others:,} other{'s' * (others != 1)}; check it."

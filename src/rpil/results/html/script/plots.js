@@ -48,7 +48,7 @@ const stepCharts = (model, m, drawing, place, readout) => {
     return new uPlot(options, data, box);
   };
   const taken = atob(drawing.taken.codes), points = Array.from({ length: Math.ceil(n / drawing.width) }, (_, k) => k * drawing.width);
-  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "")}`);
+  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "another")}`);
   const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
     `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence`,
