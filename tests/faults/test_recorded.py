@@ -25,6 +25,7 @@ def test_everything_is_asked_of_one_recording(tmp_path, suffix):
     rpil.write(tmp_path / f"a{suffix}", demonstrations(spiky()))
     opened = rpil.open(tmp_path / f"a{suffix}")
     assert opened.describe().demonstrations == 12
+    assert repr(opened) == "\n".join(opened.describe().short())
     assert {(found.rule, found.id) for found in opened.faults().findings} == {("spike", 3)}
     opened.keep([0, 5], tmp_path / f"b{suffix}")
     assert rpil.read(tmp_path / f"b{suffix}").ids == (0, 5)

@@ -161,10 +161,11 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
     """
     demonstrations, places = recording.demonstrations, groups_of(recording, known)
     if len(places) == 1:
-        if known.reference is None and 1 < len(demonstrations) < MIN_DEMONSTRATIONS:
-            few = f"{recording.description.source}: {len(demonstrations)} demonstrations are too few to judge them well"
-            warnings.warn(f"{few}; give {MIN_DEMONSTRATIONS} or more.", stacklevel=1)
-        return _with_facts(_judged(demonstrations, known, judge), known)
+        audit, n = _with_facts(_judged(demonstrations, known, judge), known), len(demonstrations)
+        if known.reference is not None or n >= MIN_DEMONSTRATIONS:
+            return audit
+        few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
+        return replace(audit, notes=(few, *audit.notes))
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     audits: dict[str, Audit] = {}

@@ -45,7 +45,7 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
             return recording.load()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OpenedRecording(Recording):
     """A `Recording` that can be asked for its faults."""
 

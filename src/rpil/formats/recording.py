@@ -38,7 +38,7 @@ StepColumns = Callable[[slice], "pa.Table | None"]
 """The columns of some steps by which a file itself numbers its rows, if it does."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """The demonstrations in a file; they are checked when they are first asked for, the description before.
 
@@ -84,6 +84,9 @@ class Recording:
     ids: tuple[Id, ...] = ()
     faulty: Set[int] = frozenset()
     set_aside: tuple[Id, ...] = ()
+
+    def __repr__(self) -> str:
+        return "\n".join(self.description.short())
 
     def describe(self) -> Description:
         """Counts, columns and their roles, as ``rpil info`` prints them."""
@@ -280,8 +283,8 @@ def _notes_on(constant: list[str], tiny: list[str]) -> Iterator[str]:
     """Sentences on observations that differ between demonstrations only, or by too little."""
     if constant:
         yield (
-            f"Constant within each demonstration: {listed(constant)}; leave out columns that the demonstrator could not "
-            "see."
+            f"Constant within each demonstration: {listed(constant)}; leave out columns that the demonstrator could "
+            "not see."
         )
     if tiny:
         yield (
