@@ -47,6 +47,8 @@ def test_one_demonstration_alone_is_kept():
     Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
     assert ok("keep", "drive.csv", "-o", "kept.csv").stdout.startswith("Kept 1 of 1 demonstrations: kept.csv\n")
     assert rpil.read("kept.csv").ids == (7,)
+    assert "; 1 demonstration, 20 steps" in ok("info", "kept.csv").stdout
+    assert ok("convert", "kept.csv", "-o", "one.npz").stdout == "1 demonstration, 20 steps: one.npz\n"
     refused("one demonstration alone", "audit", "drive.csv")
 
 

@@ -74,6 +74,10 @@ def test_the_worst_and_the_most_doubtful_are_shown(many):
     assert terminal.worst_and_doubtful(certain, 30) == [*range(30)]
     unknown = dataclasses.replace(many, verdicts=("open",) * 5000, finding="nobody stands out")
     assert terminal.worst_and_doubtful(unknown, 30) == [*range(30)]
+    high = dataclasses.replace(many, verdicts=("unlike",) * 20 + ("open",) * 4980, log_odds=np.linspace(-9, 900, 5000))
+    assert terminal.worst_and_doubtful(
+        dataclasses.replace(high, expert_proba=np.repeat([0.01, 1], [20, 4980])), 30
+    ) == [*range(30)]
 
 
 def test_the_worst_are_given_with_their_reasons(monkeypatch, capsys):
@@ -153,6 +157,7 @@ def test_doubts_groups_and_contradicting_labels_are_printed():
         ("read it into memory with rpil.read.", "into memory with --no-stream."),
         ("fit again, with checkpoint= if one was kept", "fit again, with --resume if one was kept"),
         ("give ids that rpil.read gives", "give ids that rpil.read gives"),
+        ("one demonstration alone (n_samples=1) cannot be compared", "one demonstration alone cannot be compared"),
         ("column 'grid=3' has id=4, my_id= and x.id=", "column 'grid=3' has id=4, my_id= and x.id="),
     ],
 )

@@ -145,7 +145,7 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         table.rename_columns([n.replace("observation.1", "observation.x") for n in table.column_names]),
         folder / "3.parquet",
     )
-    with pytest.raises(DataError, match=r"3.parquet: its columns are not those of 0.parquet"):
+    with pytest.raises(DataError, match=r"3.parquet: its columns are not those of 0.parquet; .* or take it out"):
         open_in_batches(folder)
     (folder / "3.parquet").write_bytes(b"PAR1 this is none PAR1")
     with pytest.raises(DataError, match=r"3.parquet: not a Parquet file, or a damaged"):
@@ -157,6 +157,8 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         open_in_batches(tmp_path / "empty")
     with pytest.raises(DataError, match="nowhere://x: it cannot be listed"):
         open_in_batches("nowhere://x")
+    with pytest.raises(DataError, match=r"https://a\.org/x\.csv: addresses of the web are not read; download the file"):
+        open_in_batches("https://a.org/x.csv")
 
 
 def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):

@@ -14,6 +14,7 @@ import pytest
 
 import rpil
 from command_line import call, ok, refused
+from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.guesses import RoleError, guess_options, quantity
 
@@ -108,10 +109,25 @@ def test_one_step_ids_are_doubted(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("action", "observations", "said"),
+    [
+        ("steer", "lane,steer", "'steer' is part of the action already; take it out of observations="),
+        ("steer", "*", "'trip' is the id already; take it out of observations="),
+        ("steer,trip", (), "'trip' is the id already; take it out of action="),
+    ],
+)
+def test_a_column_of_two_roles_is_refused(action, observations, said, tmp_path):
+    pa.csv.write_csv(drives(), tmp_path / "drive.csv")
+    with pytest.raises(DataError, match=re.escape(said)):
+        rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations)
+
+
+@pytest.mark.parametrize(
     ("words", "meant"),
     [
         (["--action", "steer", "lane"], "write --action steer,lane"),
         (["--id", "trip", "--exclude", "a b", "lane", "day"], "write --exclude 'a b,lane,day'"),
+        (["--json", "a b.json"], "write --json > 'a b.json'"),
         (["--id", "trip", "lane"], None),
     ],
 )

@@ -11,6 +11,7 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
 
 KEPT = [3, 0]
@@ -117,3 +118,11 @@ def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
         archive.writestr("timestamps.npy", b"\x93NUMPY\x03\x00\x10\x00\x00\x00")
     assert rpil.read(path).ids == demonstrations.ids
     assert "timestamps" in formats.read_recording(path).description.ignored
+
+
+def test_ids_and_path_in_the_wrong_order_are_told(tmp_path, demonstrations):
+    formats.write(tmp_path / "all.csv", demonstrations)
+    with pytest.raises(
+        DataError, match=r"ids are one text, 'some\.csv'; give a sequence of ids, and then the new path"
+    ):
+        rpil.open(tmp_path / "all.csv").keep("some.csv", [0])

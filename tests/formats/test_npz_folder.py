@@ -52,6 +52,7 @@ def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
     [
         ({"obs": np.ones((3, 2))}, "1/trajectory.npz: no array holds the actions"),
         ({"actions": np.ones(3), "episode_ids": np.zeros(3, int)}, "holds several demonstrations"),
+        ({"acts": np.ones(3), "indices": np.array([2]), "terminal": np.ones(2, bool)}, "holds several demonstrations"),
         ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
         ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),
     ],

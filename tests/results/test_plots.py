@@ -215,6 +215,6 @@ def test_an_audit_draws_its_pictures() -> None:
     shown = audit.plot.steps("d", ax=ax)
     assert shown.ax_ is ax
     assert ax.get_title() == "Demonstration d"
-    assert isinstance(audit.plot.sessions(), plots.SessionsDisplay)
+    assert repr(audit.plot.sessions()) == "SessionsDisplay()"
     with pytest.raises(DataError, match="No demonstration is called 'z'"):
         audit.plot.steps("z")

@@ -51,6 +51,23 @@ def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
     assert audit.reasons[1].startswith("Judged by its demonstrator's other demonstrations (-4.0 nats; +0.5 nats from")
 
 
+def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
+    log_odds = np.array([5.0, 11.1, 1.0, -4.0])
+    proba = {"expert_proba": 1 / (1 + np.exp(-log_odds))}
+    audit = make_audit(
+        ("typical", "open", "open", "open"), log_odds=log_odds, **proba, **NO_STRETCH | {"lengths": [10] * 4}
+    )
+    assert audit.reasons[1:] == (
+        "Its log-odds are +11.1 nats, but only the better half of those that score high is called typical, if other "
+        "folds agree.",
+        "Its log-odds of +1.0 nats are too close to 0 to call it typical or unlike.",
+        "Its log-odds are -4.0 nats, but it is called unlike only if other folds agree.",
+    )
+    known = {"anchor": "answers", "finding": "answered", "expert_proba": proba["expert_proba"][:2]}
+    answered = make_audit(("good", "open"), log_odds=log_odds[:2], **known, **NO_STRETCH)
+    assert answered.reasons[1] == "Its log-odds are +11.1 nats, but that alone gives no word."
+
+
 def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_told() -> None:
     known = {"anchor": "answers", "finding": "answered", "labels": {0: 1, 1: -1}, "contradicting": (1,)}
     audit = make_audit(("good", "open"), log_odds=np.array([20.0, 1.0]), **known, **NO_STRETCH)
@@ -110,7 +127,21 @@ def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
 
 def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
     grounds = Grounds(
-        "some are unlike", WORDS["none"], "unlike", -5.0, -5.0, 0.0, 0, False, False, "", -0.5, float("nan"), None, ""
+        "some are unlike",
+        WORDS["none"],
+        "unlike",
+        -5.0,
+        True,
+        -5.0,
+        0.0,
+        0,
+        False,
+        False,
+        "",
+        -0.5,
+        float("nan"),
+        None,
+        "",
     )
     for trusted in (float("nan"), -0.6):
         assert "that of" not in replace(grounds, trusted_score=trusted).sentence()

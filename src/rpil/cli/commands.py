@@ -99,9 +99,12 @@ class Commands(click.Group):
 
 
 def _with_commas(message: str, words: Sequence[str]) -> str:
-    """The message of click, with what was meant where several columns stand after an option, as ``--action x y``."""
+    """The message of click, with what was meant where several columns stand after an option, as ``--action x y``, or
+    a file after ``--json``."""
     extra = re.search(r"unexpected extra arguments? \((.*)\)", message)
     for k, word in enumerate(words):
+        if extra and word == "--json" and words[k + 1 : k + 2] == [extra[1]]:
+            return f"{message}; --json prints JSON, so write --json > {shlex.quote(extra[1])}"
         values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
         if extra and word.removeprefix("--") in LISTS and " ".join(values[1:]) == extra[1]:
             return f"{message}; write {word} {shlex.quote(','.join(values))}"

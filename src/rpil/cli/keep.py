@@ -207,5 +207,6 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
     tell_of_set_aside(recording)
-    size = f"{len(demonstrations):,} demonstrations, {demonstrations.n_steps:,} steps"
+    n = len(demonstrations)
+    size = f"{n:,} demonstration{'s' * (n != 1)}, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")

@@ -47,6 +47,7 @@ _IN_SHELL = {
     "trims=": "--trim",
     "into memory with rpil.read": "into memory with --no-stream",
     "on disk with rpil.open": "on disk with --stream",
+    " (n_samples=1)": "",
 }
 _ARGUMENT = re.compile(
     r"(?<![\w.])(id|action|observations|exclude|order|operator|task|session|outcome|labels|action_kind|embeddings|only"
@@ -112,12 +113,13 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
     """Up to `n_rows` indices of demonstrations, the least trusted first: half of them the most doubtful ones.
 
-    Doubtful are those that stay open although the finding gives words.
+    Doubtful are those that stay open although the finding gives words, unless they score as high as the typical ones.
     """
     from rpil.inference.findings import DECIDED
 
     order = audit.ranking()[::-1].tolist()
     doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
+    doubtful = [m for m in doubtful if audit.expert_proba[m] < audit.settings.min_proba(audit.anchor)]
     shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
     shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
     return [m for m in order if m in shown]

@@ -83,6 +83,7 @@ class _Search:
         order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given)
+        self.refuse_two_roles(episode, actions, asked)
         self.take(episode, *actions)
         self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
@@ -117,6 +118,13 @@ class _Search:
         """Give these columns a role."""
         for name in names:
             self.free.pop(name, None)
+
+    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
+        """A `DataError` where the user names the id as an action, or either of them as an observation."""
+        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
+            for name in (name for name in names if name in others):
+                role = "the id" if name == episode else "part of the action"
+                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of {option}=.")
 
     def session(self) -> str | None:
         """The column of the session, which is no observation; a column called "file" comes before the file itself."""

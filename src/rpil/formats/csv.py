@@ -74,7 +74,9 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
     first = files[0]
     for file in files:
         if set(file.dialect.names) != set(first.dialect.names):
-            raise DataError(f"{file.name}: its columns are not those of {first.name}; give all files the same ones.")
+            raise DataError(
+                f"{file.name}: its columns are not those of {first.name}; give all files the same ones, or take it out."
+            )
     columns = find_text_columns(first.path, first.dialect, options, FILE)
     return _read(files, columns, source, f"{first.dialect.words}, {len(paths):,} files", ())
 

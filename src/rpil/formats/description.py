@@ -94,7 +94,8 @@ class Description:
         return lines
 
     def _size(self) -> str:
-        size = f"{self.source}: {self.format}; {self.demonstrations:,} demonstrations, {self.steps:,} steps"
+        demonstrations = f"{self.demonstrations:,} demonstration{'s' * (self.demonstrations != 1)}"
+        size = f"{self.source}: {self.format}; {demonstrations}, {self.steps:,} steps"
         if self.seconds is not None:
             size += f", {self.seconds:,.1f} s"
         return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."

@@ -37,7 +37,7 @@ _STRETCHES = (
 )
 _NO_SENSORS = (
     "Only images say what the driver saw, and they are not read: the last angle and throttle stand for observations; "
-    "add numbers of your own for the images with embeddings=."
+    "numbers of your own for the images can be added as embeddings."
 )
 
 

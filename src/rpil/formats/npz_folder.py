@@ -89,7 +89,8 @@ def _part(name: str, file: Path, about: Path | None) -> Part:
     if not actions:
         raise DataError(f"{where}: no array holds the actions of its steps; save one as {ACTION[1]!r}.")
     n_steps = arrays[actions[0]].shape[0]
-    if several := [one for one in arrays if plain_name(one) in EPISODE and arrays[one].shape[:1] == (n_steps,)]:
+    several = [one for one in arrays if plain_name(one) in EPISODE and arrays[one].shape[:1] == (n_steps,)]
+    if several := several or ["indices"] * ({"acts", "indices", "terminal"} <= arrays.keys()):  # of imitation
         raise DataError(f"{where}: {several[0]!r} says that it holds several demonstrations; give its path alone.")
     singles = (one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf")
     single = {one: np.asarray(arrays[one][:]).reshape(-1)[0] for one in singles if may_be_outcome(one)}

@@ -93,6 +93,8 @@ class Recording:
         """Write some demonstrations to a new file or folder of the same format; see `rpil.formats.keep`."""
         if self.write_some is None:
             raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
+        if isinstance(ids, str):
+            raise DataError(f"The ids are one text, {ids!r}; give a sequence of ids, and then the new path.")
         self.write_some(ids, output)
 
     @cached_property

@@ -171,6 +171,8 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     from pyarrow import fs
 
     where = str(path)
+    if where.startswith(("http://", "https://")):
+        raise DataError(f"{where}: addresses of the web are not read; download the file, and give its path.")
     try:
         if "://" in where:
             filesystem, place = fs.FileSystem.from_uri(where)
@@ -236,7 +238,7 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
     """A `DataError` where the file `name` lacks columns that are read, or has more that hold data, than `first`."""
     names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
     if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
-        raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
+        raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones, or take it out.")
 
 
 def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:
@@ -280,7 +282,9 @@ def open_rows(
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)
             if layout is not None and this.shape != layout.shape:
-                raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones.")
+                raise DataError(
+                    f"{name}: its columns are not those of {first}; give all files the same ones, or take it out."
+                )
             other = layout or this
             action = np.result_type(this.action, other.action) if this.action.kind == "f" else this.action
             layout = replace(this, observation=np.result_type(this.observation, other.observation), action=action)

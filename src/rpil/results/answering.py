@@ -30,7 +30,7 @@ NOT_USED = "Lengths and rewards were not used."
 
 NEXT_STEPS = {
     "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
-    "answered": "Look at the worst steps of a few that are called bad, and label a demonstration whose word is wrong.",
+    "answered": "Look at the worst steps of a few that are bad or open, and label those that you can judge.",
     "mixture": "Look at the worst steps of a few adversaries, and label a demonstration whose word is wrong.",
     "two groups": "Look at one demonstration of either group, and say which is better.",
     "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",

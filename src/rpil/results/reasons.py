@@ -54,6 +54,8 @@ class Grounds:
     words: Words
     verdict: str
     log_odds: float
+    is_sure: bool
+    """Whether its probability is one from which a word may be given."""
     from_actions: float
     from_demonstrator: float
     label: int
@@ -80,6 +82,13 @@ class Grounds:
             reason += f": {self.deviation}" if self.deviation else ""
         return f"{reason}."
 
+    def _withheld(self) -> str:
+        """Why a demonstration with a probability that is high or low enough has no word."""
+        if self.words.upper != "typical":
+            return "that alone gives no word"
+        better = "only the better half of those that score high is called typical, if "
+        return f"{better if self.log_odds > 0 else 'it is called unlike only if '}other folds agree"
+
     def _decided(self) -> str:
         """The first clause: the evidence with the largest part in the verdict."""
         sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
@@ -100,6 +109,8 @@ class Grounds:
             return f"Judged by what the answers say of demonstrations like it ({self.log_odds:+.1f} nats)"
         if self.finding == "nobody stands out":
             return "Nothing tells it from the others: all scores are one group"
+        if sign == 0 and self.is_sure:
+            return f"Its log-odds are {self.log_odds:+.1f} nats, but {self._withheld()}"
         if sign == 0:
             either = f"{self.words.upper} or {self.words.lower}"
             return f"Its log-odds of {self.log_odds:+.1f} nats are too close to 0 to call it {either}"

@@ -120,12 +120,14 @@ class AuditResult:
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
         known_of = dict(zip(self.ids, zip(known.labels.tolist(), known.outcome.tolist(), strict=True), strict=False))
+        min_proba = self.settings.min_proba(self.anchor)
         grounds = (
             Grounds(
                 finding=self.finding,
                 words=self.words,
                 verdict=self.verdicts[m],
                 log_odds=float(self.log_odds[m]),
+                is_sure=max(p := float(self.expert_proba[m]), 1 - p) >= min_proba,
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
                 label=known_of.get(name, (0, np.nan))[0],

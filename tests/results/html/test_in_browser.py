@@ -283,6 +283,9 @@ def test_it_fits_the_screen_and_the_paper(browser: Browser, tmp_path: Path, widt
     browser.resize(width, 800, dark=dark)
     browser.open(page)
     assert browser.evaluate("document.documentElement.scrollWidth") == width
+    heights = "['copy', 'undo'].map((role) => document.querySelector(`[data-role=${role}]`).offsetHeight)"
+    copy, undo = browser.evaluate(heights)
+    assert copy < 1.5 * undo, "a long command breaks no word in two"
     # The contrast of text that is muted or coloured, by WCAG 2: 4.5 to 1 or more.
     luminance = """(name) => {
       const style = getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim();

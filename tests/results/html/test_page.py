@@ -269,3 +269,7 @@ def test_pages_stay_small(audit: Audit) -> None:
     one, many = (len(render(each).encode()) for each in (audit, large))
     assert one < 250_000
     assert many - one < 1600 * n  # so that 5,000 are within 8 MB
+
+
+def test_counts_of_words_have_commas() -> None:
+    assert "1,200 typical" in Page(render(make_audit(("typical",) * 1200 + ("unlike",), lengths=[2] * 1201))).text
