@@ -147,3 +147,6 @@ def test_videos_and_frames_of_the_chosen_demonstration(browser, tmp_path):
         browser.wait(f"Math.abs(document.querySelector('.media video').currentTime - {first}) < 0.05")
         answer = client.ask("GET", f"/video/{m}/0", range="bytes=0-9")
         assert answer[0] == 206
+        browser.evaluate("window.old = [...document.querySelectorAll('.media img, .media video')]")
+        browser.press("j")
+        browser.wait("old.every((one) => !one.hasAttribute('src'))")  # no connection is kept for them

@@ -282,10 +282,8 @@ def _is_tiny(low: float, high: float) -> bool:
 def _notes_on(constant: list[str], tiny: list[str]) -> Iterator[str]:
     """Sentences on observations that differ between demonstrations only, or by too little."""
     if constant:
-        yield (
-            f"Constant within each demonstration: {listed(constant)}; leave out columns that the demonstrator could "
-            "not see."
-        )
+        todo = "leave out columns that the demonstrator could not see"
+        yield f"Constant within each demonstration: {listed(constant)}; {todo}."
     if tiny:
         yield (
             f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number, and so "

@@ -25,6 +25,7 @@ const live = (() => {
     const kept = parts[0].kept(), focus = document.activeElement?.dataset?.role;
     const wasAsked = asked.includes(kept.chosen);
     seen.clear();
+    release();
     articles[0].replaceWith(made);
     articles[0] = made;
     begin();
@@ -78,7 +79,15 @@ const live = (() => {
       say(error.message);
     }
   };
+  // What is shown no more must not keep the few connections of a browser from the next answer.
+  const release = () => {
+    for (const one of articles[0].querySelectorAll(".media img, .media video")) {
+      one.removeAttribute("src");
+      one.load?.();
+    }
+  };
   const media = ({ view, d }, m) => {
+    release();
     const found = seen.get(m), fps = view.fps;
     if (!found?.videos) return "";
     const n = d.n_steps[m], [first, end] = d.stretch[m] ? [d.stretch[m][0], d.stretch[m][1] + 1] : [0, n];
