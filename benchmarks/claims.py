@@ -148,9 +148,7 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = (
-        "The words of audits without answers, compared with the truth: `unlike` counts as bad, `typical` as good."
-    )
+    explained = "Words of audits without answers, compared with the truth: `unlike` counts as bad, `typical` as good."
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
