@@ -86,7 +86,7 @@ def never_hurts(rows: Sequence[Row]) -> str:
         lines.append([name, ", ".join(losses) or "none", str(len(found[name])), str(worse)])
     text = (
         "A loss is a task with a mean below that of all: the difference ± its standard error. A cell is a task, share "
-        f"and learner with {FEWEST_SEEDS} seeds or more; worse: at {LEVEL:.0%} by Holm's correction over cells and rules."
+        f"and learner with {FEWEST_SEEDS} seeds or more; worse: at {LEVEL:.0%} by Holm's correction over cells, rules."
     )
     header = ["rule", "losses by task", "cells", "worse"]
     return f"### Losses\n\n{text}\n\n{table(header, lines, text_columns=2)}"
