@@ -22,6 +22,7 @@ from rpil.data.memory import limited
 from rpil.data.missing import allow_missing
 from rpil.formats import read_recording, rows
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.spool import spool
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +51,33 @@ def test_every_format(tmp_path, name):
     path = samples.SAMPLES[name](tmp_path)
     options = ColumnOptions(operator="operator") if "text" in name else ColumnOptions()
     both(path, options)
+
+
+@pytest.mark.parametrize("name", [".", "..", ""])
+def test_a_copy_removes_what_it_made_and_nothing_beside_it(tmp_path, monkeypatch, name):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "beside").mkdir()
+    copy = spool(iter([pa.table({"x": [1.0]})]), name)
+    assert pq.read_table(copy.path).num_rows == 1
+    del copy
+    gc.collect()
+    assert os.listdir(tmp_path) == ["beside"]
+
+
+@pytest.mark.parametrize("where", [".", ".."])
+def test_a_folder_without_a_name_is_read_on_disk(tmp_path, monkeypatch, where):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    data = tmp_path / "data" / "below"
+    data.mkdir(parents=True)
+    folder = data if where == "." else data.parent
+    for k in range(3):
+        (folder / f"{k}.csv").write_text(
+            "episode_id,observation,action\n" + "".join(f"{k},{i},{i % 2}\n" for i in range(9))
+        )
+    monkeypatch.chdir(data)
+    assert len(read_recording(where, on_disk=True).demonstrations) == 3
+    gc.collect()
+    assert os.listdir(tmp_path) == ["data"]
 
 
 def table(ids, actions, decimal="."):

@@ -44,11 +44,13 @@ def is_on_disk() -> bool:
 
 
 class Copy:
-    """A temporary file at `path`, which is removed with the object of the process that made it."""
+    """A temporary file, called as the data, in a new `folder`; both are removed with the object, by its process."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        weakref.finalize(self, _remove, path.parent, os.getpid())
+    def __init__(self, folder: Path, name: str) -> None:
+        folder.mkdir(mode=0o700)  # an error where it is there: what others hold is never removed
+        weakref.finalize(self, _remove, folder, os.getpid())
+        own = Path(name).name  # "." has none, and ".." would be the folder of temporary files
+        self.path = folder / (own if own.strip(".") else "rows")
 
     def __reduce__(self) -> tuple[type[Path], tuple[str]]:
         """Another process reads the file and never removes it."""
@@ -75,8 +77,7 @@ def spool(tables: Iterable[pa.Table], name: str) -> Copy:
     assert first is not None
     with _writing(name):
         folder = temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}"))
-        folder.mkdir(mode=0o700)
-        copy = Copy(folder / Path(name).name)
+        copy = Copy(folder, name)
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
     for table in chain([first], waiting):  # whose errors are those of the data
         try:
