@@ -219,6 +219,17 @@ def test_demonstrations_that_are_not_there_are_counted_apart():
     assert re.search(r"54 more.*missing", first)
 
 
+@pytest.mark.parametrize("options", [[], ["--skip-bad"]])
+def test_missing_values_in_all_demonstrations_are_named(options):
+    x = np.random.default_rng(0).normal(size=(8 * 40, 2))
+    x[::40, 0] = np.nan
+    columns = {"episode_index": np.repeat(np.arange(8), 40), "observation.x": x[:, 0], "observation.y": x[:, 1]}
+    pq.write_table(pa.table({**columns, "action": x[:, 1] + 0.1}), "nan.parquet")
+    result = call("check", "nan.parquet", *options)
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert "missing values" in result.output or "a value is missing" in result.output
+
+
 def test_at_most_thirty_findings_are_printed():
     rng = np.random.default_rng(0)
     once = {"observation": rng.normal(size=(2400, 1)), "action": rng.normal(size=(2400, 1))}

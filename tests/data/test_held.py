@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextvars
+import threading
 from contextlib import contextmanager
 
 import pytest
@@ -68,6 +70,25 @@ def closing(log):
         yield
     finally:
         log.append("closed")
+
+
+def test_another_thread_opens_a_file_of_its_own(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"0123456789")
+    with holding(), held_bytes(path) as own:
+        assert own.read(3) == b"012"
+        context = contextvars.copy_context()
+        read = []
+
+        def elsewhere():
+            with held_bytes(path) as other:
+                read.append(other.read())
+
+        thread = threading.Thread(target=lambda: context.run(elsewhere))
+        thread.start()
+        thread.join()
+        assert read == [b"0123456789"]
+        assert own.read() == b"3456789"
 
 
 def test_the_bytes_of_a_held_file_are_read_from_the_first_one(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
@@ -13,9 +14,14 @@ T = TypeVar("T")
 MOST_OPEN = 64
 """Files that stay open, at most: a process may have a few hundred."""
 
-_open: ContextVar[tuple[ExitStack, dict[tuple[str, object], object]] | None] = ContextVar(
-    "files held open", default=None
-)
+Held = tuple[ExitStack, dict[tuple[str, object], object], tuple[int, int]]
+
+_open: ContextVar[Held | None] = ContextVar("files held open", default=None)
+
+
+def _here() -> tuple[int, int]:
+    """This process and thread."""
+    return os.getpid(), threading.get_ident()
 
 
 @contextmanager
@@ -28,7 +34,7 @@ def holding() -> Iterator[None]:
         yield
         return
     with ExitStack() as stack:
-        token = _open.set((stack, {}))
+        token = _open.set((stack, {}, _here()))
         try:
             yield
         finally:
@@ -42,11 +48,11 @@ def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextMana
     `kind` tells apart what several libraries open.
     """
     place = _open.get()
-    if place is None:
+    if place is None or place[2] != _here():  # two that read one open file would move each other's place
         with open_it() as one:
             yield one
         return
-    stack, found = place
+    stack, found, _ = place
     key = str(path), kind
     if key not in found:
         if len(found) >= MOST_OPEN:

@@ -129,6 +129,8 @@ def learn(
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
     values = columns.of(sample)[own]
+    if not np.isfinite(values).all():  # in all demonstrations a value is missing
+        return None
     rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +25,12 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
 
     A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
     """
-    only, without = (ids if isinstance(ids, int) or ids else () for ids in (options.only, options.without))
-    if recording.chosen is None or ((only, without) == ((), ()) and not options.skip_bad):
+    only, without = _listed(options.only), _listed(options.without)
+    if recording.chosen is None or not (only or without or options.skip_bad):
         return recording
     ids, source = recording.ids, recording.description.source
     mask = np.ones(len(ids), dtype=bool)
-    if only != ():
+    if only:
         mask[:] = False
         mask[[*_numbers(only, ids, source, "only")]] = True
     mask[[*_numbers(without, ids, source, "without")]] = False
@@ -56,10 +56,17 @@ def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
     return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
 
 
-def _numbers(wanted: Ids, ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
+def _listed(wanted: Ids) -> list[Id]:
+    """The ids that a user names, of Python or of NumPy; an empty text names none."""
+    if isinstance(wanted, str) or not isinstance(wanted, Iterable):
+        return [] if wanted is None or wanted == "" else [wanted]
+    return [*wanted]
+
+
+def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
     """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
     places = {str(m): k for k, m in enumerate(ids)}
-    for given in map(str, [wanted] if isinstance(wanted, str | int) else wanted):
+    for given in map(str, wanted):
         for name in [given] if given in places else map(str.strip, given.split(",")):
             ends = _RANGE.fullmatch(name)
             named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
