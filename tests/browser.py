@@ -87,7 +87,8 @@ class Browser:
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
 
     def reload(self) -> None:
-        self.evaluate("window.isOld = true")
+        # A page writes to the storage at once, and the process of the next page may read it a moment later.
+        self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 500))")
         self.send("Page.reload")
         self.wait("!window.isOld && document.readyState === 'complete'")
 

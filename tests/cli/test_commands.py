@@ -153,7 +153,7 @@ def test_bad_labels_and_demonstrators_are_refused(option, name, content, match):
 
 def test_one_demonstration_is_refused():
     npz("data.npz", episode_ids=np.zeros(len(X), dtype=int))
-    refused("data.npz: one demonstration alone .* cannot be compared; give at least two", "audit", "data.npz")
+    refused("data.npz: one demonstration alone cannot be compared; give at least two", "audit", "data.npz")
 
 
 SIMULATE = ["simulate", "--good", 1, "--bad", 1]

@@ -55,8 +55,9 @@ def test_nothing_to_keep_is_said(folder):
 def test_secrets_of_an_address_are_in_no_report():
     audit = make_audit()
     parts = np.random.default_rng(0).normal(size=(2, audit.offsets[-1], 2))
-    data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets)
-    recording = from_demonstrations(data, "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN")
+    source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
+    data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
+    recording = from_demonstrations(data, "CSV")
     given = outputs.Audited(audit, recording.description.source, recording, None, {})
     shown = outputs.about(given, f"rpil audit {shlex.quote(given.source)}")
     assert "HIDDEN" not in repr(shown)
