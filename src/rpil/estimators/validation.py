@@ -19,7 +19,7 @@ from rpil.formats.arrow import Frame
 from rpil.numerics.types import Array
 
 ROWS = "rows"
-"""The constructor parameter `groups` of those to whom each row is a demonstration."""
+"""The constructor parameter `groups` of an estimator for which each row is a demonstration."""
 
 Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""

@@ -12,7 +12,7 @@ from rpil.data.arrays import Id
 DIFFER = "demonstrations differ too much in this to know what is usual"
 LAGS_DIFFER = "the lag between action and state is not the same in most demonstrations"
 RESTS = "{} rest for long, or demonstrations differ too much in this"
-UNTOLD = "undone, clean demonstrations fit the map between states and actions as well"
+NO_BETTER = "sound demonstrations fit the map between states and actions as well with this fault undone"
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ RULES = {
     "jump": Rule("a column leaps from one step to the next and stays there", COLUMNS),
     "scale": Rule("a column has another unit or scale than elsewhere", COLUMNS),
     "lag": Rule("the state follows the action sooner or later than elsewhere", ("lag", "several"), LAGS_DIFFER),
-    "sign": Rule("a column has the other sign", MAPS, UNTOLD),
-    "exchanged": Rule("two columns are exchanged", MAPS, UNTOLD),
-    "offset": Rule("a constant is added to a column", MAPS, UNTOLD),
-    "shifted action": Rule("the actions are one step early or late", MAPS, UNTOLD),
-    "reversed": Rule("time runs backwards", MAPS, UNTOLD),
-    "frame rate": Rule("it has half the frame rate of the others", MAPS, UNTOLD),
+    "sign": Rule("a column has the other sign", MAPS, NO_BETTER),
+    "exchanged": Rule("two columns are exchanged", MAPS, NO_BETTER),
+    "offset": Rule("a constant is added to a column", MAPS, NO_BETTER),
+    "shifted action": Rule("the actions are one step early or late", MAPS, NO_BETTER),
+    "reversed": Rule("time runs backwards", MAPS, NO_BETTER),
+    "frame rate": Rule("it has half the frame rate of the others", MAPS, NO_BETTER),
     "next state": Rule("the action is the next state", ("several",), "the action is the next state in most"),
     "two episodes": Rule(
         "it holds two episodes", ("observations", "several"), "beginnings and ends are not unlike the rest"
