@@ -68,7 +68,7 @@ def column(browser: Browser, place: int) -> list[str]:
 def downloaded(folder: Path, browser: Browser, role: str, name: str) -> str:
     browser.click(f"[data-role={role}]")
     for _ in range(500):
-        if (folder / name).exists():
+        if (folder / name).exists() and (folder / name).stat().st_size:  # an empty file holds the name first
             return (folder / name).read_bytes().decode()
         browser.evaluate("new Promise(done => setTimeout(done, 20))")
     raise AssertionError(name)
