@@ -10,12 +10,12 @@ from contextlib import contextmanager
 
 import pytest
 
+from rpil.cli.questions.frames import Videos
+from rpil.cli.questions.security import Gate
+from rpil.cli.questions.server import Review, application, listen, load_server
+from rpil.cli.questions.session import Session
 from rpil.data.errors import MissingExtraError
 from rpil.results.view import About
-from rpil.review.frames import Videos
-from rpil.review.security import Gate
-from rpil.review.server import Review, application, listen, load_server
-from rpil.review.session import Session
 
 
 def need_server():

@@ -33,7 +33,6 @@ ROOMS = {
     "scale": "passes in memory, from disk, on a cluster",
     "estimators": "RPIL, BehavioralCloning, RMEnt, reweight",
     "simulation": "data with a known truth",
-    "review": "questions, in the terminal and on a page",
     "cli": "the command rpil",
 }
 """Room -> what it holds, in the order of imports; `simulation` stands beside the others."""

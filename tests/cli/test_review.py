@@ -17,8 +17,8 @@ import pytest
 
 from asked import BAD, N_STEPS, write
 from command_line import ok, refused
+from rpil.cli.questions.security import Gate
 from rpil.data.id_values import read_answers
-from rpil.review.security import Gate
 from served import Client, need_server
 
 need_server()
@@ -129,7 +129,7 @@ def test_without_the_extra_it_is_named_before_any_work(monkeypatch):
 def test_the_browser_is_given_the_address(data, monkeypatch):
     opened, served = SimpleQueue(), []
     monkeypatch.setattr("webbrowser.open", opened.put)
-    monkeypatch.setattr("rpil.review.server.serve", lambda application, at: served.append(at.getsockname()[1]))
+    monkeypatch.setattr("rpil.cli.questions.server.serve", lambda application, at: served.append(at.getsockname()[1]))
     out = ok("review", data, "--observations", "x,v", "-q").stdout
     assert [opened.get(timeout=10)] == re.findall(r"http://\S+", out)
     assert Gate(served[0], "x").url[:-1] in out

@@ -25,9 +25,9 @@ from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
+    from rpil.cli.questions.session import Session
     from rpil.formats.recording import Recording
     from rpil.results.record import Audit
-    from rpil.review.session import Session
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
@@ -96,7 +96,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     answer is written at once.
     """
     judged = judge(file, options)
-    from rpil.review.session import Session
+    from rpil.cli.questions.session import Session
 
     session = Session(judged.audit, judged.path, judged.before, MAX_QUESTIONS)
     ask(session, judged.fps)
@@ -121,7 +121,7 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
 
 def ask(session: Session, fps: float | None) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.review.session import contradiction_lines, fact_lines, question_sentence
+    from rpil.cli.questions.session import contradiction_lines, fact_lines, question_sentence
 
     click.echo("Ranks are from 0, the least of all demonstrations, to 1, the most.")
     terminal.print_lines(contradiction_lines((), session.audit))

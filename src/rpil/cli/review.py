@@ -21,7 +21,7 @@ from rpil.cli.outputs import OUTPUTS, Audited, about, lines_after_output, write_
 from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
-    from rpil.review.server import Review
+    from rpil.cli.questions.server import Review
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
 """Outputs of an audit that are written beside the labels where a review is finished."""
@@ -44,8 +44,8 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
     on where the last one ended. The page is for this computer alone. Ctrl-C ends it.
     """
-    from rpil.review.security import Gate
-    from rpil.review.server import application, listen, load_server, serve
+    from rpil.cli.questions.security import Gate
+    from rpil.cli.questions.server import application, listen, load_server, serve
 
     load_server()
     with listen(port or 0) as listening:
@@ -64,12 +64,12 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Review:
     """What the page shows and changes."""
+    from rpil.cli.questions.frames import Videos
+    from rpil.cli.questions.page import page_of
+    from rpil.cli.questions.server import Review
+    from rpil.cli.questions.session import Session
     from rpil.faults.recorded import faults_of
     from rpil.faults.settings import FaultSettings
-    from rpil.review.frames import Videos
-    from rpil.review.page import page_of
-    from rpil.review.server import Review
-    from rpil.review.session import Session
 
     audit, recording = judged.audit, judged.recording
     with show_stages(quiet, CommandSettings.current().timing) as progress:

@@ -65,7 +65,7 @@ def claims(path: Path) -> bool:
 
 
 def read(path: Path, options: ColumnOptions) -> Recording:
-    """Read the records that were not deleted; images are ignored, and steps are told by the command before them."""
+    """Read the records that were not deleted, without images; the last command is observed where no sensor is."""
     tub = _tub(path)
     numbers = [name for name, kind in tub.fields.items() if kind in ("float", "int", "boolean", "bool")]
     lost = [name for name in _COMMANDS if name not in numbers]

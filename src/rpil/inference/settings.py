@@ -157,7 +157,7 @@ class ClaimSettings:
     """What the scores support (`rpil.inference.claims`)."""
 
     min_p_two: float = 0.99
-    """P(two groups) from which anybody is called unlike the others, with both dealings of the folds."""
+    """The least P(two groups), with both assignments to folds, at which a demonstration is called unlike."""
     min_p_two_of_noise: float = 0.2
     """P(two groups) from which those are called unlike the others that act as noise does."""
     max_missing_steps: int = 200

@@ -85,7 +85,7 @@ class Audit(AuditResult):
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
-        Reasons not to call anybody unlike the others, one sentence each.
+        Reasons not to call any demonstration unlike the others, one sentence each.
     notes : tuple of str
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
     columns : (M, D) array

@@ -1,4 +1,4 @@
-"""Audits as plain values of JSON, and back: what comes back is checked, because anybody may have written it."""
+"""Audits as plain values of JSON, and back; what is read is checked, as another program may have written it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A run: the view of an audit as a JSON file, from which its page can be made again.
 
-It may come from anybody. So what is read is compared with the shape that `rpil.results.view` describes, and sizes are
-bounded; a page shows it as text and never as code.
+Another person may have written it. So what is read is compared with the shape that `rpil.results.view` describes, and
+sizes are bounded; a page shows it as text and never as code.
 """
 
 from __future__ import annotations

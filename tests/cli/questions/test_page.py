@@ -7,9 +7,9 @@ import pytest
 import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
+from rpil.cli.questions.frames import Videos
+from rpil.cli.questions.page import page_of
 from rpil.data.id_values import read_answers
-from rpil.review.frames import Videos
-from rpil.review.page import page_of
 from served import need_server, review_of, serving
 from small import FAST
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import lerobot_folders
+from rpil.cli.questions.frames import Videos
+from rpil.cli.questions.server import listen, load_server
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answers
 from rpil.results.drawings import drawing
 from rpil.results.view import make_view
-from rpil.review.frames import Videos
-from rpil.review.server import listen, load_server
 from served import need_server, review_of, serving
 
 need_server()

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from asked import BAD
-from rpil.data.errors import DataError
-from rpil.data.id_values import read_answers
-from rpil.review.session import (
+from rpil.cli.questions.session import (
     Asking,
     Session,
     change_lines,
@@ -20,6 +18,8 @@ from rpil.review.session import (
     question_sentence,
     rows_of,
 )
+from rpil.data.errors import DataError
+from rpil.data.id_values import read_answers
 
 
 def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):

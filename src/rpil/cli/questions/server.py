@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from rpil.cli.questions.frames import Videos
+from rpil.cli.questions.security import Application, Gate, guarded_by
+from rpil.cli.questions.session import ANSWER_KEYS, Session, fact_lines, question_sentence
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
 from rpil.results.drawings import drawing
 from rpil.results.text import printable
 from rpil.results.view import About, View, make_view
-from rpil.review.frames import Videos
-from rpil.review.security import Application, Gate, guarded_by
-from rpil.review.session import ANSWER_KEYS, Session, fact_lines, question_sentence
 
 if TYPE_CHECKING:
     from starlette.requests import Request

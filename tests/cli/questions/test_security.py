@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rpil.review.security import MAX_BODY, Gate
+from rpil.cli.questions.security import MAX_BODY, Gate
 from served import need_server, review_of, serving
 
 need_server()

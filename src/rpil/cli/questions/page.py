@@ -12,11 +12,11 @@ from rpil.results.view import View
 
 
 def page_of(state: View, view: View) -> str:
-    """The page of a view; `state` is what `rpil.review.server.Review.state` says of the question."""
-    question = html_environment("rpil.review", "").get_template("question.html").render(state)
+    """The page of a view; `state` is what `rpil.cli.questions.server.Review.state` says of the question."""
+    question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
     return render_page([Article(view, top=Markup(question))], live=_script())
 
 
 @cache
 def _script() -> str:
-    return files("rpil.review").joinpath("review.js").read_text(encoding="utf-8")
+    return files("rpil.cli.questions").joinpath("review.js").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import lerobot_folders
+from rpil.cli.questions.frames import FRAME_WIDTH, Videos
 from rpil.data.errors import DataError
-from rpil.review.frames import FRAME_WIDTH, Videos
 
 av = pytest.importorskip("av")
 
