@@ -10,6 +10,7 @@ IN_PARALLEL ?= --numprocesses 2 --dist loadfile --quiet
 .PHONY: demo check test lint docs results paper clean
 
 $(VENV)/.made: pyproject.toml
+	@echo "Making $(VENV): pip installs rpil and the tools of its tests, which takes about three minutes."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
@@ -37,6 +38,7 @@ docs: $(VENV)/.docs
 	! grep -rE '<(script|link|img)[^>]* (src|href)="(https?:)?//' build/docs --include='*.html'
 
 $(VENV)/.docs: $(VENV)/.made
+	@echo "Adding Sphinx to $(VENV) with pip, which takes about a minute."
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
 

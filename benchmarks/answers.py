@@ -331,7 +331,8 @@ def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
     alone, bad, n = 0, 0, 0
     for audit in audits:
         m = int(np.argmin(audit["log_odds"]))
-        alone += int((labelled(audit, np.array([m]), np.array([1 - 2 * audit["good"][m]])).words != 0).sum())
+        words = labelled(audit, np.array([m]), np.array([1 - 2 * audit["good"][m]])).words
+        alone += int((np.delete(words, m) != 0).sum())
         if audit["kind"] != "half" or len(audit["good"]) < 16:
             continue
         for draw in range(draws):
@@ -341,7 +342,7 @@ def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
             words = labelled(audit, chosen, rng.permutation([1, -1] * 4)).words[rest]
             bad, n = bad + int((words < 0).sum()), n + len(rest)
     return [
-        {"what": "one wrong answer alone: words", "figure": f"{alone}"},
+        {"what": "one wrong answer alone: words of the others", "figure": f"{alone}"},
         {"what": "good halves, eight labels drawn at random: called bad", "figure": f"{bad} of {n}"},
     ]
 

@@ -9,13 +9,15 @@ import pyarrow.parquet as pq
 N_STEPS, BAD = 40, {3, 5, 8, 9}
 
 
-def write(name, n=24, **columns):
-    """Demonstrations of a controller at 10 steps a second, but for the `BAD` ones, which act at random."""
+def write(name, n=24, ids=None, **columns):
+    """Demonstrations of a controller at 10 steps a second, but for the `BAD` ones, which act at random; they are called
+    `ids`, by default 0 to n - 1."""
     rng = np.random.default_rng(1)
     owner = np.repeat(np.arange(n), N_STEPS)
     x, v = rng.normal(size=(2, len(owner)))
     action = np.where(np.isin(owner, list(BAD)), rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v))
     columns = {"timestamp": np.tile(np.arange(N_STEPS) * 0.1, n), **columns}
-    table = {"episode_index": owner, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
+    named = owner if ids is None else np.array(ids)[owner]
+    table = {"episode_index": named, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
     pq.write_table(pa.table(table), name)
     return str(name)

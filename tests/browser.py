@@ -88,7 +88,7 @@ class Browser:
 
     def reload(self) -> None:
         # A page writes to the storage at once, and the process of the next page may read it a moment later.
-        self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 500))")
+        self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1500))")
         self.send("Page.reload")
         self.wait("!window.isOld && document.readyState === 'complete'")
 

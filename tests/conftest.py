@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,12 @@ def pytest_collection_modifyitems(items):
 def pytest_runtest_setup():
     """Types are checked in the first calls of each test."""
     typecheck.calls.clear()
+
+
+@pytest.fixture
+def interruptible():
+    """Processes that a test starts obey SIGINT, also where this one ignores it, as after ``nohup`` or ``&``: who
+    ignores a signal hands that on, and who has a handler does not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

@@ -73,7 +73,7 @@ def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
         session=Session(audit, labels, None, None),
         about=About("Review of d.parquet", "d.parquet", fps=10.0, command="rpil audit d.parquet"),
         videos=videos or Videos.of("d.parquet", audit.ids, 10.0),
-        finish=finish or (lambda _: []),
+        finish=finish or (lambda audit, agreed: {"lines": []}),
         page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )
 

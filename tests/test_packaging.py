@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -83,6 +85,22 @@ def test_every_requirement_has_a_lowest_version():
     assert tool["lowest"]("gymnasium[box2d]>=1.2.3,<2") == "gymnasium[box2d]==1.2.3"
     with pytest.raises(ValueError, match="numpy<3"):
         tool["lowest"]("numpy<3")
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+@pytest.mark.parametrize("target", ["demo", "lint", "test", "check", "docs", "results", "paper"])
+def test_make_says_what_it_does_before_it_waits_for_pip(target):
+    command = ["make", "--dry-run", "VENV=no-such-folder", target]
+    # `make test` passes its own flags on in the environment, and the make below would speak of its folder first.
+    env = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
+    run = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    installs = [k for k, line in enumerate(lines) if " pip install " in line]
+    assert re.search(r"^echo .* takes about three minutes\.", lines[0])
+    assert len(installs) == (2 if target == "docs" else 1)
+    for k in installs:
+        said = next(line for line in reversed(lines[:k]) if line.startswith("echo"))
+        assert re.search(r"pip.* takes about (three|a) minutes?\.", said)
 
 
 @pytest.mark.slow

@@ -180,7 +180,7 @@ def test_format_in_commands_recipe(package, monkeypatch, tmp_path):
     ok("convert", tmp_path / "toy.csv", "-o", path)
     assert "JSON lines" in ok("info", path).stdout
     assert "4 demonstrations" in ok("check", path).stdout
-    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv")
+    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv", "--only-named")
     assert formats.read(tmp_path / "kept.jsonl").ids == ("d2",)
 
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from browser import browsing, needs_chromium
-from command_line import npz, ok, refused
+from command_line import at_terminal, npz, ok, refused
 from problems import make_continuous
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -125,7 +125,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "reason": str, "worst_steps": list, "facts": dict,
+            "verdict": str, "label": str, "reason": str, "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")
@@ -245,7 +245,10 @@ def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path)
         browser.press("b", "j", "b", "Escape")
         browser.click('[data-filter=verdict][data-value="typical"]')
         browser.press("g")
+        marked = "document.querySelector('[data-role=marked]').innerText === 'Your marks: 1 good, 2 bad.'"
+        browser.wait(marked)
         browser.reload()
+        browser.wait(marked)
         browser.click("[data-role=labels]")
         file = tmp_path / "labels.csv"
         while not (file.exists() and file.stat().st_size):  # Chromium holds the name by an empty file first
@@ -256,3 +259,22 @@ def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path)
     assert (tmp_path / "labels.csv").read_text().count("bad") == 2
     old, new = ({one["id"]: one["log_odds"] for one in each["demonstrations"]} for each in (before, after))
     assert all(abs(old[name] - new[name]) > 0.01 for name in old)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "titles"), [(80, ["id", "steps", "log-odds"]), (200, ["id", "steps", "= actions"])])
+def test_the_table_fits_a_terminal_and_no_id_is_wrapped(folder, width, titles):
+    table = pq.read_table(folder / "good.parquet")
+    ids = [f"operator_{m % 3}/drive_{m:03}" for m in table["episode_index"].to_pylist()]
+    place = table.column_names.index("episode_index")
+    pq.write_table(table.set_column(place, "episode_index", pa.array(ids)), "named.parquet")
+    Path("labels.csv").write_text(f"id,label\n{ids[0]},good\n{ids[-1]},bad\n")
+    Path("operators.csv").write_text("id,demonstrator\n" + "".join(f"{m},{m[:10]}\n" for m in dict.fromkeys(ids)))
+    options = ["--labels", "labels.csv", "--operator", "operators.csv", "--quiet"]
+    lines = at_terminal(width, "audit", "named.parquet", *options).splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("id"))
+    rows = lines[start + 2 : start + 14]
+    assert {row.split()[0] for row in rows} == {*ids}
+    assert all(len(line) <= width for line in lines[start : start + 14])
+    assert all(title in lines[start] for title in [*titles, "P(good)", "verdict"])
+    assert all(re.search(r"\b(good|open|bad)\b", row) for row in rows)

@@ -88,7 +88,12 @@ def test_expected_findings_do_not_fail(name, text):
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [("spikes = [4]", "no rule 'spikes'"), ("spike 4", "line 1"), ("spike = [4", "TOML")],
+    [
+        ("spikes = [4]", "no rule 'spikes'"),
+        ("spike 4", "line 1"),
+        ("spike = [4", "TOML"),
+        ("a." * 5_000 + "b = 1", "more than 8 dots"),
+    ],
 )
 def test_expected_in_another_form_is_refused(text, match):
     write("data.parquet")

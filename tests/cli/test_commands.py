@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -149,6 +150,22 @@ def test_bad_labels_and_demonstrators_are_refused(option, name, content, match):
         Path(name).write_text(content)
     refused(match, "audit", "data.npz", option, name, "--report", "r.html")
     refused(match, "fit", "data.npz", option, name, "-o", "policy")
+
+
+@pytest.mark.parametrize("label", ["x y" * 30_000, [[[]] * 50] * 900, {"a" * 9_000: 0}], ids=["text", "lists", "dict"])
+def test_of_a_long_label_the_beginning_is_quoted(label):
+    npz("data.npz")
+    for content in ({"1": label}, {str(label): "good"}):
+        Path("labels.json").write_text(json.dumps(content))
+        assert len(refused("labels.json", "audit", "data.npz", "--labels", "labels.json")) < 500
+
+
+def test_a_long_task_is_noted_by_its_beginning():
+    tasks = ["pick " * 9_000] * 40 + ["place"] * 20
+    table("data.parquet", task=tasks)
+    said = call("audit", "data.parquet", "-q").stderr
+    assert "too few to judge them well" in said
+    assert max(map(len, said.splitlines())) < 500
 
 
 def test_one_demonstration_is_refused():

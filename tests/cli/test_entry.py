@@ -12,17 +12,25 @@ import pytest
 from command_line import npz
 
 RUN = "from rpil.cli.entry import main\nmain()\n"
-READY = "from rpil.cli.entry import main\nprint('ready', flush=True)\nmain()\n"
-INTERRUPT = """
+AS_MODULE = "import runpy\nrunpy.run_module('rpil', run_name='__main__')\n"
+AT_IMPORT = """
 import sys
 
-class Interrupt:
+class AtImport:
     def find_spec(self, name, *_):
         if name == {name!r}:
-            raise KeyboardInterrupt
+            {what}
 
-sys.meta_path.insert(0, Interrupt())
+sys.meta_path.insert(0, AtImport())
 """
+
+
+def interrupt(name, what="raise KeyboardInterrupt"):
+    return AT_IMPORT.format(name=name, what=what)
+
+
+READY = interrupt("rpil.cli.main", "print('ready', flush=True)") + RUN
+"""From then on an interruption meets the command, and not what Python does before."""
 
 
 def check(code: int, stdout: str, stderr: str) -> None:
@@ -34,10 +42,11 @@ def check(code: int, stdout: str, stderr: str) -> None:
     assert lines[0].endswith(".")
 
 
+@pytest.mark.parametrize("run", [RUN, AS_MODULE], ids=["rpil", "python -m rpil"])
 @pytest.mark.parametrize("name", ["rpil.cli.main", "click", "rpil.data.files", "rpil.formats.columns", "numpy"])
-def test_an_interruption_of_an_import_is_one_sentence(name):
+def test_an_interruption_of_an_import_is_one_sentence(name, run):
     npz("data.npz")
-    command = [sys.executable, "-c", INTERRUPT.format(name=name) + RUN, "info", "data.npz"]
+    command = [sys.executable, "-c", interrupt(name) + run, "info", "data.npz"]
     done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
@@ -46,20 +55,19 @@ def test_an_interruption_of_an_import_is_one_sentence(name):
 @pytest.mark.parametrize("name", ["sklearn", "scipy", "pyarrow", "rpil.estimators.rpil", "jinja2"])
 def test_an_interruption_of_a_later_import_is_one_sentence(name):
     npz("data.npz")
-    command = [sys.executable, "-c", INTERRUPT.format(name=name) + RUN, "audit", "data.npz", "--report", "r.html", "-q"]
+    command = [sys.executable, "-c", interrupt(name) + RUN, "audit", "data.npz", "--report", "r.html", "-q"]
     done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 
 def test_an_interruption_while_options_are_read_is_one_sentence():
-    command = [sys.executable, "-c", INTERRUPT.format(name="importlib.metadata") + RUN, "--version"]
+    command = [sys.executable, "-c", interrupt("importlib.metadata") + RUN, "--version"]
     done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
-def test_a_signal_at_any_moment_is_one_sentence(seconds):
+def interrupted(seconds):
+    """The code, stdout and stderr of an audit that is sent SIGINT some seconds after its start."""
     npz("data.npz")
     command = [sys.executable, "-c", READY, "audit", "data.npz", "-q"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -67,7 +75,30 @@ def test_a_signal_at_any_moment_is_one_sentence(seconds):
         time.sleep(seconds)
         process.send_signal(signal.SIGINT)
         stdout, stderr = process.communicate()
-    check(process.returncode, stdout, stderr)
+    return process.returncode, stdout, stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
+def test_a_signal_at_any_moment_is_one_sentence(seconds, interruptible):
+    check(*interrupted(seconds))
+
+
+@pytest.mark.slow
+def test_where_the_shell_ignores_interruptions_so_does_the_command(interruptible):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of `rpil audit ... &` in a script
+    code, stdout, stderr = interrupted(0.1)
+    assert (code, stderr) == (0, "")
+    assert "6 demonstrations" in stdout
+
+
+@pytest.mark.parametrize("words", [["info", "data.npz"], ["info", "nowhere.npz"]])
+def test_the_module_is_the_command(words):
+    npz("data.npz")
+    command, module = ([sys.executable, *start, *words] for start in (["-c", RUN], ["-m", "rpil"]))
+    done, same = (subprocess.run(one, capture_output=True, text=True) for one in (command, module))
+    assert (same.returncode, same.stdout, same.stderr) == (done.returncode, done.stdout, done.stderr)
+    assert done.returncode == (2 if "nowhere.npz" in words else 0)
 
 
 def test_the_package_is_imported_in_a_moment():

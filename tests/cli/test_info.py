@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from command_line import call, ok, refused
 
 CODE = """
@@ -46,13 +47,33 @@ def test_info_reads_what_a_chunk_that_is_not_there_stands_for_where_it_is_asked_
     assert "2 demonstrations, 6 steps" in ok("info", tmp_path / "x.zarr", "--fill-missing").stdout
 
 
-def test_info_reads_rows_that_lie_apart_with_the_option_that_its_message_names(tmp_path):
-    k = np.arange(40)
+def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path):
+    rng, k = np.random.default_rng(0), np.arange(400)
     (tmp_path / "many").mkdir()
-    table = pa.table({"episode": k % 4, "frame_index": k // 4, "x": np.sqrt(k), "action": k % 2})
+    table = pa.table(
+        {"episode": k % 8, "frame_index": k // 8, "x": rng.normal(size=400), "action": rng.normal(size=400)}
+    )
     pq.write_table(table, tmp_path / "many" / "a.parquet")
-    assert "--no-stream" in call("info", tmp_path / "many").stderr
-    assert "4 demonstrations, 40 steps" in ok("info", tmp_path / "many", "--no-stream").stdout
+    together = table.sort_by([("episode", "ascending"), ("frame_index", "ascending")])
+    pq.write_table(together, tmp_path / "b.parquet")
+    said = "Demonstrations by episode; steps in the order of frame_index; rows of a demonstration lay apart."
+    for command, path in (("info", tmp_path / "many"), ("audit", tmp_path / "many")):
+        text = ok(command, path).stdout
+        assert "8 demonstrations, 400 steps" in text
+        assert said in text
+    found, expected = (
+        json.loads(ok("check", path, "--json").stdout) for path in (tmp_path / "many", tmp_path / "b.parquet")
+    )
+    assert found == expected
+    ok("keep", tmp_path / "many", "-o", "kept", "--share", ".5")
+    assert len(rpil.read("kept").ids) == 4
+    assert (
+        "sort them by episode, or read it into memory with --no-stream"
+        in call("info", tmp_path / "many", "--stream").stderr
+    )
+    shuffled = together.take(np.r_[25:50, 0:25, 50:400])
+    pq.write_table(shuffled, tmp_path / "many" / "a.parquet")
+    assert "steps sorted by frame_index, because rows" in ok("info", tmp_path / "many").stdout
 
 
 def test_info_imports_no_scikit_learn(folder):
@@ -87,4 +108,21 @@ def test_a_missing_value_is_described_and_refused(folder):
     result = call("info", "b.csv")
     assert result.exit_code == 2
     assert "Missing values:\n  x: 1" in result.stdout
-    assert "demonstration 0, row 2: column 'x' has no value" in result.stderr
+    assert "demonstration 0, row 2: column 'x' has no value; fill it in, or read with --skip-bad." in result.stderr
+
+
+def test_a_value_that_is_not_finite_names_the_option_that_leaves_it_out(folder):
+    table = pq.read_table(folder / "good.parquet")
+    values = table["action"].to_numpy().astype(float)
+    values[5] = np.nan
+    pq.write_table(table.set_column(table.column_names.index("action"), "action", [values]), "n.parquet")
+    said = call("audit", "n.parquet").stderr
+    assert "repair it, or read with --skip-bad." in said
+    x = next(name for name in table.column_names if name.startswith("observation"))
+    values = table[x].to_numpy().copy()
+    values[5] = np.inf
+    pq.write_table(table.set_column(table.column_names.index(x), x, [values]), "n.parquet")
+    assert (
+        "repair the value, leave the demonstration out, or read with --skip-bad." in call("audit", "n.parquet").stderr
+    )
+    assert "Set aside: " in ok("info", "n.parquet", "--skip-bad").stdout

@@ -52,13 +52,40 @@ def test_one_demonstration_alone_is_kept():
     refused("one demonstration alone", "audit", "drive.csv")
 
 
-def test_keep_by_labels(folder):
+def test_keep_by_labels_keeps_what_has_no_label_unless_only_named(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
-    ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--verdicts", "labels.csv")
-    assert rpil.read("kept.parquet").ids == (2, 11)
+    call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]
+    printed = ok(*call, "kept.parquet").stdout.splitlines()
+    assert printed[:2] == [
+        "Kept 11 of 12 demonstrations: kept.parquet",
+        "9 of these are not named in labels.csv: --only-named leaves them out.",
+    ]
+    assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
+    assert ok(*call, "named.parquet", "--only-named", "-q").stdout == "Kept 2 of 12 demonstrations: named.parquet\n"
+    assert rpil.read("named.parquet").ids == (2, 11)
+    refused("give --verdicts FILE", "keep", folder / "good.parquet", "-o", "k.parquet", "--only-named")
 
 
-def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
+@pytest.mark.parametrize("rule", [[], ["--share", "1"], ["--share", "0.9"], ["--at-least", "0"]])
+def test_what_is_labelled_bad_is_never_kept(folder, rule):
+    """Demonstrations 0 to 5 are good, and two of them are labelled bad."""
+    Path("labels.csv").write_text("id,label\n0,bad\n3,bad\n4,good\n5,good\n")
+    ok("keep", folder / "good.parquet", "-o", "kept.parquet", "--labels", "labels.csv", *rule)
+    ok("audit", folder / "good.parquet", "--labels", "labels.csv", "--verdicts", "v.csv", "--keep", "k.json", "-q")
+    ok("keep", folder / "good.parquet", "-o", "again.parquet", "--verdicts", "v.csv", *rule)
+    kept, listed = rpil.read("kept.parquet").ids, json.loads(Path("k.json").read_text())["episodes"]
+    assert not {0, 3} & {*kept, *listed}
+    assert {4, 5} <= {*kept} & {*listed}
+    assert rpil.read("again.parquet").ids == kept
+    labels = {
+        row["id"]: (row["label"], row["verdict"]) for row in csv.DictReader(Path("v.csv").read_text().splitlines())
+    }
+    assert labels["0"] == labels["3"] == ("bad", "bad")
+    assert labels["4"] == ("good", "good")
+    assert labels["1"][0] == ""
+
+
+def test_labels_choose_episodes_of_lerobot_too(tmp_path):
     robot, observed = tmp_path / "robot", "observation.state"
     (robot / "meta").mkdir(parents=True)
     (robot / "data").mkdir()
@@ -67,11 +94,14 @@ def test_demonstrations_without_a_label_are_left_out_by_lerobot_too(tmp_path):
     columns = {"episode_index": [0, 0, 1, 1, 2, 2, 3, 3], "action": [k / 3 for k in range(8)]}
     pq.write_table(pa.table({**columns, observed: [None, *map(float, range(7))]}), robot / "data" / "a.parquet")
     Path("labels.csv").write_text("id,label\n2,expert\n1,bad\n")
-    printed = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv").stdout
+    assert ok("keep", robot, "-o", "k.json", "--verdicts", "labels.csv").stdout.startswith("Kept 3 of 4 demonstrations")
+    assert json.loads(Path("k.json").read_text())["episodes"] == [0, 2, 3]
+    named = ["--verdicts", "labels.csv", "--only-named"]
+    printed = ok("keep", robot, "-o", "keep.json", *named).stdout
     assert printed.startswith("Kept 1 of 4 demonstrations")
     assert "--dataset.episodes='[2]'" in printed
     assert "lerobot-edit-dataset" not in printed  # which cannot read version 2.1
-    quiet = ok("keep", robot, "-o", "keep.json", "--verdicts", "labels.csv", "-q").stdout
+    quiet = ok("keep", robot, "-o", "keep.json", *named, "-q").stdout
     assert quiet == "Kept 1 of 4 demonstrations: keep.json\n"
     for output in ("x.csv", "x.parquet", "x.hdf5", "x.zarr.zip"):
         refused(f"{output}: .* folder", "keep", robot, "-o", output, "--verdicts", "labels.csv")
@@ -83,13 +113,21 @@ def test_keep_refuses_before_it_judges(folder, monkeypatch):
     monkeypatch.setattr("rpil.cli.keep.audit_by_task", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
-    Path("all_bad.csv").write_text("id,label\n1,bad\n")
+    Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))
     Path("other.csv").write_text("id,label\n99,good\n")
     refused("it is there already", "keep", data, "-o", "there")
     refused("it is the data themselves", "keep", data, "-o", data)
     refused("there is no folder", "keep", data, "-o", "no/kept.parquet")
     refused("exclude each other", "keep", data, "-o", "k.parquet", "--share", 0.5, "--at-least", 0.5)
-    refused("no demonstration is left; ", "keep", data, "-o", "k.parquet", "--verdicts", "all_bad.csv")
+    refused(
+        "no demonstration is left by the verdicts of all_bad.csv",
+        "keep",
+        data,
+        "-o",
+        "k.parquet",
+        "--verdicts",
+        "all_bad.csv",
+    )
     refused("no demonstration is called '99'", "keep", data, "-o", "k.parquet", "--verdicts", "other.csv")
     refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
 
@@ -178,7 +216,7 @@ def test_ids_that_look_like_formulas(folder):
     Path("labels.csv").write_text("id,verdict\n'=cmd|'/C calc'!A0,expert\n+1+1,expert\n")
     for verdicts, kept in (("v.csv", ids[:6]), ("labels.csv", ids[:2])):
         for table in ("named.parquet", "t.csv"):
-            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts)
+            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts, "--only-named")
             assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept
 
 
@@ -196,7 +234,7 @@ def test_idle_ends_are_cut_on_request(tmp_path):
     trims = json.loads(ok("check", root, "--json", "-q").stdout)["trims"]
     ends = {trim["id"]: (trim["first"], trim["end"]) for trim in trims}
     assert ends[4] == (still, n - still)
-    printed = ok("keep", root, "-o", "kept", "--trim", "--verdicts", "labels.csv").stdout
+    printed = ok("keep", root, "-o", "kept", "--trim", "--verdicts", "labels.csv", "--only-named").stdout
     assert "Trimmed 2 of them by 60 steps" in printed
     kept, whole = rpil.read("kept"), rpil.read(root).select([1, 4])
     for m in (0, 1):

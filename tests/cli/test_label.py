@@ -6,8 +6,10 @@ import io
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import click
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,9 +20,11 @@ from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil import RPIL, read
 from rpil.cli.commands import CommandSettings
-from rpil.cli.label import MAX_QUESTIONS
+from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
 from rpil.cli.progress import ProgressTiming
+from rpil.cli.questions.session import Session
+from rpil.data.id_values import read_answers
 from small import FAST
 
 
@@ -199,3 +203,60 @@ def test_facts_are_in_every_output_and_change_no_word(data):
         *("fact_length", "fact_pauses", "fact_smoothness", "fact_path", "fact_unusual_end", "fact_dynamics"),
         "fact_session",
     ]
+
+
+def test_whatever_the_ids_are_the_answers_are_read_again():
+    odd = " lead|trail |\u00a0space|\x85next|\u2028line|lead|,|=1+1|+5|007|7|a\nb|\t|' a"
+    ids = odd.split("|")
+    name = write("odd.parquet", len(ids), ids)
+    out = label("3gbgbgbq", name)
+    label("gbgbgb", name)  # goes on
+    labels, pairs = read_answers("labels.csv", ids)
+    assert (len(labels), pairs) == (14, [])
+    assert set(labels) == set(ids)
+    assert out.count("Question") == 8
+    options = ["--observations", "x,v", "-q"]
+    found = json.loads(ok("audit", name, "--labels", "labels.csv", "--json", "--verdicts", "v.csv", *options).stdout)
+    assert found["finding"] == "answered"
+    assert {row["id"] for row in found["demonstrations"]} == {*ids}
+    for verdicts in ("labels.csv", "v.csv"):
+        ok("keep", name, "-o", f"kept-by-{verdicts}.parquet", "--verdicts", verdicts, *options)
+    good = {m for m, word in labels.items() if word == "good"}
+    assert {*pq.read_table("kept-by-labels.csv.parquet")["episode_index"].to_pylist()} == good
+
+
+def test_an_answer_that_contradicts_another_is_asked_again(audit, monkeypatch, capsys):
+    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
+    session = Session(copies, "labels.csv", None, 8)
+    session.answer((1,), "g")
+    session.question = (7,)
+    monkeypatch.setattr("sys.stdin", io.StringIO("b\ng\nq\n"))
+    with click.Context(click.Command("label")):
+        ask(session, None)
+    said = capsys.readouterr().out
+    assert "1 is labelled good and 7, a copy of it, bad; change one of the labels.\n" in said
+    assert said.count("Question 2 of 8 at most. Is it good or bad: 7") == 2
+    assert rows() == ["id,label", "1,good", "7,good"]
+
+
+def test_the_last_lines_say_that_another_program_removed_the_answers(audit):
+    session = Session(audit, "labels.csv", None, None)
+    assert "nothing was written" in "\n".join(last_lines(session, "rpil audit"))
+    session.answer((1,), "g")
+    assert [*last_lines(session, "rpil audit")] == ["", "1 answer of this run in labels.csv.", "Then run: rpil audit"]
+    Path("labels.csv").unlink()
+    said = "Another program has changed or removed labels.csv; look whether your answers are in it."
+    assert [*last_lines(session, "rpil audit")] == ["", said]
+
+
+@pytest.mark.parametrize("command", ["label", "review"])
+def test_a_link_to_nothing_is_refused_before_anything_is_judged(command):
+    Path("labels.csv").symlink_to("elsewhere.csv")
+    refused(
+        r"labels\.csv: it is a link that leads to nothing; remove it, or give another file",
+        command,
+        "no-data.parquet",
+        "-q",
+    )
+    assert not Path("elsewhere.csv").exists()
+    assert Path("labels.csv").is_symlink()

@@ -75,8 +75,9 @@ def test_what_a_command_has_no_option_for_is_not_used(data):
         ("only = [1, [2]]", "only needs a text or a list"),
         ("skip-bad = 'yes'", "skip-bad needs true or false"),
         ("only = ", "not valid TOML"),
-        ("only = " + "[" * 50_000, "not valid TOML"),
-        ("#" * (1 << 21), "longer than 1 MiB"),
+        ("only = " + "[" * 10_000, "not valid TOML"),
+        ("#" * (1 << 15), "longer than 16 KiB"),
+        ("a." * 8_000 + "b = 1", "a key in it has more than 8 dots"),
         ("action-kind = 'odd'", "--action-kind"),
         ("exclude = 'colour'", "no column is called 'colour'"),
     ],
@@ -118,9 +119,27 @@ def test_options_are_written_and_read_again(data):
     expected = {"id": "bout", "outcome": "-success", "exclude": ["height", 'a "b"\\c'], "only": ["0-3,5"]}
     assert said == expected
     assert described(data) == described(data, *first)
-    ok("info", data, "--without", "1", "--skip-bad", "--write-options")  # and those that were there
+    Path("drive", NAME).rename("old.toml")
+    ok("info", data, *first, "--without", "1", "--skip-bad", "--write-options")
     assert tomllib.loads(Path("drive", NAME).read_text()) == expected | {"without": ["1"], "skip-bad": True}
     assert described(data)["demonstrations"] == 4
+
+
+def test_options_that_are_there_are_not_written_over(data):
+    Path("drive", NAME).write_text("# my own\nid = 'bout'\n")
+    before = Path("drive", NAME).read_bytes()
+    result = call("info", data, "--without", "1", "--write-options")
+    assert result.exit_code == 2
+    assert f"rpil: {data.parent / NAME}: it is there already; change it with an editor" in result.stderr
+    assert Path("drive", NAME).read_bytes() == before
+
+
+def test_options_are_not_written_through_a_link(data):
+    os.symlink(Path("elsewhere").absolute(), Path("drive", NAME))
+    result = call("info", data, "--id", "bout", "--write-options")
+    assert result.exit_code == 2
+    assert "it is there already" in result.stderr
+    assert not Path("elsewhere").exists()
 
 
 def test_options_that_cannot_be_read_with_are_not_written(data):

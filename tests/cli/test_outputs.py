@@ -20,6 +20,7 @@ from audits import make_audit
 from command_line import call, ok, refused
 from rpil.cli import outputs
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.faults.check import find_faults
 from rpil.formats.recording import from_demonstrations
 
@@ -59,9 +60,41 @@ def test_secrets_of_an_address_are_in_no_report():
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_demonstrations(data, "CSV")
     given = outputs.Audited(audit, recording.description.source, recording, None, {})
-    shown = outputs.about(given, f"rpil audit {shlex.quote(given.source)}")
+    with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
+        ctx.params["file"] = given.source
+        shown = outputs.about(given)
     assert "HIDDEN" not in repr(shown)
     assert shown.command == "rpil audit 's3://***@bucket/x.csv?token=***'"
+
+
+def test_secrets_of_an_address_are_in_no_error(monkeypatch):
+    def refuse(path, *_, **__):
+        raise DataError(f"{path}: it cannot be listed; check the path.")
+
+    monkeypatch.setattr("rpil.formats.read_recording", refuse)
+    error = refused("it cannot be listed", "audit", "s3://KEY:HID/DEN@bucket/a.parquet", "-q")
+    assert error == "rpil: s3://***@bucket/a.parquet: it cannot be listed; check the path.\n"
+
+
+def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
+    data, work = tmp_path / "ann" / "sets" / "d.parquet", tmp_path / "ann" / "work"
+    data.parent.mkdir(parents=True)
+    work.mkdir()
+    shutil.copy(folder / "good.parquet", data)
+    monkeypatch.setenv("HOME", str(tmp_path / "ann"))
+    monkeypatch.chdir(work)
+    (work / "who.csv").write_text("id,demonstrator\n0,a\n1,a\n2,b\n")
+    files = {"report": "r.html", "save": "run.json", "keep": "k.json", "verdicts": "v.parquet"}
+    outputs = [word for name, path in files.items() for word in (f"--{name}", str(work / path))]
+    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q")
+    for path in files.values():
+        assert str(tmp_path).encode() not in Path(path).read_bytes(), path
+    shared = json.loads(Path("run.json").read_text())
+    assert shared["command"] == "rpil audit ~/sets/d.parquet --operator who.csv"
+    assert shared["provenance"]["command"].startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
+    assert [file["path"] for file in shared["provenance"]["files"]] == ["~/sets/d.parquet", "who.csv"]
+    ok("report", "run.json", "-o", "again.html")
+    assert Path("again.html").read_bytes() == Path("r.html").read_bytes()
 
 
 @pytest.mark.slow

@@ -27,6 +27,18 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
     assert "stage [False]" in err
 
 
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_secrets_of_an_address_are_not_shown(monkeypatch, capsys, is_terminal):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal, raising=False)
+    with show_stages(False, ProgressTiming(first=0.01)) as show:
+        show("reading s3://KEY:HIDDEN@bucket/a.csv")
+        time.sleep(0.2)
+    err = capsys.readouterr().err
+    assert "s3://***@bucket/a.csv" in err
+    assert "HIDDEN" not in err
+
+
 def test_time_left_is_that_of_the_unfinished_items(monkeypatch):
     monkeypatch.setattr("time.monotonic", lambda: 130.0)
     assert progress._time_left(100.0, 3, 12) == ", about 90 s left"
@@ -35,7 +47,7 @@ def test_time_left_is_that_of_the_unfinished_items(monkeypatch):
 
 @pytest.mark.slow
 def test_pipe_gets_ever_rarer_lines(capsys):
-    timing = ProgressTiming(first=0.2, interval=0.1, elapsed_share=1.0)
+    timing = ProgressTiming(first=0.2, interval=0.1, elapsed_share=1.0, unchanged=0.1)
     with show_stages(False, timing) as show:
         show("never seen")
         show("reading")
@@ -58,6 +70,17 @@ def test_pipe_gets_ever_rarer_lines(capsys):
 
 
 @pytest.mark.slow
+def test_a_stage_is_named_once_and_again_where_it_is_long(capsys):
+    with show_stages(False, ProgressTiming(first=0.05, interval=0.05, unchanged=0.7)) as show:
+        time.sleep(0.3)
+        show("reading")
+        time.sleep(1.1)
+    said = [line.partition(" s: ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert said[:3] == ["loading the libraries", "reading", "reading"]
+    assert len(said) <= 4, "of more than twenty"
+
+
+@pytest.mark.slow
 def test_slow_imports_are_reported_within_two_seconds():
     npz("data.npz")
     script = (
@@ -74,7 +97,7 @@ def test_slow_imports_are_reported_within_two_seconds():
         start = time.monotonic()
         command = [sys.executable, "-c", script, "audit", "data.npz", *options]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stderr.readline() == "rpil: 1 s: starting\n"
+            assert process.stderr.readline() == "rpil: 1 s: loading the libraries\n"
             assert time.monotonic() - start < 30  # long before the first import ends
             process.kill()
 

@@ -11,6 +11,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
+from urllib.parse import unquote, urlsplit
 
 import pyarrow.parquet as pq
 import pytest
@@ -71,12 +72,12 @@ def test_what_was_answered_outlives_the_server(data):
         assert status == 200
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
         assert finished["lines"][0].endswith(command)
-        assert finished["lines"][1] == "Keep: keep.json"
+        assert finished["lines"][1] == "Keep: labels-keep.json"
         good = client.get("/api/view")["view"]["demonstrations"]["verdict"]
-        kept = json.loads(Path("keep.json").read_text())["episodes"]
+        kept = json.loads(Path("labels-keep.json").read_text())["episodes"]
         assert kept == [m for m, word in enumerate(good) if word != "bad"]
-        assert len(Path("verdicts.csv").read_text().splitlines()) == 25
-        assert pq.read_table("weights.parquet").num_rows == 24 * N_STEPS
+        assert len(Path("labels-verdicts.csv").read_text().splitlines()) == 25
+        assert pq.read_table("labels-weights.parquet").num_rows == 24 * N_STEPS
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
@@ -109,16 +110,52 @@ def test_nothing_that_is_finished_joins_the_data(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
+FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]
+
+
 @pytest.mark.slow
-def test_what_is_finished_never_replaces_the_answers(data):
-    with reviewing(data, "--labels", "verdicts.csv") as (_, client):
+def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
+    others = ["keep.json", "verdicts.csv", "weights.parquet", *FINISHED[1:]]
+    for name in others:
+        Path(name).write_text("MINE")
+    with reviewing(data, "--labels", "mine.json") as (_, client):
         assert client.answer(0, "b", 3)[0] == 200
-        answers = Path("verdicts.csv").read_bytes()
         status, answer = client.post("/api/finish", version=1)
-        assert status == 400
-        assert "verdicts.csv: it is named twice" in answer["error"]
-    assert Path("verdicts.csv").read_bytes() == answers
-    assert not Path("keep.json").exists()
+        sentence = "Replace mine-verdicts.csv and mine-weights.parquet? This run did not write them."
+        assert (status, answer["lines"], answer["exists"]) == (200, [sentence], FINISHED[1:])
+        for wrong in (True, FINISHED[1:2], FINISHED):
+            assert client.post("/api/finish", version=1, replace=wrong)[1]["lines"] == [sentence]
+        assert {Path(name).read_text() for name in others} == {"MINE"}
+        assert not Path("mine-keep.json").exists()
+        written = client.post("/api/finish", version=1, replace=answer["exists"])[1]["lines"]
+        assert written[1] == "Keep: mine-keep.json"
+        assert client.answer(1, "g", 4)[0] == 200
+        again = client.post("/api/finish", version=2)[1]["lines"]
+        assert again == written, "its own files need no second word"
+        assert pq.read_table("mine-weights.parquet").num_rows == 24 * N_STEPS
+        Path("mine-keep.json").write_text("MINE")
+        assert client.post("/api/finish", version=2)[1]["exists"] == ["mine-keep.json"], "another changed it"
+    assert {Path(name).read_text() for name in (*others[:3], "mine-keep.json")} == {"MINE"}
+    assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.json"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FINISHED)
+def test_no_link_is_written_through(data, tmp_path, name):
+    precious = tmp_path / "precious"
+    for is_there in (True, False):
+        if is_there:
+            precious.write_text("MINE")
+        Path(name).symlink_to(precious)
+        with reviewing(data, "--labels", "mine.csv") as (_, client):
+            for agreed in (None, [name], FINISHED):
+                status, answer = client.post("/api/finish", version=0, replace=agreed)
+                assert (status, answer["error"][: len(name) + 14]) == (400, f"{name}: it is a link")
+        assert precious.exists() == is_there
+        assert Path(name).is_symlink()
+        Path(name).unlink()
+        precious.unlink(missing_ok=True)
+    assert list(Path().iterdir()) == []
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):
@@ -126,13 +163,30 @@ def test_without_the_extra_it_is_named_before_any_work(monkeypatch):
     refused(r"rpil\[review\]", "review", "nothing-is-read.parquet")
 
 
-def test_the_browser_is_given_the_address(data, monkeypatch):
-    opened, served = SimpleQueue(), []
+def test_the_browser_is_given_a_private_page_that_leads_to_the_address(data, monkeypatch):
+    opened, served, pages = SimpleQueue(), [], []
+
+    def serve(application, at):
+        served.append(at.getsockname()[1])
+        address = opened.get(timeout=10)
+        page = Path(unquote(urlsplit(address).path))
+        pages.append((address, page, page.read_text(), page.stat().st_mode, page.parent.stat().st_mode))
+
     monkeypatch.setattr("webbrowser.open", opened.put)
-    monkeypatch.setattr("rpil.cli.questions.server.serve", lambda application, at: served.append(at.getsockname()[1]))
+    monkeypatch.setattr("rpil.cli.questions.server.serve", serve)
     out = ok("review", data, "--observations", "x,v", "-q").stdout
-    assert [opened.get(timeout=10)] == re.findall(r"http://\S+", out)
+    [(address, page, content, mode, mode_of_folder)] = pages
+    [url] = re.findall(r"http://\S+", out)
+    assert address.startswith("file:///")
+    assert url.rpartition("=")[2] not in address, "all users of a computer see with what a program was started"
+    assert (content, mode & 0o777, mode_of_folder & 0o777) == (
+        f'<meta http-equiv="refresh" content="0; url={url}">',
+        0o600,
+        0o700,
+    )
+    assert not page.parent.exists()
     assert Gate(served[0], "x").url[:-1] in out
     assert out.endswith("No answer was given, and nothing was written.\n")
+    monkeypatch.setattr("rpil.cli.questions.server.serve", lambda application, at: None)
     ok("review", data, "--observations", "x,v", "-q", "--no-browser")
     assert opened.empty()

@@ -6,6 +6,7 @@ import dataclasses
 import io
 import re
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -135,15 +136,16 @@ def test_question_that_decides_most_is_asked_until_something_is_answered(labels_
     assert "the best first" in answered
 
 
-def test_doubts_groups_and_contradicting_labels_are_printed():
+def test_doubts_and_contradicting_labels_are_results_and_groups_come_before_the_question(capsys):
     changes = {"doubts": ("One part says most.",), "contradicting": (3,), "competing": ((0, 1), (2, 3))}
-    lines = terminal.next_steps(make_audit(**changes), "l.csv", "rpil audit x").splitlines()
-    assert lines[:4] == [
-        "Group A, 2 demonstrations: 0, 1",
-        "Group B, 2 demonstrations: 2, 3",
-        "3: its label contradicts the other answers; look again.",
-        "One part says most.",
-    ]
+    audit = make_audit(finding="in doubt", **changes)
+    terminal.print_audit(audit)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "One part says most."
+    assert lines[-1] == "3: its label contradicts the other answers; look again."
+    lines = terminal.next_steps(audit, "l.csv", "rpil audit x").splitlines()
+    assert lines[:2] == ["Group A, 2 demonstrations: 0, 1", "Group B, 2 demonstrations: 2, 3"]
+    assert lines[2].startswith("Next: ")
 
 
 @pytest.mark.parametrize(
@@ -163,3 +165,9 @@ def test_doubts_groups_and_contradicting_labels_are_printed():
 )
 def test_messages_for_python_name_options_in_a_shell(python, shell):
     assert terminal.to_one_line(python).endswith(shell)
+
+
+def test_a_note_keeps_the_secrets_of_an_address(capsys):
+    with terminal.print_warnings():
+        warnings.warn("s3://KEY:HIDDEN@bucket/a.csv: it is old.", stacklevel=1)
+    assert capsys.readouterr().err == "note: s3://***@bucket/a.csv: it is old.\n"

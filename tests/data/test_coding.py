@@ -35,7 +35,7 @@ def test_actions_too_small_to_be_squared_are_refused():
     still = np.zeros((4, 1))
     for size in (1e-300, 1e-155):
         actions = np.concatenate([still, MOVES.actions * size], axis=1)
-        with pytest.raises(DataError, match=r"part 1 of the actions varies by less than 1e-150.*use smaller units"):
+        with pytest.raises(DataError, match=r"action 1 varies by less than 1e-150.*use smaller units"):
             action_space(Demonstrations.from_arrays(X, actions, OFFSETS, ids=["a", "b"]))
     small = Demonstrations.from_arrays(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
     assert action_space(small)[0].high.tolist() == [2e-100]

@@ -257,6 +257,10 @@ REFUSED = {
         "column 'action' holds lists that are written as text",
     ),
     "spaces": (text(BASE, " "), "it has one column, 'episode step x v action'; write commas, semicolons or tabs"),
+    "very many columns": (
+        ",".join(map(str, ["episode", *["x"] * 50_000])) + "\n1\n",
+        "it has 50,001 columns; write 50,000 at",
+    ),
     "a wrong word": ("episode;step\n", "no column holds the action"),
 }
 
@@ -276,6 +280,18 @@ def test_a_field_of_more_than_a_block(tmp_path):
     note[7] = "long " * 500_000
     (tmp_path / "a.csv").write_text(text(with_columns(note=note)))
     assert_read(formats.read(tmp_path / "a.csv"), {})
+
+
+def test_the_time_grows_with_the_number_of_columns_and_not_with_its_square(tmp_path):
+    taken = []
+    for n in (10, 1_000, 12_000):  # the first imports what is needed
+        names = [f"x{k}" for k in range(n)]
+        rows = [",".join([str(m), "1", *["0.5"] * n]) for m in range(4)]
+        (tmp_path / "a.csv").write_text("\n".join([",".join(["episode", "action", *names]), *rows, ""]))
+        start = time.process_time()
+        assert read_recording(tmp_path / "a.csv").description.observations == tuple(names)
+        taken.append(time.process_time() - start)
+    assert taken[2] < 40 * taken[1]  # 13 times; it was 105 times
 
 
 @pytest.mark.slow

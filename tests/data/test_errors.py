@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+import time
 
-from rpil.data.errors import MissingExtraError, user_stack_level
+import pytest
+
+from rpil.data.errors import DataError, MissingExtraError, user_stack_level
 
 
 def test_an_error_of_another_process_arrives():
@@ -18,3 +21,34 @@ def test_stack_level_is_that_of_the_first_caller_outside_the_library():
     exec("def inner(): return user_stack_level()\ndef outer(): return inner()", inside)
     assert inside["inner"]() == 2  # the frame of `inner` itself is 1
     assert inside["outer"]() == 3
+
+
+@pytest.mark.parametrize("text", ["x" * 100_000, "x y\n" * 30_000, "it's " * 30_000, "\"'" * 50_000, "\\" * 90_000])
+def test_a_long_text_is_quoted_by_its_beginning(text):
+    said = str(DataError(f"labels.csv, demonstration '3': unknown label {text!r}; write 'good' or 'bad'."))
+    assert said.startswith(f"labels.csv, demonstration '3': unknown label {text!r}"[:90])
+    assert said.endswith("; write 'good' or 'bad'.")
+    assert len(said) < 200
+    assert str(copy.copy(DataError(said))) == said  # as pickling does
+
+
+LONG = "a b/" * 40
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        f"d.csv: no column is called 'x'; perhaps: rpil audit '{LONG}' --id trip --action '{LONG}' --exclude '{LONG}'.",
+        f"d.csv: no column is called 'x'; perhaps id='trip', action='{LONG}'.",
+        f"{LONG}: the robot's file is damaged, the users' too, and the demonstrations' names are lost.",
+    ],
+)
+def test_what_is_to_be_copied_is_whole(sentence):
+    assert str(DataError(sentence)) == sentence
+
+
+@pytest.mark.parametrize("piece", ["'", "\\'", '"\\', "--", "--a '", "rpil x ", "' a "])
+def test_a_hostile_text_takes_no_time(piece):
+    begun = time.process_time()
+    DataError(100_000 * piece)
+    assert time.process_time() - begun < 5

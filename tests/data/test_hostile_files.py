@@ -51,6 +51,15 @@ def short_npz(path):
         archive.writestr("observation_names.npy", head.getvalue() + bytes(1000))
 
 
+def twice_npz(path):
+    """An archive with two arrays of observations, of which readers take the last."""
+    npz()(path)
+    with zipfile.ZipFile(path) as archive:
+        content = archive.read("observations.npy")
+    with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+        archive.writestr("observations.npy", content)
+
+
 def parquet(**changes):
     return lambda path: pq.write_table(pa.table(TABLE | changes), path)
 
@@ -85,6 +94,7 @@ FILES = {
     "giant-observations.npz": (giant_npz("observations.npy"), READ),
     "giant-names.npz": (giant_npz("observation_names.npy"), READ),
     "short.npz": (short_npz, READ),
+    "twice.npz": (twice_npz, READ),
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
     "long-id.parquet": (long_parquet_id, READ),
@@ -125,6 +135,10 @@ def test_it_is_refused_in_one_sentence(ends, name):
 def test_the_figures_are_named(ends):
     for name, size in (("giant-observations.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
+
+
+def test_two_arrays_of_one_name_are_named(ends):
+    assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]
 
 
 def test_no_file_takes_more_than_one_gib(ends):

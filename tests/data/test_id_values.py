@@ -243,10 +243,10 @@ def _npz(folder):
 @pytest.mark.parametrize("labels", [["bad"], "labels.csv", 3, [("a", "bad", 1)], {"a"}])
 def test_labels_are_a_mapping_or_pairs(labels):
     with pytest.raises(DataError, match="the labels must be a mapping of ids to words, or pairs"):
-        parse_labels(labels)
-    assert parse_labels([("a", "bad"), (3, "better than a")]) == ({"a": "bad"}, [("3", "a")])
-    assert parse_labels({3: "Good "}) == ({"3": "good"}, [])
-    assert parse_labels(None) == parse_labels({}) == ({}, [])
+        parse_labels(labels, ["a", 3])
+    assert parse_labels([("a", "bad"), (3, "better than a")], ["a", 3]) == ({"a": "bad"}, [("3", "a")])
+    assert parse_labels({3: "Good "}, [3]) == ({"3": "good"}, [])
+    assert parse_labels(None, [3]) == parse_labels({}, [3]) == ({}, [])
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\u2028b", "a\x85b", "a\x0bb", 'a"\n"b'])
@@ -256,3 +256,75 @@ def test_an_id_may_hold_the_end_of_a_line(tmp_path, name):
     assert read_answers(path) == ({name: "bad"}, [("c", name)])
     write_answers(path, path.read_bytes(), [(name, "good")])
     assert read_answers(path) == ({name: "good"}, [("c", name)])
+
+
+ODD = (" ", "  ", "\t", "\n", "\r", "\r\n", "\x0b", "\x1c", "\x85", "\u00a0", "\u2028", "\u3000", "\ufeff", "\u200b")
+SIGNS = (
+    *'=+-@,;"',
+    "'",
+    "''",
+    '""',
+    "\uff1d",
+    "0",
+    "00",
+    "7",
+    "-7",
+    "1e5",
+    "a",
+    "better than ",
+    "good",
+    "\u00e9",
+    "{",
+    "\\",
+)
+
+
+def odd_ids(seed, n=40):
+    """Different ids of a few parts, of which any may be white space or mean something to a reader of CSV."""
+    rng = np.random.default_rng(seed)
+    parts = (*ODD, *SIGNS)
+    made = ("".join(parts[k] for k in rng.integers(0, len(parts), rng.integers(1, 5))) for _ in range(n))
+    return list(dict.fromkeys(made))
+
+
+@pytest.mark.parametrize("name", ["labels.csv", "excel.csv", "windows.csv", "labels.json"])
+@pytest.mark.parametrize("seed", range(25))
+def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, name, seed):
+    path, ids = tmp_path / name, odd_ids(seed)
+    before = {"excel.csv": b"id;note;label\n", "windows.csv": b"\xef\xbb\xbfid,label\r\n"}.get(name)
+    half = len(ids) // 2
+    words = [(m, "bad") for m in ids[:half]]
+    pairs = [(ids[0], ids[-1]), *zip(ids[half:], ids[half + 1 :], strict=False)]
+    write_answers(path, before, [*words, *((m, better_than(worse)) for m, worse in pairs)], ids)
+    assert read_answers(path, ids) == (dict(words), pairs)
+    write_answers(path, path.read_bytes(), [(m, "good") for m in ids], ids)  # a label replaces another one
+    assert read_answers(path, ids) == (dict.fromkeys(ids, "good"), pairs)
+    assert parse_labels([*words, *((m, better_than(worse)) for m, worse in pairs)], ids) == (dict(words), pairs)
+
+
+@pytest.mark.parametrize("name", ["labels.csv", "labels.json"])
+def test_white_space_around_an_id_is_left_out_unless_an_id_has_it(tmp_path, name):
+    path = tmp_path / name
+    if name.endswith(".csv"):
+        path.write_text('id,label\n " a",good\n b , bad \n7 ,better than  a\n+5 ,better  than b \n')
+    else:
+        path.write_text(json.dumps({" a": "good", "b": " bad ", "7": "better than  a", "+5": "better  than b "}))
+    ids = [" a", "b", 7, "+5", "c"]
+    assert read_answers(path, ids) == ({" a": "good", "b": "bad"}, [("7", " a"), ("+5", "b")])
+
+
+def test_numbers_as_ids_may_have_white_space_around_them(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
+    assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, [("-8", "7")])
+
+
+def test_demonstrators_of_ids_with_white_space_at_their_ends(tmp_path):
+    path = tmp_path / "who.csv"
+    path.write_text('id,demonstrator\n" a",Ann\na ,Bob\n')
+    steps = {"observations": np.eye(4), "actions": np.array([0, 1, 0, 1]), "episode_ids": np.repeat([" a", "a"], 2)}
+    np.savez(tmp_path / "d.npz", **steps)
+    assert formats.read_demonstrators(str(path), formats.read_recording(tmp_path / "d.npz")) == {
+        " a": "Ann",
+        "a": "Bob",
+    }

@@ -229,7 +229,8 @@ def test_whole_numbers_are_classes_where_they_are_few(tmp_path, case, kind):
     ones = np.ones((len(values), 1))
     assert Demonstrations(ones, values, steps).action_kind == wanted
     pq.write_table(
-        pa.table({"episode": np.arange(len(values)) > 0, "x": ones[:, 0], "action": values}), tmp_path / "a.parquet"
+        pa.table({"episode": np.sign(np.arange(len(values))), "x": ones[:, 0], "action": values}),
+        tmp_path / "a.parquet",
     )
     for on_disk in (False, True):
         recording = read_recording(tmp_path / "a.parquet", on_disk=on_disk)

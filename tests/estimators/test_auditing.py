@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -112,3 +113,18 @@ def test_it_says_where_it_comes_from(folder):
     assert made.columns["action"] == ["steer"]
     assert made.settings == {"judge.groups.noise_shares": "(0.1,)", "judge.groups.min_noise": 0.0}
     assert audit(rpil.read(path, **COLUMNS)).provenance.files[0]["of"] == "arrays in memory"
+
+
+@pytest.mark.parametrize(
+    ("function", "options", "message"),
+    [
+        (rpil.audit, {"actions": "a"}, "there is no option 'actions'; did you mean action?"),
+        (rpil.audit, {"label": {}}, "there is no option 'label'; did you mean labels?"),
+        (rpil.open, {"id": "trip", "tasks": "x"}, "there is no option 'tasks'; did you mean task?"),
+        (rpil.read, {"observation": "x"}, "there is no option 'observation'; did you mean observations?"),
+        (rpil.read, {"columns": "x"}, "there is no option 'columns'"),
+    ],
+)
+def test_an_unknown_option_is_named_with_the_one_that_was_meant(folder, function, options, message):
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
+        function(folder / "drive.parquet", **options)

@@ -238,7 +238,7 @@ def test_checkpoint_of_another_fit_is_refused(tmp_path):
     path = tmp_path / "so far"
     with pytest.raises(KeyboardInterrupt):
         small_rpil(checkpoint=path, progress=interrupt).fit(data)
-    with pytest.raises(DataError, match="other settings; delete it"):
+    with pytest.raises(DataError, match="settings or kind of computer; delete it"):
         small_rpil(C=1.0, checkpoint=path).fit(data)
     path.write_bytes(b"something else")
     with pytest.raises(DataError, match="no checkpoint"):

@@ -154,7 +154,7 @@ def test_a_label_holds_for_copies():
 def test_labels_of_copies_that_contradict_each_other_are_refused():
     toy = make("random", 3, n_good=12, n_bad=6)
     data = with_copies(toy.demonstrations, [*range(18), 0])
-    match = "'d0' is labelled good and 'copy 0', a copy of it, bad; leave out one of the labels"
+    match = "'d0' is labelled good and 'copy 0', a copy of it, bad; change one of the labels"
     with pytest.raises(DataError, match=match):
         RPIL(C=1.0).fit(data, labels={"d0": "good", "copy 0": "bad"})
     with pytest.raises(DataError, match=match):

@@ -156,7 +156,7 @@ def test_rows_of_a_demonstration_may_be_scattered():
     np.testing.assert_array_equal(interleaved.log_odds_, plain.log_odds_)
 
 
-def test_the_order_of_demonstrations_matters_little():
+def test_the_order_of_demonstrations_matters_little_with_a_named_adversary():
     """It says which are held out together when log-odds are found."""
     toy = make("random", 0)
     plain = RPIL(adversary="uniform").fit(toy.demonstrations)

@@ -1,4 +1,5 @@
 import json
+import os
 import warnings
 
 import numpy as np
@@ -175,6 +176,21 @@ def test_damaged_minari(tmp_path):
     (path / "data/main_data.hdf5").write_text("no HDF5")
     with pytest.raises(DataError, match=r"main_data\.hdf5"):
         rpil.read(path)
+
+
+@pytest.mark.parametrize(("content", "why"), [("", "metadata.json"), ("{", "metadata.json"), ("{}", "data_format")])
+def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, content, why):
+    path = tmp_path / "set-v0"
+    path.mkdir()
+    write(path, "arrow", ACTIONS["box"])
+    (path / "data/metadata.json").write_text(content)
+    if not content:
+        os.truncate(path / "data/metadata.json", 2**30)  # takes no place on disk
+        why = "metadata.json: it is longer than 16 MiB"
+    for use in (rpil.read, lambda path: formats.keep(path, tmp_path / "kept", [0])):
+        with pytest.raises(DataError, match=why):
+            use(path)
+    assert not (tmp_path / "kept").exists()
 
 
 @pytest.mark.parametrize("place", ["data/0/extra", "0/extra"])

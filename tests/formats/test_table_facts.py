@@ -137,6 +137,41 @@ def test_candidates_are_named_with_the_option(tmp_path, suffix, on_disk):
     assert any("--outcome next.success" in line for line in description.lines())
 
 
+@pytest.mark.parametrize(("suffix", "on_disk"), READS[:-1])
+def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix, on_disk):
+    last = np.append(OWNERS[1:] != OWNERS[:-1], True).astype(int)
+    columns = {"episode": OWNERS, "x": STATES[:, 0], "action": OWNERS % 2, "next.done": last, "score": np.arange(15.0)}
+    rows = zip(*(map(str, values) for values in (columns | {"success": SUCCESS}).values()), strict=True)
+    text = "\n".join([",".join([*columns, "success"]), *map(",".join, rows), ""])
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "parquet":
+        pq.write_table(pa.table(columns | {"success": SUCCESS}), path)
+    else:
+        path.write_bytes(gzip.compress(text.encode()) if suffix == "csv.gz" else text.encode())
+    read = formats.read_recording(path, ColumnOptions(outcome="score"), on_disk=on_disk)
+    assert [*read.description.outcomes] == ["success"]
+    with pytest.raises(DataError, match=r"'score' changes within .*outcome= \('success', 'length' may do\)"):
+        read.facts  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("end", pa.array([False, True])), ("dones", pa.array([0, 1])), ("dones", pa.array(["False", "True"]))],
+)
+def test_a_flag_is_no_id(tmp_path, name, values):
+    rows = np.tile([0, 0, 0, 1], 5)
+    pq.write_table(pa.table({name: values.take(pa.array(rows)), "x": rows / 2, "action": rows}), tmp_path / "a.parquet")
+    for on_disk in (False, True):
+        with pytest.raises(
+            DataError, match=f"column '{name}' is yes or no, and no id; of marked ends make ids: numpy"
+        ) as e:
+            formats.read_recording(tmp_path / "a.parquet", ColumnOptions(id=name), on_disk=on_disk)
+        assert one_sentence(e)
+    np.savez(tmp_path / "a.npz", observations=STATES[:15], actions=OWNERS, **{name: rows[:15] == 1})
+    with pytest.raises(DataError, match=f"column '{name}' is yes or no"):
+        formats.read(tmp_path / "a.npz", id=name)
+
+
 @pytest.mark.parametrize(("suffix", "on_disk"), READS)
 def test_sessions_are_read_and_no_observations(tmp_path, suffix, on_disk):
     path = written(tmp_path, suffix)

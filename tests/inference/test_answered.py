@@ -14,7 +14,7 @@ from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
 NAN, SETTINGS = np.nan, AnswerSettings()
-SURE = logit(1 - SETTINGS.error_rates[0])
+SURE = logit(1 - SETTINGS.min_proba_bound)
 COLUMNS = np.column_stack([np.linspace(-1.5, 1.5, 12), np.tile([0.5, -0.5, 0.1], 4), np.repeat([-1.0, 1.0], 6)])
 AGREED = [-1, 0, -1, 0, 0, 0, 0, 0, 0, 1, 0, 1]
 
@@ -39,8 +39,8 @@ def test_columns_are_normal_scores_and_bounded_log_odds():
 @pytest.mark.parametrize(
     "one", [answers_of([0] * 11 + [1]), answers_of(pairs=[(11, 0)]), answers_of(outcome=[NAN] * 11 + [1.0])]
 )
-def test_one_answer_gives_no_word(one):
-    assert not answer_about_different(COLUMNS, one, SETTINGS).words.any()
+def test_one_answer_gives_other_demonstrations_no_word(one):
+    np.testing.assert_array_equal(answer_about_different(COLUMNS, one, SETTINGS).words, one.labels)
 
 
 def test_two_answers_give_words():
@@ -62,38 +62,25 @@ def test_words_begin_at_the_log_odds_of_the_limit():
     np.testing.assert_array_equal(words, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
 
 
-def test_a_label_counts_beside_the_others():
+def test_a_label_is_the_word_of_its_own_demonstration_and_others_are_judged_by_it():
     some = answers_of(AGREED)
     found = answer_about_different(COLUMNS, some, SETTINGS)
-    for m in np.flatnonzero(some.labels).tolist():
-        others = log_odds_by(some.without(m), m)
-        assert found.log_odds[m] == pytest.approx(others + some.labels[m] * max(SURE, abs(others)))
-    unlabelled = np.flatnonzero(some.labels == 0)
+    labelled, unlabelled = np.flatnonzero(some.labels), np.flatnonzero(some.labels == 0)
+    np.testing.assert_array_equal(found.words[labelled], some.labels[labelled])
+    np.testing.assert_allclose(found.log_odds[labelled], some.labels[labelled] * SURE)
     expected = [log_odds_by(some, m) for m in unlabelled]
     np.testing.assert_allclose(found.log_odds[unlabelled], expected)
     assert found.contradicting.tolist() == []
 
 
-def test_a_label_outweighs_others_that_doubt_it():
-    """By the others it would be bad; its own label says good, and it is at least open."""
-    labels = [-1, 0, -1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
-    some = answers_of(labels)
-    others = log_odds_by(some.without(3), 3)
-    found = answer_about_different(COLUMNS, some, SETTINGS)
-    assert others < 0
-    assert found.log_odds[3] == pytest.approx(others + max(SURE, -others))
-    assert found.contradicting.tolist() == []  # two other answers are too few
-
-
 WRONG = [-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, -1]
 
 
-def test_a_label_that_contradicts_the_others_is_named_and_does_not_count():
-    some = answers_of(WRONG)
-    found = answer_about_different(COLUMNS, some, SETTINGS)
+def test_a_label_that_contradicts_the_others_is_obeyed_and_named():
+    found = answer_about_different(COLUMNS, answers_of(WRONG), SETTINGS)
     assert found.contradicting.tolist() == [11]
-    assert found.log_odds[11] == pytest.approx(log_odds_by(some.without(11), 11))
-    assert found.words[11] == 0  # to be looked at again
+    assert found.log_odds[11] == pytest.approx(-SURE)
+    assert found.words[11] == -1
 
 
 @pytest.mark.parametrize(("min_other_answers", "named"), [(4, [11]), (3, [0, 11]), (2, [0, 11])])
@@ -130,15 +117,7 @@ def test_labels_of_many_are_not_left_out_one_by_one(max_left_out, named):
     settings = replace(SETTINGS, max_left_out=max_left_out)
     found = answer_about_different(COLUMNS, answers_of(WRONG), settings)
     assert found.contradicting.tolist() == named
-    if not named:
-        by_all = log_odds_by(answers_of(WRONG), 11)
-        assert found.log_odds[11] == pytest.approx(by_all - max(SURE, abs(by_all)))
-
-
-def test_a_label_alone_is_judged_by_itself():
-    some = answers_of([0] * 11 + [1])
-    alone = log_odds_by(some, 11)
-    assert answer_about_different(COLUMNS, some, SETTINGS).log_odds[11] == pytest.approx(alone + max(SURE, abs(alone)))
+    assert found.words[11] == -1
 
 
 def test_an_outcome_decides_where_it_is_known():
@@ -155,8 +134,7 @@ def test_an_outcome_is_never_quite_certain_and_a_label_goes_first():
     some = answers_of([0] * 11 + [1], outcome=outcome)
     found = answer_about_different(COLUMNS, some, SETTINGS)
     np.testing.assert_allclose(expit(found.log_odds[[0, 1, 3, 4]]), [0.98, 0.02, 0.98, 0.02])
-    others = log_odds_by(some.without(11), 11)
-    assert found.log_odds[11] == pytest.approx(others + max(SURE, abs(others)))
+    assert found.log_odds[11] == pytest.approx(SURE)
 
 
 def test_probabilities_stay_away_from_certainty():
@@ -242,7 +220,7 @@ def test_a_copy_confirms_nothing():
     found, once = about_copies(labels), answer_about_different(COLUMNS, answers_of([0] * 11 + [1]), SETTINGS)
     np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
     assert found.count == 1
-    assert not found.words.any()
+    np.testing.assert_array_equal(found.words, EVERY == 11)
     pairs = about_copies(pairs=[(11, 0), (12, 0), (13, 14), (11, 12)])
     np.testing.assert_array_equal(
         pairs.log_odds, answer_about_different(COLUMNS, answers_of(pairs=[(11, 0)]), SETTINGS).log_odds[EVERY]
@@ -260,7 +238,7 @@ def test_different_demonstrations_with_the_same_columns_are_no_copies():
 def test_copies_that_are_labelled_are_named_and_others_are_not():
     found = about_copies([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0, -1, -1, 0])
     assert found.contradicting.tolist() == [12, 13]
-    assert found.words[[11, 12, 13]].tolist() == [0, 0, 0]
+    assert found.words[[11, 12, 13]].tolist() == [-1, -1, -1]
 
 
 def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():

@@ -253,7 +253,7 @@ def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_senten
     check_copied_labels(Answers.of_labels(np.array([1, -1, 1, 0])), copy_of, ids)
     with pytest.raises(DataError) as error:
         check_copied_labels(Answers.of_labels(np.array([1, -1, 0, 1])), copy_of, ids, "f.csv")
-    assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; leave out one of the labels."
+    assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; change one of the labels."
 
 
 def test_copies_share_a_label_and_an_outcome():

@@ -16,20 +16,21 @@ from rpil.inference.settings import ClaimSettings, JudgeSettings
 SCORE = np.array([1.0] * 6 + [0.0] * 4)
 TYPICAL_AND_UNLIKE = [1] * 6 + [-1] * 4
 NOBODY = [0] * 10
-ONE_GROUP = "Other folds of the demonstrations give one group of scores."
+ONE_GROUP = "When the demonstrations are divided into other folds, their scores are one group."
 
 
 def settings_with(**limits):
     return JudgeSettings(claims=replace(ClaimSettings(), **limits))
 
 
-def policies(upper=1.0, lower=0.0, elsewhere=-1.0, spread=0.0):
-    """Gains of the policy of the upper group, to which demonstration 0 belongs, and of those of lower ones: with a
+def policies(upper=1.0, lower=0.0, elsewhere=-1.0, spread=0.0, n_upper=1):
+    """Gains of policies of the first `n_upper` demonstrations, or some of them, and of those of lower ones: with a
     large `spread` around `lower` they are not credible."""
 
     def gains(group):
-        own = upper if group[0] else lower + spread * np.linspace(-1, 1, group.sum())
-        found = np.full(len(group), elsewhere if group[0] else -9.0)
+        is_upper = group[:n_upper].any()
+        own = upper if is_upper else lower + spread * np.linspace(-1, 1, group.sum())
+        found = np.full(len(group), elsewhere if is_upper else -9.0)
         found[group] = own
         return found
 
@@ -182,7 +183,7 @@ def test_other_folds_must_give_two_groups(p_two, doubts):
     assert sentences(found) == doubts
     assert found.finding == ("in doubt" if doubts else "some are unlike")
     assert found.words.tolist() == (NOBODY if doubts else TYPICAL_AND_UNLIKE)
-    assert all(len(doubt.members) == 0 for doubt in found.doubts)
+    assert all(doubt.runs == () for doubt in found.doubts)
 
 
 # By chance: the lower group takes discrete actions as noise does.
@@ -190,7 +191,8 @@ NOISE = np.array([1.0] * 6 + [-1.0] * 4)
 
 
 def by_noise(score=NOISE, p_two=0.3, lower=0.0, limits=(), discrete=True, again=None, upper=1.0):
-    scoring, scores = scored(score, p_two, policies(upper, lower, spread=0.4), discrete, limits)
+    of_policies = policies(upper, lower, spread=0.4, n_upper=int((score > 0).sum()))
+    scoring, scores = scored(score, p_two, of_policies, discrete, limits)
     return by_chance(scoring, scores, None if again is None else scores_of(scoring, *again))
 
 
@@ -238,7 +240,9 @@ def test_noise_is_below_two_demonstrations_at_least(n_upper, is_split):
 @pytest.mark.parametrize(("enough", "is_split"), [(4, True), (5, False)])
 def test_so_few_that_no_policy_could_be_learned_are_no_noise(enough, is_split):
     few, of_policies = np.full(10, -1.0), policies(1.0, 0.0, spread=0.4)
-    found = scored(NOISE, 0.3, lambda group: few if group[0] and group.sum() < enough else of_policies(group), True)
+    found = scored(
+        NOISE, 0.3, lambda group: few if group[:6].any() and group.sum() < enough else of_policies(group), True
+    )
     assert (by_chance(*found, None) is not None) is is_split
 
 
@@ -295,13 +299,13 @@ def test_claims_about_a_sample_extend_to_all():
 
 def test_sampled_groups_and_doubts_extend_to_all():
     scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
-    doubt = Doubt("{members} follow one another.", np.array([0, 2]))
+    doubt = Doubt("{members} follow one another.", (np.array([0, 2]),))
     contrast = Contrast(np.ones(1), np.ones((2, 1)), np.ones(1), np.ones(2))
     two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]), contrast)
     found = extended(two, scores, np.array([1, 2, 5]), scoring.settings)
     assert found.words.tolist() == [0] * 6
     assert [group.tolist() for group in found.groups] == [[0, 1, 4, 5], [2, 3]]
-    assert found.doubts[0].members.tolist() == [1, 5]
+    assert [run.tolist() for run in found.doubts[0].runs] == [[1, 5]]
     assert found.contrast is contrast
     assert (
         extended(Claims("nobody stands out", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower

@@ -113,7 +113,8 @@ def test_answers_count_before_operators():
     by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10))
     np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
-    np.testing.assert_allclose(found.log_odds, by_hand.log_odds + posterior.log_odds)
+    of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
+    np.testing.assert_allclose(found.log_odds, by_hand.log_odds + of_operator)
 
 
 def test_copies_count_once_for_their_operator():
@@ -237,7 +238,7 @@ def test_those_who_follow_one_another_are_in_doubt():
     strict = JudgeSettings(claims=replace(ClaimSettings(), max_runs_p=0.05))
     _, judgement = judged("random", 0, 10, 6, settings=strict, order=np.arange(16.0))
     assert judgement.finding == "in doubt"
-    assert judgement.claims.doubts[0].members.tolist() == list(range(10, 16))
+    assert [run.tolist() for run in judgement.claims.doubts[0].runs] == [list(range(10, 16))]
 
 
 class Twice(Written):

@@ -19,6 +19,16 @@ X = RNG.normal(size=(200, 3)) * [1.0, 40.0, 0.01] + [0.0, 100.0, -5.0]
 fit = partial(FeatureMap.fit, settings=FeatureSettings())
 
 
+@pytest.mark.parametrize("offsets", [None, np.array([0, 100, 200])], ids=["of steps", "of demonstrations"])
+def test_observations_that_cannot_be_squared_are_refused(offsets):
+    for size, what in ((1e-300, "varies by less than 1e-150.*use smaller units"), (1e160, r"is beyond 1e\+150")):
+        with pytest.raises(DataError, match=f"Observation 1 {what}"):
+            fit("folded", X * [1.0, size, 1.0], offsets=offsets)
+    small, usual = (fit("folded", X * size, offsets=offsets).design(X * size) for size in (1e-140, 1.0))
+    np.testing.assert_allclose(small, usual, atol=1e-9)
+    fit("folded", X * [1.0, 0.0, 1.0], offsets=offsets)  # a column that never changes is no such one
+
+
 def span(columns):
     """Projection on the columns and a constant: two bases of one space have the same."""
     q, _ = np.linalg.qr(np.column_stack([columns, np.ones(len(columns))]))

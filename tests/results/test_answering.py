@@ -80,10 +80,13 @@ def test_answers_in_turn_are_answers_at_once(audit):
     assert NOT_USED not in both.assumptions
 
 
-def test_one_answer_alone_gives_no_word(audit):
-    for one in (audit.answered({"d0": "good"}), audit.answered(pairs=[("d0", "d9")])):
-        assert set(one.verdicts) == {"open"}
-        assert one.doubts == ("One answer is not enough to call a demonstration good or bad; give a second one.",)
+ONE_ANSWER = "One answer is not enough to call other demonstrations good or bad; give a second one."
+
+
+def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
+    for one, of_first in ((audit.answered({"d0": "bad"}), "bad"), (audit.answered(pairs=[("d0", "d9")]), "open")):
+        assert one.verdicts == (of_first, *["open"] * (len(audit.ids) - 1))
+        assert one.doubts == (ONE_ANSWER,)
     assert audit.answered(LABELS).doubts == ()
 
 
@@ -131,7 +134,7 @@ def copied() -> Audit:
 
 def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_the_only_ones(copied):
     first, last = copied.ids[0], copied.ids[-1]
-    with pytest.raises(DataError, match="a copy of it, bad; leave out one of the labels") as error:
+    with pytest.raises(DataError, match="a copy of it, bad; change one of the labels") as error:
         copied.answered({first: "good", last: "bad"})
     assert one_sentence(error)
 
@@ -139,7 +142,7 @@ def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_
 def test_labels_of_copies_are_counted_once(copied):
     first, last = copied.ids[0], copied.ids[-1]
     both = copied.answered({first: "good", last: "good"})
-    assert both.doubts == ("One answer is not enough to call a demonstration good or bad; give a second one.",)
+    assert both.doubts == (ONE_ANSWER,)
     assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
     said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
     assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
@@ -155,12 +158,37 @@ def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
 
 
-def test_a_wrong_label_is_named_and_the_right_ones_are_not():
+def test_a_label_that_contradicts_the_others_is_obeyed_and_named():
     toy = make("random", 0, n_good=10, n_bad=10, steps=(60, 60))
     right = {f"d{m}": "good" if m < 10 else "bad" for m in (0, 1, 2, 3, 10, 11, 12)}
     audit = RPIL().fit(toy.demonstrations).audit_.answered(right | {"d13": "good"})
     assert audit.contradicting == ("d13",)
-    assert audit.verdicts[13] != "good"
+    assert audit.verdicts[13] == "good"
+    assert audit.log_odds[13] == audit.log_odds.max()
+    assert "Labelled good, which contradicts the other answers: look again" in audit.reasons[13]
+
+
+@pytest.mark.parametrize("operators", [None, ["a"] * 10 + ["b"] * 10])
+def test_every_label_is_obeyed_whatever_the_other_labels_say(operators):
+    toy = make("random", 0, n_good=10, n_bad=10, steps=(30, 30))
+    audit = RPIL().fit(toy.demonstrations, demonstrators=operators).audit_
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        chosen = rng.choice(20, rng.integers(1, 12), replace=False)
+        labels = {audit.ids[m]: str(rng.choice(["good", "bad"])) for m in chosen}
+        fitted = RPIL().fit(toy.demonstrations, demonstrators=operators, labels=labels).audit_
+        for judged in (audit.answered(labels), fitted):
+            assert {name: judged.verdicts[judged.index(name)] for name in labels} == labels
+            odds = {word: [judged.log_odds[judged.index(m)] for m in labels if labels[m] == word] for word in WORD}
+            assert min(odds["good"], default=np.inf) >= judged.log_odds.max(initial=-np.inf, where=~labelled(judged))
+            assert max(odds["bad"], default=-np.inf) <= judged.log_odds.min(initial=np.inf, where=~labelled(judged))
+
+
+WORD = ("good", "bad")
+
+
+def labelled(audit):
+    return np.isin(audit.ids, audit.labelled)
 
 
 def test_question_names_two_demonstrations_and_where_to_look(audit):

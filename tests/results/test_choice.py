@@ -34,7 +34,7 @@ def test_choice(options, kept):
 
 @pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
-    audit = make_audit(ids=["a\nb", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"])
+    audit = make_audit(ids=["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"])
     path = tmp_path / f"verdicts{extension}"
     write_verdicts(path, audit, {})
     for options in ({}, {"share": 0.4}, {"at_least": 0.5}):

@@ -97,8 +97,8 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
 
 
 def test_doubt_leaves_no_word() -> None:
-    audit = make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH)
-    assert audit.reasons == ("There is a reason to doubt the scores, so that it gets no word.",) * 2
+    audit = replace(make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH), doubts=("Folds differ.", "More."))
+    assert audit.reasons == ("No word, because of a doubt: folds differ.",) * 2
 
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
@@ -127,21 +127,22 @@ def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
 
 def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
     grounds = Grounds(
-        "some are unlike",
-        WORDS["none"],
-        "unlike",
-        -5.0,
-        True,
-        -5.0,
-        0.0,
-        0,
-        False,
-        False,
-        "",
-        -0.5,
-        float("nan"),
-        None,
-        "",
+        finding="some are unlike",
+        words=WORDS["none"],
+        verdict="unlike",
+        log_odds=-5.0,
+        is_sure=True,
+        from_actions=-5.0,
+        from_demonstrator=0.0,
+        label="",
+        has_outcome=False,
+        contradicts=False,
+        doubt="",
+        group="",
+        score=-0.5,
+        trusted_score=float("nan"),
+        stretch=None,
+        deviation="",
     )
     for trusted in (float("nan"), -0.6):
         assert "that of" not in replace(grounds, trusted_score=trusted).sentence()

@@ -29,7 +29,17 @@ def test_to_dict_has_the_documented_keys_and_is_json():
         *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
     }
     assert set(content["prior"]) == {"mean", "low", "high"}
-    keys = {"id", "n_steps", "log_odds", "evidence", "expert_proba", "reliability", "verdict", "reason", "worst_steps"}
+    keys = {
+        "id",
+        "n_steps",
+        "log_odds",
+        "evidence",
+        "expert_proba",
+        "reliability",
+        "verdict",
+        "reason",
+        "worst_steps",
+    } | {"label"}
     assert all(set(entry) == keys | {"facts"} for entry in content["demonstrations"])
     assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
     assert content["groups"] == []

@@ -10,6 +10,7 @@ import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
+from rpil.data.json_files import MOST_LISTS
 from rpil.faults.record import FaultReport, Finding
 from rpil.inference.answers import Answers
 from rpil.results import run_file
@@ -110,6 +111,18 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("command", "evil 'rpil audit'"),
         ("command", "rpil audit 'x\n'"),
         ("command", "rpil audit 'x\x1b[201~'"),
+        ("command", "rpil audit x.csv --report /home/me/.bashrc"),
+        ("command", "rpil audit x.csv --report=.bashrc"),
+        ("command", "rpil audit --save x.csv y.csv"),
+        ("command", "rpil audit x.csv --weights w.csv"),
+        ("command", "rpil audit x.csv --scheduler tcp://evil.example:8786"),
+        ("command", "rpil audit x.csv --scheduler=tcp://evil.example:8786"),
+        ("command", "rpil evaluate x.py:f --env CartPole-v1"),
+        ("command", "rpil keep x.csv -o x.csv"),
+        ("command", "rpil --install-completion bash"),
+        ("command", "rpil"),
+        ("command", "rpil audit x.csv; ~/evil"),
+        ("command", "rpil audit ~/$(evil)"),
         ("contradicting", [True]),
         ("answers/0", [0]),
         ("answers/0", [-1, "good"]),
@@ -169,6 +182,36 @@ def test_a_run_of_another_shape_is_refused(tmp_path, view, path, value):
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        "",
+        "rpil audit x.csv",
+        "rpil audit ~/x.csv --id trip --operator ~/who.csv",
+        "rpil audit 'my $data; x.csv' --task keep --outcome -time --no-stream --only 1-3",
+        "rpil audit 's3://***@bucket/x.parquet' --action steer --action accel",
+    ],
+)
+def test_commands_that_judge_and_write_nothing_are_read(tmp_path, view, command):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(view | {"command": command}))
+    assert read_run(file)["command"] == command
+
+
+def test_another_version_is_told(tmp_path, view):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(view | {"version": 2}))
+    with pytest.raises(DataError, match=r"run\.json: another version of rpil wrote it; run rpil audit --save"):
+        read_run(file)
+
+
+def test_a_file_of_nothing_but_lists_is_refused_before_it_takes_memory(tmp_path, view):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(view)[:-1] + ', "more": [' + "[]," * (MOST_LISTS + 1) + "[]]}")
+    with pytest.raises(DataError, match=r"run\.json: it holds more than 2,000,000 lists and objects; write it again\."):
+        read_run(file)
+
+
+@pytest.mark.parametrize(
     "content",
     [b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "rpil run", "version": 1, "run": NaN}', b"{}" * 2],
 )
@@ -190,5 +233,5 @@ def test_large_files_are_not_read(tmp_path, monkeypatch):
     file = tmp_path / "run.json"
     file.write_bytes(b" " * 100)
     monkeypatch.setattr(run_file, "MAX_RUN_BYTES", 99)
-    with pytest.raises(DataError, match="larger than"):
+    with pytest.raises(DataError, match=r"run\.json: it is longer than"):
         read_run(file)

@@ -93,11 +93,14 @@ def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
     data = FitData(
         np.ones((5, 1)), np.zeros((5, 2)), np.arange(6), Box(np.zeros(2), np.ones(2)), np.zeros(5, dtype=int)
     )
-    doubt = Doubt("{members}: part {part}.", np.array([3, 1]), 1)
+    doubt = Doubt("{members}: part {part}.", (np.array([3, 1]),), 1)
     assert doubt_sentence(doubt, IDS, data) == "d, b: part 1."
     named = replace(data, action_names=("pan", "lift\x1b"))
     assert doubt_sentence(doubt, IDS, named) == "d, b: part lift\\x1b."
-    assert doubt_sentence(replace(doubt, sentence="{members}.", part=None), IDS, named) == "d, b."
+    several = replace(doubt, sentence="{members}.", runs=tuple(map(np.array, ([0, 1, 2], [4], [3, 1]))), part=None)
+    assert doubt_sentence(several, IDS, named) == "a to c, e, d, b."
+    many = replace(several, runs=(np.array([0]),) * 11)
+    assert doubt_sentence(many, IDS, named) == f"{'a, ' * 10}...."
 
 
 def split_weights(

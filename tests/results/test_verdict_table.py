@@ -15,8 +15,8 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label", "reliability",
-    "demonstrator", "task", "n_steps", "faults", "reason", "run",
+    "id", "verdict", "label", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label",
+    "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
 
@@ -39,6 +39,7 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
     quote = "'" if extension == ".csv" else ""  # a spreadsheet would compute =1
     assert [row["id"] for row in rows] == [f"{quote}=1" if name == "=1" else name for name in audit.ids]
     assert [row["verdict"] for row in rows] == list(audit.verdicts)
+    assert {row["label"] or "" for row in rows} == {""}
     assert [row["expert_proba"] for row in rows] == audit.expert_proba.tolist()
     assert [row["log_odds"] for row in rows] == audit.log_odds.tolist()
     assert [row["reliability"] for row in rows] == audit.reliability.tolist()

@@ -37,7 +37,7 @@ def test_checkpoint_holds_the_final_policy_of_one_fit(fitted, data, tmp_path):
     others = [Checkpoint.of(path, "C=2.0", (data.observations, trust))]
     others.append(Checkpoint.of(path, "C=None", (data.observations, trust / 2)))
     for one in others:
-        with pytest.raises(DataError, match="of other data, or other settings; delete it to start anew"):
+        with pytest.raises(DataError, match="of other data, settings or kind of computer; delete it to start anew"):
             one.read()
     rewrite(path, {"state/policy/weights.npy": None})
     with pytest.raises(DataError, match=r"its parts do not belong together .*; delete it to start anew"):

@@ -45,7 +45,7 @@ MAX_REASONS = 10
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
-@click.option("--fix", is_flag=True, help="Write wrong totals and statistics of LeRobot again, after a backup.")
+@click.option("--fix", is_flag=True, help="Write wrong times, totals and statistics of LeRobot again, after a backup.")
 @json_option
 @quiet_option
 @with_column_options
@@ -112,7 +112,7 @@ def defect_lines(defects: Sequence[Defect]) -> list[str]:
     """What of a folder does not agree with its data, in lines."""
     lines = [f"  {one.what}, {terminal.printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
     more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
-    mendable = ["rpil check --fix writes totals and statistics again."] * any(one.can_be_mended for one in defects)
+    mendable = ["rpil check --fix mends times, totals and statistics."] * any(one.can_be_mended for one in defects)
     return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more, *mendable] if lines else []
 
 

@@ -19,7 +19,7 @@ import click
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import FitOptions, command_words
 from rpil.cli.options_file import LISTS
-from rpil.cli.progress import ProgressTiming, StageProgress
+from rpil.cli.progress import LOADING, ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
@@ -277,7 +277,7 @@ def _fit(
     progress: StageProgress,
     engine: Engine | None,
 ) -> RPIL:
-    progress("starting")
+    progress(LOADING)
     from rpil.estimators.rpil import RPIL
 
     checkpoint = _checkpoint_path(file, options.resume)

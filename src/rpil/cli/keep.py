@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
+@click.option("--only-named", is_flag=True, help="Keep nothing that the FILE of --verdicts does not name.")
 @click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
 @with_judge_options
 @holding()
@@ -69,10 +71,10 @@ def keep(
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
 
-    All others are kept, unless --share or --at-least says otherwise.
+    All others are kept, unless --share or --at-least says otherwise. What is labelled bad is never kept.
     """
-    if share is not None and at_least is not None:
-        raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    only_named = options.pop("only_named")
+    _check_rules(share, at_least, verdicts, only_named)
     from rpil.formats.registry import find
     from rpil.results.choice import kept_ids
 
@@ -88,29 +90,57 @@ def keep(
             with connect_engine(scheduler, progress) as engine:
                 read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
                 good = read_reference(reference, file, columns, progress)
-                table, why = _judged(file, read, FitOptions(**options), progress, engine, good)
+                table = _judged(file, read, FitOptions(**options), progress, engine, good)
         else:
-            why, read = "", _read_all(file, columns, progress, stream)
+            read = _read_all(file, columns, progress, stream)
             table = _verdicts_on(read, verdicts)
-        demonstrations = read.demonstrations
-        kept = kept_ids(table, share, at_least)
-        if not kept:
-            raise DataError(f"{file}: no demonstration is left{why}; give labels, or choose with --share.")
-        lost = () if quiet else lost_without(demonstrations, kept)
+        kept, n_unnamed = _with_unnamed(read, table, kept_ids(table, share, at_least), only_named)
+        _check_left(kept, file, verdicts)
+        lost = () if quiet else lost_without(read.demonstrations, kept)
         trims = _idle_ends(read, kept) if trim else {}
         progress(f"writing {output or file}")
         if output is None:
             found.mask(kept)
         else:
             found.keep(output, kept, columns, trims)
-    ids, whole = demonstrations.ids, read.ids
     tell_of_set_aside(read)
-    click.echo(f"Kept {len(kept):,} of {len(whole):,} demonstrations: {output or file}")
-    if trim:
-        n = sum(int(demonstrations.lengths[ids.index(name)]) - end + first for name, (first, end) in trims.items())
-        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
+    _print_kept(read, kept, output or file, trims if trim else None)
+    if n_unnamed:
+        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
     if not quiet:
-        print_lines([*lost, *found.commands_to_keep(whole, kept, output or "")])
+        print_lines([*lost, *found.commands_to_keep(read.ids, kept, output or "")])
+
+
+def _check_rules(share: float | None, at_least: float | None, verdicts: str | None, only_named: bool) -> None:
+    """Refuse, before any work, rules that exclude each other."""
+    if share is not None and at_least is not None:
+        raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    if only_named and verdicts is None:
+        raise click.UsageError("--only-named needs the file that names them: give --verdicts FILE")
+
+
+def _check_left(kept: list[Id], file: str, verdicts: str | None) -> None:
+    """A `DataError` where nothing is left to keep."""
+    if not kept:
+        source = f"the verdicts of {verdicts}" if verdicts else "the audit"
+        raise DataError(f"{file}: no demonstration is left by {source}; choose with --share, or other labels.")
+
+
+def _with_unnamed(read: Recording, table: Table, chosen: Collection[object], only_named: bool) -> tuple[list[Id], int]:
+    """The ids of what is read that are `chosen`, or not in the table unless `only_named`, and the number of the last;
+    ids are compared as text."""
+    wanted, named = {*map(str, chosen)}, {*map(str, table["id"])}
+    unnamed = set() if only_named else {str(name) for name in read.demonstrations.ids} - named
+    return [name for name in read.demonstrations.ids if str(name) in wanted | unnamed], len(unnamed)
+
+
+def _print_kept(read: Recording, kept: list[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
+    """Print how many demonstrations were kept, and how many steps were cut from them."""
+    click.echo(f"Kept {len(kept):,} of {len(read.ids):,} demonstrations: {where}")
+    if trims is not None:
+        lengths = dict(zip(read.demonstrations.ids, read.demonstrations.lengths.tolist(), strict=True))
+        n = sum(lengths[name] - end + first for name, (first, end) in trims.items())
+        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
 
 
 def _judged(
@@ -120,14 +150,13 @@ def _judged(
     progress: StageProgress,
     engine: Engine | None,
     good: Recording | None,
-) -> tuple[Table, str]:
-    """The verdicts on what is read, and why; nothing can be compared with one demonstration alone, which stays open."""
+) -> Table:
+    """The verdicts on what is read; nothing can be compared with one demonstration alone, which stays open."""
     from rpil.results.verdict_table import verdict_columns
 
     if len(read.demonstrations) == 1 and good is None:
-        return {"id": read.demonstrations.ids, "verdict": ["open"], "log_odds": [0.0]}, ""
-    audit, who = audit_by_task(file, read, options, progress, engine, reference=good)
-    return verdict_columns(audit, who), f" ({audit.finding})"
+        return {"id": read.demonstrations.ids, "verdict": ["open"], "log_odds": [0.0]}
+    return verdict_columns(*audit_by_task(file, read, options, progress, engine, reference=good))
 
 
 def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
@@ -157,7 +186,7 @@ def _verdicts_on(read: Recording, path: str) -> Table:
     from rpil.data.id_values import check_ids
     from rpil.results.choice import read_verdicts, rows_of
 
-    table = read_verdicts(path)
+    table = read_verdicts(path, read.ids)
     check_ids(table["id"], read.ids, path, "the ids")
     return rows_of(table, {*map(str, read.demonstrations.ids)})
 
@@ -167,12 +196,8 @@ def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
     from rpil.faults.recorded import faults_of
     from rpil.faults.settings import FaultSettings
 
-    names = set(map(str, kept))  # of a table of verdicts they are texts
-    return {
-        name: ends
-        for name, ends in faults_of(read, None, None, True, FaultSettings()).trims.items()
-        if str(name) in names
-    }
+    trims = faults_of(read, None, None, True, FaultSettings()).trims
+    return {name: ends for name, ends in trims.items() if name in kept}
 
 
 @click.command()

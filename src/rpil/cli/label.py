@@ -23,6 +23,7 @@ from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with
 from rpil.cli.options_file import file_argument
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
+from rpil.data.folders import is_dangling
 
 if TYPE_CHECKING:
     from rpil.cli.questions.session import Session
@@ -64,10 +65,10 @@ def judge(file: str, options: dict[str, Value]) -> Judged:
     from rpil import formats
 
     formats.check_labels_file(path)
+    if is_dangling(path):
+        raise DataError(f"{path}: it is a link that leads to nothing; remove it, or give another file of labels.")
     before = Path(path).read_bytes() if Path(path).exists() else None
     options["labels"] = path if before is not None else None
-    if before is not None:
-        formats.read_answers(path)  # refused before anything is judged
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     columns = pop_columns(options)
     if options["features"] == "auto":
@@ -81,7 +82,7 @@ def judge(file: str, options: dict[str, Value]) -> Judged:
     if not audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
     commands.tell_of_set_aside(read)
-    terminal.print_lines([terminal.finding_sentence(audit), terminal.verdict_sentence(audit)])
+    terminal.print_lines([*terminal.finding_lines(audit), terminal.verdict_sentence(audit)])
     return Judged(audit, read, who, path, before)
 
 
@@ -114,6 +115,9 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
     if not session.asking.rows and session.before is None:
         yield "No answer was given, and nothing was written."
         return
+    if not session.is_as_written:
+        yield f"Another program has changed or removed {session.path}; look whether your answers are in it."
+        return
     n = len(session.asking.rows)
     yield f"{n} answer{'s' * (n != 1)} of this run in {session.path}."
     yield f"Then run: {command}"
@@ -137,7 +141,13 @@ def ask(session: Session, fps: float | None) -> None:
             continue
         if key not in "us":
             tell_if_interrupted(f"the answers so far are in {session.path}")
-        terminal.print_lines(session.undo() if key == "z" else session.answer(question, key))
+        try:
+            lines = session.undo() if key == "z" else session.answer(question, key)
+        except DataError as error:  # such as two labels that contradict each other: the question comes again
+            if not session.is_as_written:
+                raise
+            lines = [str(error)]
+        terminal.print_lines(lines)
     else:
         terminal.print_lines(["", "Nothing more is asked in this run."])
 

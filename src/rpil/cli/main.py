@@ -37,7 +37,7 @@ from rpil.cli.options import (
     with_fit_options,
 )
 from rpil.cli.options_file import file_argument
-from rpil.cli.progress import StageProgress, show_stages
+from rpil.cli.progress import LOADING, StageProgress, show_stages
 from rpil.cli.review import review
 
 
@@ -100,7 +100,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
         recording = open_recording(file, pop_columns(options), progress, stream)
         demonstrations = recording.demonstrations
-        progress("starting")
+        progress(LOADING)
         from rpil.estimators.cloning import BehavioralCloning
         from rpil.estimators.persistence import save
         from rpil.estimators.rment import RMEnt
@@ -120,7 +120,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
     commands.tell_of_set_aside(recording)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
-        click.echo(f"{terminal.finding_sentence(model.audit_)}\n{terminal.verdict_sentence(model.audit_)}")
+        terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])
         print_next_steps(ctx, model.audit_, quiet)
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")

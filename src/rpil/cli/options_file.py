@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import tomllib
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,12 +13,9 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
-from rpil.data.json_files import read_text
+from rpil.data.json_files import read_toml
 
 NAME = "rpil.toml"
-
-_MOST_BYTES = 1 << 20
-"""Bytes of such a file, at most."""
 
 TEXTS = "id", "order", "operator", "task", "session", "outcome", "action-kind"
 LISTS = "action", "observations", "exclude", "only", "without"
@@ -56,7 +53,7 @@ def read_options(path: Path) -> dict[str, str | bool | list[str]]:
     """
     check_inside(str(path), str(path.parent))
     with guarded(str(path), "it is not valid TOML in UTF-8", "correct it, or move it away"):
-        found = tomllib.loads(read_text(path, _MOST_BYTES))
+        found = read_toml(path)
     return {_key(name, path): _value(_key(name, path), value, path) for name, value in found.items()}
 
 
@@ -83,8 +80,10 @@ def _value(key: str, value: object, path: Path) -> str | bool | list[str]:
 
 
 def write_options(data: str, params: Mapping[str, str | bool | Sequence[str] | None]) -> Path:
-    """Write the options that a command was called with beside the `data`; the file."""
+    """Write the options that a command was called with beside the `data`; the file, which must not be there yet."""
     path, lines = place_of(data), []
+    if os.path.lexists(path):
+        raise DataError(f"{path}: it is there already; change it with an editor, or move it away.")
     for key in KEYS:
         value = params.get(key.replace("-", "_"))
         if value and value != "auto":

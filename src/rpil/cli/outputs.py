@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli.commands import tell_if_interrupted
+from rpil.cli.label import WITHOUT
 from rpil.cli.options import command_words
 from rpil.cli.progress import StageProgress
 
@@ -64,10 +65,7 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
     from rpil.results.view import make_view
 
     audit = given.audit
-
-    ctx = click.get_current_context()
-    command = shlex.join(command_words(ctx, str(ctx.info_name)))
-    view = cache(lambda: make_view(audit, about(given, command, seconds)))
+    view = cache(lambda: make_view(audit, about(given, seconds)))
 
     def write_keep(path: str) -> None:
         write_kept(path, audit)
@@ -92,17 +90,19 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             tell_if_interrupted(f"{path} is written")
 
 
-def about(given: Audited, command: str, seconds: float | None = None) -> About:
-    """What the report shows beside the audit, which a `command` made in so many `seconds`."""
-    from rpil.results.provenance import without_secrets
+def about(given: Audited, seconds: float | None = None) -> About:
+    """What the report shows beside the audit, which the command made in so many `seconds`."""
+    from rpil.data.privacy import for_others, without_secrets
+    from rpil.results.run_file import NOT_IN_A_RUN
     from rpil.results.view import About
 
+    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN))
     read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
-    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), without_secrets(given.source)
+    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), for_others(given.source)
     return About(
         title=f"Audit of {Path(source).name}",
         source=source,
-        read=list(map(without_secrets, read.short())),
+        read=list(map(for_others, read.short())),
         lost=given.lost,
         faults=given.faults,
         tasks=given.recording.tasks,
@@ -110,7 +110,7 @@ def about(given: Audited, command: str, seconds: float | None = None) -> About:
         fps=read.fps or given.recording.times().fps,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
-        command=without_secrets(command),
+        command=for_others(shlex.join(map(without_secrets, words))),
         seconds=seconds,
     )
 
@@ -123,12 +123,9 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
 
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
-    ids = kept(given.audit) if title == "keep" else ()
-    return (
-        [*given.lost, *find(given.source).commands_to_keep(given.recording.ids or given.audit.ids, ids, path)]
-        if ids
-        else []
-    )
+    every, ids = given.recording.ids or given.audit.ids, kept(given.audit) if title == "keep" else ()
+    nothing_chosen = len(ids) in (0, len(every))
+    return [] if nothing_chosen else [*given.lost, *find(given.source).commands_to_keep(every, ids, path)]
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

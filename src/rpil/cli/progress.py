@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rpil.data.privacy import without_secrets
+
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
@@ -21,6 +23,9 @@ StageProgress = Callable[[str], None]
 CountProgress = Callable[[int, int], None]
 """A function of the number of finished items and the number of all items."""
 
+LOADING = "loading the libraries"
+"""The stage of a command until it names another one."""
+
 
 @dataclass(frozen=True)
 class ProgressTiming:
@@ -29,6 +34,7 @@ class ProgressTiming:
     first: float = 1.0  # seconds until the first line
     interval: float = 3.0  # seconds between two lines, at least
     elapsed_share: float = 0.1  # the same as a share of the elapsed time: lines become rarer
+    unchanged: float = 30.0  # seconds until a line of the same stage, at least
 
 
 @contextmanager
@@ -41,8 +47,8 @@ def show_stages(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
     from rich.progress import SpinnerColumn
 
     with _progress_bar([SpinnerColumn()]) as bar:
-        task = bar.add_task("starting", total=None)
-        yield lambda stage: bar.update(task, description=stage)
+        task = bar.add_task(LOADING, total=None)
+        yield lambda stage: bar.update(task, description=without_secrets(stage))
 
 
 @contextmanager
@@ -69,14 +75,16 @@ def _time_left(start: float, done: int, total: int) -> str:
 @contextmanager
 def _print_lines(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
     """A function that sets the text of the next line; a thread prints the lines."""
-    start, latest, finished = time.monotonic(), ["starting"], threading.Event()
+    start, latest, finished = time.monotonic(), [LOADING], threading.Event()
 
     def print_lines() -> None:
-        wait = timing.first
+        wait, said, last = timing.first, "", 0.0
         while not finished.wait(wait):
             elapsed = time.monotonic() - start
             wait = max(timing.interval, timing.elapsed_share * elapsed)
-            click.echo(f"rpil: {elapsed:.0f} s: {latest[0]}", err=True)
+            if latest[0] != said or elapsed - last >= timing.unchanged:
+                said, last = latest[0], elapsed
+                click.echo(f"rpil: {elapsed:.0f} s: {without_secrets(said)}", err=True)
 
     thread = threading.Thread(target=print_lines, daemon=True)
     if not quiet:

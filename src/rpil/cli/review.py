@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-import shlex
+import os
 import threading
 import webbrowser
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, check_paths
-from rpil.cli.label import WITHOUT, Judged, command_with_labels, judge, last_lines
-from rpil.cli.options import Value, command_words, with_label_options
+from rpil.cli.label import Judged, command_with_labels, judge, last_lines
+from rpil.cli.options import Value, with_label_options
 from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import OUTPUTS, Audited, about, lines_after_output, write_outputs
 from rpil.cli.progress import show_stages
+from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
+    from rpil.results.view import View
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
-"""Outputs of an audit that are written beside the labels where a review is finished."""
+"""Outputs of an audit where a review is finished: beside labels.csv they are labels-keep.json and so on."""
 
 
 @click.command()
@@ -48,15 +51,18 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     from rpil.cli.questions.server import application, listen, load_server, serve
 
     load_server()
-    with listen(port or 0) as listening:
+    with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             judged = judge(file, options)
             found = _review(ctx, file, judged, quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
-        if browser:
-            threading.Thread(target=webbrowser.open, args=[gate.url], daemon=True).start()
+        if folder:
+            page = Path(folder, "review.html")  # all users see what a browser opens, and only this one may read it
+            page.touch(0o600)
+            page.write_text(f'<meta http-equiv="refresh" content="0; url={gate.url}">', encoding="ascii")
+            threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
             serve(application(found, gate), listening)
     terminal.print_lines(last_lines(found.session, command_with_labels(ctx, judged.path)))
@@ -78,23 +84,35 @@ def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Revie
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = Videos.of(file, () if recording.options.id else audit.ids, judged.fps)
-    given = Audited(audit, file, recording, faults, judged.demonstrators)
+    given, written = Audited(audit, file, recording, faults, judged.demonstrators), dict[str, object]()
     return Review(
         session=Session(audit, judged.path, judged.before, None),
-        about=about(given, shlex.join(command_words(ctx, "audit", WITHOUT))),
+        about=about(given),
         videos=videos,
-        finish=lambda answered: _finish(ctx, replace(given, audit=answered), judged.path),
+        finish=lambda answered, agreed: _finish(ctx, replace(given, audit=answered), judged.path, written, agreed),
         page=page_of,
     )
 
 
-def _finish(ctx: click.Context, given: Audited, labels: str) -> list[str]:
-    """Write what to keep, verdicts and weights beside the labels; sentences on these, and what to run then."""
-    beside = {title: str(Path(labels).with_name(name)) for title, name in BESIDE.items()}
+def _finish(ctx: click.Context, given: Audited, labels: str, written: dict[str, object], agreed: object) -> View:
+    """Write what to keep, verdicts and weights beside the labels; what `rpil.cli.questions.server.Review` says.
+
+    `written` are the digests of what this run wrote before.
+    """
+    from rpil.results.provenance import digest
+    from rpil.results.text import listed
+
+    beside = {title: f"{Path(labels).with_suffix('')}-{name}" for title, name in BESIDE.items()}
+    for path in filter(os.path.islink, beside.values()):
+        raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     check_paths((given.source, labels, ctx.params["operator"]), *beside.values())
+    others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
+    if others and others != agreed:
+        return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
+    written |= {path: digest(path) for path in beside.values()}
     lines = [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
     for title, path in beside.items():
         lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, given)]
-    return lines
+    return {"lines": lines}

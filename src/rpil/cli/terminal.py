@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
@@ -17,10 +15,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rpil.data.errors import shortened
+from rpil.data.privacy import without_secrets
+
 if TYPE_CHECKING:
     from rich.table import Table
+    from rich.text import Text
 
     from rpil.results.record import Audit, Demonstrator
+
+    Columns = dict[str, list[str] | list[Text]]
+    """Cells, as texts or coloured texts, by the titles of their columns."""
 
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
@@ -57,10 +62,10 @@ _ARGUMENT = re.compile(
 
 
 def to_one_line(text: str) -> str:
-    """The text on one line and without colours, in which arguments of Python, as ``action=``, are options."""
+    """The text on one line, without colours and secrets, in which arguments of Python, as ``action=``, are options."""
     for python, shell in _IN_SHELL.items():
         text = text.replace(python, shell)
-    return " ".join(click.unstyle(_ARGUMENT.sub(_option, text)).split())
+    return without_secrets(" ".join(click.unstyle(_ARGUMENT.sub(_option, shortened(text))).split()))
 
 
 def _option(found: re.Match[str]) -> str:
@@ -81,10 +86,11 @@ def _replace_non_finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def finding_sentence(audit: Audit) -> str:
+def finding_lines(audit: Audit) -> list[str]:
+    """The finding and every doubt, one sentence a line."""
     from rpil.inference.findings import FINDINGS
 
-    return f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}"
+    return [f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}", *audit.doubts]
 
 
 def print_lines(lines: Iterable[str]) -> None:
@@ -98,7 +104,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
 
     Ranking and demonstrators have at most `MAX_ROWS` rows, unless `all_rows`.
     """
-    click.echo(f"{finding_sentence(audit)}\n")
+    print_lines([*finding_lines(audit), ""])
     n_rows = MAX_ROWS - (MAX_DEMONSTRATORS + 4 if audit.demonstrators else 0)
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
@@ -106,8 +112,8 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     click.echo("\n" + audit.words.meaning(audit.expert_proba) + "\n")
     if audit.demonstrators:
         _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
-    click.echo(verdict_sentence(audit))
-    print_lines(audit.notes)
+    wrong = [f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting]
+    print_lines([verdict_sentence(audit), *wrong, *audit.notes])
 
 
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
@@ -130,26 +136,19 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 
     from rpil.results.words import SIDES
 
-    parts = audit.evidence_columns()
-    sums = (f"{'+' if k else '='} {name}" for k, name in enumerate(parts))
-    table = _empty_table("id", "steps", "log-odds", *sums, audit.words.probability, "reliability")
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("worst steps")
     groups = {name: letter for letter, members in _groups(audit).items() for name in members}
-    if groups:
-        table.add_column("group", no_wrap=True)
-    for m in shown:
-        table.add_row(
-            Text(printable(audit.ids[m])),
-            f"{audit.lengths[m]:,}",
-            *(f"{value[m]:+,.2f}" for value in (audit.log_odds, *parts.values())),
-            f"{audit.expert_proba[m]:.3f}",
-            f"{audit.reliability[m]:.2f}",
-            Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]),
-            " ".join(map(str, audit.worst_steps(m))),
-            *([groups.get(audit.ids[m], "")] if groups else []),
-        )
-    _print_table(table, len(audit.ids), "demonstrations")
+    sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
+    columns: Columns = {
+        "id": [printable(audit.ids[m]) for m in shown],
+        "steps": [f"{audit.lengths[m]:,}" for m in shown],
+        **{name: [f"{part[m]:+,.2f}" for m in shown] for name, part in {"log-odds": audit.log_odds, **sums}.items()},
+        audit.words.probability: [f"{audit.expert_proba[m]:.3f}" for m in shown],
+        "reliability": [f"{audit.reliability[m]:.2f}" for m in shown],
+        "verdict": [Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
+        "worst steps": [" ".join(map(str, audit.worst_steps(m))) for m in shown],
+        **({"group": [groups.get(audit.ids[m], "") for m in shown]} if groups else {}),
+    }
+    _print_table(columns, [*sums, "worst steps", "reliability", "steps", "log-odds"], len(audit.ids), "demonstrations")
 
 
 def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
@@ -161,38 +160,57 @@ def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
 
 
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
-    from rich.text import Text
-
-    table = _empty_table("demonstrator", "trust", "95 %", "demonstrations", *audit.verdict_counts())
-    for row in shown:
-        counts = len(row.demonstrations), *audit.verdict_counts(row.demonstrations).values()
-        trust = f"{row.trust.mean:.2f}", f"{row.trust.low:.2f} to {row.trust.high:.2f}"
-        table.add_row(Text(printable(row.name)), *trust, *(f"{count:,}" for count in counts))
-    _print_table(table, len(audit.demonstrators), "demonstrators")
+    counts = [audit.verdict_counts(row.demonstrations) for row in shown]
+    columns: Columns = {
+        "demonstrator": [printable(row.name) for row in shown],
+        "trust": [f"{row.trust.mean:.2f}" for row in shown],
+        "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown],
+        "demonstrations": [f"{len(row.demonstrations):,}" for row in shown],
+        **{word: [f"{count[word]:,}" for count in counts] for word in audit.verdict_counts()},
+    }
+    _print_table(columns, ["95 %"], len(audit.demonstrators), "demonstrators")
     click.echo("")
 
 
-def _empty_table(name: str, *numbers: str) -> Table:
-    """A table without rows: a column of names, and columns of numbers."""
+LEFT = "id", "demonstrator", "verdict", "worst steps", "group"
+"""Columns of words; the others are numbers."""
+
+
+def _print_table(columns: Columns, dispensable: Sequence[str], n_rows: int, what: str) -> None:
+    """Print a table, and how many of `n_rows` rows are not in it.
+
+    Where a terminal is too narrow the `dispensable` columns are left out, one after the other; no cell is wrapped. In a
+    pipe or a file nothing is cut or coloured.
+    """
+    from rich.console import Console
+    from rich.measure import Measurement
+
+    terminal = sys.stdout.isatty()
+    width = None if terminal else PIPE_WIDTH
+    console = Console(highlight=False, markup=False, emoji=False, force_terminal=terminal, width=width)
+    table = _table(columns)
+    for title in dispensable:
+        if Measurement.get(console, console.options.update_width(PIPE_WIDTH), table).maximum <= console.width:
+            break
+        columns = {name: cells for name, cells in columns.items() if name != title}
+        table = _table(columns)
+    console.print(table)
+    if n_rows > table.row_count:
+        click.echo(f"... and {n_rows - table.row_count:,} more {what}: --all prints them.")
+
+
+def _table(columns: Columns) -> Table:
+    """The columns side by side."""
     from rich import box
     from rich.table import Table
 
     lines = box.SIMPLE_HEAD if sys.stdout.isatty() else box.Box(str(box.SIMPLE_HEAD).replace("\u2500", "-"), ascii=True)
     table = Table(box=lines, show_edge=False, pad_edge=False)
-    table.add_column(name, overflow="fold")
-    for title in numbers:
-        table.add_column(title, justify="right", no_wrap=True)
+    for title in columns:
+        table.add_column(title, justify="left" if title in LEFT else "right", no_wrap=True)
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*row)
     return table
-
-
-def _print_table(table: Table, n_rows: int, what: str) -> None:
-    """Print a table, and how many of `n_rows` rows are not in it; in a pipe or a file nothing is cut or coloured."""
-    from rich.console import Console
-
-    terminal = sys.stdout.isatty()
-    Console(highlight=False, force_terminal=terminal, width=None if terminal else PIPE_WIDTH).print(table)
-    if n_rows > table.row_count:
-        click.echo(f"... and {n_rows - table.row_count:,} more {what}: --all prints them.")
 
 
 def verdict_sentence(audit: Audit) -> str:
@@ -212,10 +230,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
-    lines += [
-        f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting
-    ]
-    lines += [*audit.doubts, f"Next: {NEXT_STEPS[audit.finding]}"]
+    lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
     if audit.finding == "nothing could be learned":
         return "\n".join(lines)
     if audit.question:
@@ -237,14 +252,14 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
 def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: bool) -> list[str]:
     """How to write a label of the demonstration `id_`, which is printed as `name`."""
     from rpil.data.cells import to_cell
+    from rpil.data.id_values import csv_row
 
     if labels_file.lower().endswith(".json"):
         pair = json.dumps({name: label}, ensure_ascii=False)
         content = [pair[1:-1] if add else pair]
     else:
-        row = io.StringIO()
-        csv.writer(row, lineterminator="").writerow([to_cell(id_), label])
-        content = [row.getvalue()] if add else ["id,label", row.getvalue()]
+        row = csv_row([to_cell(id_), label])
+        content = [row] if add else ["id,label", row]
     verb = "Add" if add else "Write"
     return [
         f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",

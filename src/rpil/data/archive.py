@@ -197,7 +197,8 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
         if not isinstance(header, dict) or header.get("schema") != schema:
             raise DataError(foreign)
         if header.get("version") != VERSION:
-            made = f"rpil {header.get('rpil')} saved it in version {header.get('version')!r} of the format"
+            who, saved = (str(header.get(name))[:20] for name in ("rpil", "version"))
+            made = f"rpil {who} saved it in version {saved} of the format"
             here = f"rpil {rpil_version()} reads version {VERSION}"
             raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
         named = {f"{name}.npy": name for name in _array_names(header)}

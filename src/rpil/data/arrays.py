@@ -278,6 +278,17 @@ def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray
     return values[appearance], offsets, rows
 
 
+def check_squares(ends: Array, what: str) -> None:
+    """A `DataError` where columns that reach from ``ends[0]`` to ``ends[1]``, (K,) each, are too large, or vary by too
+    little, to be squared; `what` and its number name the column."""
+    spread, no_square = ends[1] / 2 - ends[0] / 2, "square is no number; use"
+    large, tiny = np.abs(ends).max(axis=0) > LARGEST, (spread > 0) & (spread < SMALLEST)
+    if large.any():
+        raise DataError(f"{what} {np.argmax(large)} is beyond {LARGEST:g}, where its {no_square} larger units.")
+    if tiny.any():
+        raise DataError(f"{what} {np.argmax(tiny)} varies by less than {SMALLEST:g}, whose {no_square} smaller units.")
+
+
 def check_finite(
     values: Array, columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Id, ...], where: str
 ) -> None:
@@ -292,5 +303,5 @@ def check_finite(
     m = int(np.searchsorted(offsets, row, side="right")) - 1
     raise DataError(
         f"{where}, demonstration {ids[m]!r}, step {row - offsets[m]}: {columns[column]} is {values[row, column]}; "
-        "repair the value or leave the demonstration out."
+        "repair the value, leave the demonstration out, or read with skip_bad=True."
     )

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import LARGEST, SMALLEST
+from rpil.data.arrays import check_squares
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.id_values import Key, match_labels
@@ -34,14 +34,7 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
     ends = np.stack([data.low, data.high]).astype(float)
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
-    if np.abs(ends).max() > LARGEST:
-        raise DataError(f"{source}: an action is beyond {LARGEST:g}, where its square is no number; use larger units.")
-    spread = ends[1] / 2 - ends[0] / 2
-    if ((spread > 0) & (spread < SMALLEST)).any():
-        raise DataError(
-            f"{source}: part {int(np.argmax((spread > 0) & (spread < SMALLEST)))} of the actions varies by less than "
-            f"{SMALLEST:g}, whose square is no number; use smaller units."
-        )
+    check_squares(ends, f"{source}: action")
     space = Box.around(ends) if box is None else _declared_box(box, ends.shape[1], source)
     outside = np.argwhere((ends < space.low) | (ends > space.high))
     if len(outside):

@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import sys
+
+_QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
 
 
 class DataError(ValueError):
-    """Bad input: one sentence naming the file or array, the demonstration and the remedy."""
+    """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(shortened(sentence))
+
+
+def shortened(sentence: str) -> str:
+    """A sentence with the beginnings of the long texts that it quotes; commands and options to copy stay whole."""
+
+    def beginning(found: re.Match[str]) -> str:
+        option, quote, text, end = found.groups()
+        return found[0] if option or not end or len(text) <= 100 else f"{quote}{text[:60]}...{end}"
+
+    return _QUOTE.sub(beginning, sentence)
 
 
 class MissingExtraError(ImportError):

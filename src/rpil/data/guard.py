@@ -11,6 +11,7 @@ from typing import ParamSpec, TypeVar
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
+from rpil.data.privacy import without_secrets
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -34,11 +35,11 @@ def guarded(
         raise
     except MemoryError as error:
         raise DataError(f"{where}: more memory than is free would be needed to read it; read less of it.") from error
-    except PermissionError as error:
-        raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
     except Exception as error:  # damaged files make libraries raise errors of very many types
         if isinstance(error, OSError) and error.errno in _OF_WRITING:
             raise
+        if type(error) is PermissionError:  # FFmpeg has one of its own, for damaged videos too
+            raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
         raise DataError(f"{where}: {fault} ({one_line(error)}); {remedy}.") from error
 
 
@@ -56,6 +57,6 @@ def guard(function: Callable[P, R]) -> Callable[P, R]:
 
 def one_line(error: BaseException) -> str:
     """The type of an error and the beginning of its message, printable and without a full stop."""
-    text = "".join(sign if sign.isprintable() else " " for sign in str(error))
+    text = "".join(sign if sign.isprintable() else " " for sign in without_secrets(str(error)))
     text = " ".join(text.split()).replace(". ", ", ")[:_LONGEST].rstrip(" .")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast
 
@@ -29,7 +29,7 @@ Key = TypeVar("Key", bound=Hashable)
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
 """Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
 
-_BETTER = re.compile(r"better\s+than\s+(.+)", re.IGNORECASE | re.DOTALL)
+_BETTER = re.compile(r"\s*better\s+than\s(.*)", re.IGNORECASE | re.DOTALL)
 
 _EXTENSIONS = (".csv", ".json")
 
@@ -43,27 +43,28 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
-def read_labels(path: StrPath) -> dict[str, Label]:
+def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:
     """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
-    labels, _ = read_answers(path)
+    labels, _ = read_answers(path, ids)
     if not labels:
         raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
     return labels
 
 
-def read_answers(path: StrPath) -> tuple[dict[str, Label], list[Pair]]:
+def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], list[Pair]]:
     """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
 
     Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
     makes a pair: a demonstration has one label at most, and any number of pairs, in JSON a list of both. Ids come back
-    as text, see `match_labels`. A `DataError` names the file and the demonstration: unknown words, an id labelled
-    twice, a demonstration that is compared with itself, two pairs that contradict each other, no answers.
+    as text, see `match_labels`, and without white space at their ends, unless one of the `ids` has it. A `DataError`
+    names the file and the demonstration: unknown words, an id labelled twice, a demonstration that is compared with
+    itself, two pairs that contradict each other, no answers.
     """
-    path = check_labels_file(path)
+    path, ids = check_labels_file(path), {*map(str, ids)}
     rows: list[tuple[str, object]] = []
-    for m, given in read_id_pairs(path, "label", "good"):
+    for m, given in read_id_pairs(path, "label", "good", ids):
         rows += [(m, word) for word in (given if isinstance(given, list) and given else [given])]
-    return parse_answers(rows, path.name)
+    return parse_answers(rows, path.name, ids)
 
 
 def check_labels_file(path: StrPath) -> Path:
@@ -71,19 +72,22 @@ def check_labels_file(path: StrPath) -> Path:
     return check_extension(path, _EXTENSIONS, "labels")
 
 
-def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict[str, Label], list[Pair]]:
-    """Labels and pairs from ids and words; a `DataError` as `read_answers`."""
+def parse_answers(
+    rows: Iterable[tuple[str, object]], source: str, ids: Iterable[object]
+) -> tuple[dict[str, Label], list[Pair]]:
+    """Labels and pairs from ids and words; of white space and errors as `read_answers`."""
     labels: dict[str, Label] = {}
     pairs: dict[Pair, None] = {}
+    known = {*map(str, ids)}
     for m, word in rows:
-        label, other = _label(word), _worse(word)
-        if other is not None:
+        label, worse = _label(word), _worse(word) or ""
+        if other := worse if worse in known else worse.strip():
             _add_pair(pairs, (m, other), source)
             continue
         if label is None:
             raise DataError(
-                f"{source}, demonstration {m!r}: unknown label {word!r}; write 'good', 'bad' or 'better than ID', and "
-                "leave out the demonstrations you cannot judge."
+                f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad' or 'better than "
+                "ID', and leave out the demonstrations you cannot judge."
             )
         if m in labels:
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
@@ -93,50 +97,58 @@ def parse_answers(rows: Iterable[tuple[str, object]], source: str) -> tuple[dict
     return labels, list(pairs)
 
 
-def parse_labels(labels: object, source: str = "the labels") -> tuple[dict[str, Label], list[Pair]]:
+def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], list[Pair]]:
     """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
     given = labels.items() if isinstance(labels, Mapping) else labels or ()
     rows: list[Parsed] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
-        raise DataError(f"{source} must be a mapping of ids to words, or pairs of an id and a word.")
-    return parse_answers(((str(m), word) for m, word in rows), source) if rows else ({}, [])
+        raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
+    return parse_answers(((str(m), word) for m, word in rows), "the labels", ids) if rows else ({}, [])
 
 
-def write_answers(path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]]) -> None:
-    """Write a file that `read_answers` reads: what it held `before`, and these answers as ids and words.
+def write_answers(
+    path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]], ids: Iterable[object] = ()
+) -> None:
+    """Write a file that `read_answers` reads with these `ids`: what it held `before`, and answers as ids and words.
 
     A label replaces that which the demonstration had. All other rows and columns of a CSV file stay as they were. A
     `DataError` where it cannot be written; a file that was there is then as it was.
     """
     is_csv = Path(path).suffix.lower() == ".csv"
     old = (before or (b"id,label\n" if is_csv else b"{}")).decode()
-    text = _csv_with(old, answers) if is_csv else _json_with(old, answers)
+    text = _csv_with(old, answers, {*map(str, ids)}) if is_csv else _json_with(old, answers)
     with replacing(path) as temporary:
         temporary.write_bytes(text.encode())
 
 
-def _csv_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
+def _csv_with(before: str, answers: Sequence[tuple[str, str]], ids: Collection[str]) -> str:
     comma = _delimiter(before)
     header = csv.DictReader(_lines(before), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
-    before = _without_labels(before, {same_question(*answer) for answer in answers})
-    added = io.StringIO()
-    writer = csv.writer(added, lineterminator=end, delimiter=comma)
+    before = _without_labels(before, {m for m, word in answers if _worse(word) is None}, ids)
+    added = [end * (not before.endswith("\n"))]
     for m, word in answers:
         row = {id_column: to_cell(m), "label": word}
-        writer.writerow([row.get(name.removeprefix("\ufeff"), "") for name in header])
-    return before + end * (not before.endswith("\n")) + added.getvalue()
+        added += [csv_row([row.get(name.removeprefix("\ufeff"), "") for name in header], comma), end]
+    return before + "".join(added)
 
 
-def _without_labels(text: str, asked: Set[frozenset[str]]) -> str:
-    """The lines of a CSV file without labels that answer what was `asked` again."""
+def csv_row(cells: Iterable[object], comma: str = ",") -> str:
+    """A line of a CSV file, from which every reader gets the same cells again."""
+    line, texts = io.StringIO(), list(map(str, cells))
+    plain = all(text.isprintable() and text == text.strip() for text in texts)
+    csv.writer(line, delimiter=comma, quoting=csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL).writerow(texts)
+    return line.getvalue().removesuffix("\r\n")
+
+
+def _without_labels(text: str, labelled: Collection[str], ids: Collection[str]) -> str:
+    """The lines of a CSV file without the labels of demonstrations that are `labelled` anew."""
     rows = csv.DictReader(_lines(text.removeprefix("\ufeff")), skipinitialspace=True, delimiter=_delimiter(text))
     id_column, lines = _id_column(rows.fieldnames or ()) or "", _lines(text)
     kept, first = lines[: rows.line_num], rows.line_num
     for row in rows:
-        m, word = (from_cell((row[name] or "").strip()) for name in (id_column, "label"))
-        if same_question(m, word) not in asked or _worse(word) is not None:
+        if _id_in(row[id_column], ids) not in labelled or _worse(row["label"]) is not None:
             kept += lines[first : rows.line_num]
         first = rows.line_num
     return "".join([*kept, *lines[first:]])
@@ -167,8 +179,14 @@ def better_than(worse: str) -> str:
 
 def _worse(word: object) -> str | None:
     """The other demonstration of a pair; None where the word makes none."""
-    found = _BETTER.fullmatch(word.strip()) if isinstance(word, str) else None
+    found = _BETTER.fullmatch(word) if isinstance(word, str) else None
     return found[1] if found else None
+
+
+def _id_in(cell: str | None, ids: Collection[str]) -> str:
+    """The id in a cell of CSV, without white space at its ends unless one of the `ids` has it."""
+    name = from_cell(cell or "")
+    return name if name in ids else from_cell((cell or "").strip())
 
 
 def _add_pair(pairs: dict[Pair, None], pair: Pair, source: str) -> None:
@@ -192,7 +210,7 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
     """
     for m, label in labels.items():
         if _label(label) is None:
-            raise DataError(f"Demonstration {m!r}: the label {label!r} is unknown; use 'good' or 'bad'.")
+            raise DataError(f"Demonstration {m!r}: the label {quoted([label])} is unknown; use 'good' or 'bad'.")
     check_ids(labels, ids, source, "the labels")
     number = {str(name): m for m, name in enumerate(ids)}
     return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
@@ -234,13 +252,16 @@ def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dic
     return demonstrators
 
 
-def read_id_pairs(path: StrPath, column: str, example: str) -> list[tuple[str, object]]:
-    """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice."""
+def read_id_pairs(path: StrPath, column: str, example: str, ids: Iterable[object]) -> list[tuple[str, object]]:
+    """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice.
+
+    In CSV white space at the ends of an id is left out, unless one of the `ids` has it.
+    """
     path = check_readable(path)
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE, "utf-8-sig")
         if path.suffix.lower() == ".csv":
-            return _csv_pairs(text, column, path.name)
+            return _csv_pairs(text, column, path.name, {*map(str, ids)})
         pairs = cast(list[tuple[str, object]], parse(text, path.name, LARGEST_TABLE, list))
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
@@ -265,7 +286,7 @@ def _lines(text: str) -> list[str]:
     return list(io.StringIO(text, newline=""))
 
 
-def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
+def _csv_pairs(text: str, column: str, source: str, ids: Collection[str]) -> list[tuple[str, object]]:
     rows = csv.DictReader(_lines(text), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
     header = rows.fieldnames or ()
     id_column = _id_column(header)
@@ -273,7 +294,7 @@ def _csv_pairs(text: str, column: str, source: str) -> list[tuple[str, object]]:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
     pairs: list[tuple[str, object]] = []
     for row in rows:
-        m = from_cell((row[id_column] or "").strip())
+        m = _id_in(row[id_column], ids)
         if not m or None in row:
             problem = "it names no demonstration" if not m else "it has more values than there are columns"
             raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")

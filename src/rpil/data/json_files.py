@@ -1,8 +1,10 @@
-"""JSON and other text beside data: no more of a file is read than such files need."""
+"""JSON, TOML and other text beside data: no more of a file is read than such files need."""
 
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,9 @@ LARGEST_METADATA, LARGEST_TABLE = 16 * 2**20, 64 * 2**20
 MOST_LISTS = 2 * 10**6
 """Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
 
+LARGEST_TOML = 2**14  # bytes; its parser takes the square of the parts of a key
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:"(?:\\.|[^"\\])*+"|'[^']*+'|[\w-]++)[ \t]*\.[ \t]*){9}""")
+
 
 def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
     """The text of a file; a `DataError` where it has more bytes than `limit`."""
@@ -30,6 +35,14 @@ def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
 def read_json(path: Path, limit: int = LARGEST_METADATA) -> Parsed:
     """What a file of JSON holds; errors are those of `read_text` and `parse`."""
     return parse(read_text(path, limit), str(path), limit)
+
+
+def read_toml(path: Path) -> dict[str, Parsed]:
+    """What a file of TOML holds; a `DataError` where it is longer than `LARGEST_TOML`, or a key has over 9 parts."""
+    text = read_text(path, LARGEST_TOML, "utf-8-sig")
+    if _LONG_KEY.search(text):
+        raise DataError(f"{path}: a key in it has more than 8 dots; write plain keys.")
+    return tomllib.loads(text)
 
 
 def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:
@@ -59,4 +72,5 @@ def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) ->
 
 def _check_size(n_bytes: int, where: str, limit: int) -> None:
     if n_bytes > limit:
-        raise DataError(f"{where}: it is longer than {limit // 2**20} MiB, which no such file needs; write it again.")
+        size = f"{limit // 2**20} MiB" if limit >= 2**20 else f"{limit // 2**10} KiB"
+        raise DataError(f"{where}: it is longer than {size}, which no such file needs; write it again.")

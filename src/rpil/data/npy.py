@@ -59,11 +59,14 @@ class Npz:
 
 @contextmanager
 def opened_npz(path: Path, where: str = "", remedy: str = "write it again") -> Iterator[Npz]:
-    """The arrays in the file at `path`; a `DataError` where it is damaged."""
+    """The arrays in the file at `path`; a `DataError` where it is damaged, or two arrays have one name."""
     where = where or path.name
     fault = "not an NPZ file, or a damaged or truncated one", remedy
     with guarded(where, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
-        yield Npz(archive, where)
+        stored = Npz(archive, where)
+        if len(set(stored.names)) < len(stored.names):
+            raise DataError(f"{where}: it holds two arrays of one name; {remedy}.")
+        yield stored
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:

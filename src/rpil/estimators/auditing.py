@@ -18,7 +18,7 @@ from rpil.estimators.task import Labels
 from rpil.estimators.within_tasks import Known, judge_within_tasks
 from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
-from rpil.formats.columns import ColumnOptions
+from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording, from_demonstrations
 from rpil.results.provenance import Provenance, changed_settings
@@ -72,6 +72,7 @@ def audit(
     >>> audit = rpil.audit("drive.csv", id="trip", action=["steer", "accel"])     # doctest: +SKIP
     >>> audit.to_frame(), audit.question                                          # doctest: +SKIP
     """
+    check_options(columns)
     operator = columns.get("operator")
     from_file = operator is not None and is_id_file(operator)
     options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)

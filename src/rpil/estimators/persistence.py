@@ -107,7 +107,7 @@ def load(path: StrPath) -> SavedEstimator:
     if str(header.get("class")) not in ESTIMATORS:
         raise DataError(
             f"{path}: it holds a {str(header.get('class'))[:40]!r}, which rpil {rpil_version()} does not know; "
-            f"use rpil {header.get('rpil')}, or fit and save again."
+            f"use rpil {str(header.get('rpil'))[:20]}, or fit and save again."
         )
     try:
         estimator = _restore(header, Decoder(arrays))

@@ -72,7 +72,7 @@ class Task:
             )
         groups = group_by_demonstrator(demonstrators, source)
         known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
-        by_id, pairs = parse_labels(labels)
+        by_id, pairs = parse_labels(labels, source.ids)
         compared = match_pairs(pairs, source.ids)
         return cls(source, space, classes, label_codes(by_id, source), groups, *known, compared)
 

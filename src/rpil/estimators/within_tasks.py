@@ -67,10 +67,10 @@ class Known:
         read, source, facts = recording.demonstrations.ids, recording.description.source, recording.facts
         ids = recording.ids or read
         if isinstance(labels, str | os.PathLike):
-            where, (by_name, pairs) = str(labels), read_answers(labels)
+            where, (by_name, pairs) = str(labels), read_answers(labels, ids)
             check_ids([*by_name, *chain.from_iterable(pairs)], ids, where, "the labels")
         else:
-            where, (by_name, pairs) = "the labels", parse_labels(labels)
+            where, (by_name, pairs) = "the labels", parse_labels(labels, ids)
             check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):

@@ -14,7 +14,7 @@ from rpil.data.missing import allow_missing
 from rpil.faults.columns import column_labels, describe_columns, pilot
 from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
-from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time
+from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time, recorded_time
 from rpil.faults.lag import find_lag
 from rpil.faults.maprules import MAP_COMPARISONS
 from rpil.faults.measure import Learned, measure
@@ -98,7 +98,8 @@ def find_faults(
                 )
                 known[comparison.rule] |= len(silent) < len(comparison.names)
         why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
-        usual, trims = _usual(seen), _trims(seen) if seen.columns.names else {}
+        usual = _usual(seen, recorded_time(times, demonstrations))
+        trims = _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(
         tuple(found),
@@ -164,8 +165,8 @@ def _too_few(seen: Evidence) -> str | None:
     return f"it takes {least} demonstrations to know what is usual" if len(seen.ids) < least else None
 
 
-def _usual(seen: Evidence) -> dict[str, str]:
-    """What is usual in these data."""
+def _usual(seen: Evidence, recorded: float | None) -> dict[str, str]:
+    """What is usual in these data, with a frame every `recorded` seconds by their timestamps."""
     usual = {}
     names = seen.columns.names
     if is_lag_known(seen):
@@ -175,5 +176,7 @@ def _usual(seen: Evidence) -> dict[str, str]:
             first, second = second, first
         usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
     if seen.seconds is not None:
-        usual["dropped frames"] = f"a frame every {1e3 * seen.seconds:.4g} ms"
+        is_other = recorded and abs(recorded - seen.seconds) > 0.01 * seen.seconds
+        declared = f", where {1e3 * seen.seconds:.4g} ms are declared" if is_other else ""
+        usual["dropped frames"] = f"a frame every {1e3 * (recorded or seen.seconds):.4g} ms{declared}"
     return usual

@@ -9,19 +9,18 @@ import numpy as np
 from rpil.data.demonstrations import DemonstrationSet
 from rpil.faults.record import Finding
 from rpil.faults.settings import FaultSettings
-from rpil.formats.times import Times
+from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array
 
 
 def frame_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
-    """Seconds between two frames: by the frame rate, else the median time between two steps; None if unknown."""
-    if times.fps:
-        return 1.0 / times.fps
-    if times.timestamps is None:
-        return None
-    between = np.diff(times.timestamps)[_within(demonstrations)]
-    median = float(np.nanmedian(between)) if np.isfinite(between).any() else 0.0
-    return median if median > 0 else None
+    """Seconds between two frames: by the frame rate, else the usual time between two steps; None if unknown."""
+    return 1.0 / times.fps if times.fps else recorded_time(times, demonstrations)
+
+
+def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
+    """Seconds between two frames by the timestamps; None where there are none."""
+    return None if times.timestamps is None else usual_step(np.diff(times.timestamps)[_within(demonstrations)])
 
 
 def _within(demonstrations: DemonstrationSet) -> Array:

@@ -18,7 +18,7 @@ from rpil.faults.record import FaultReport
 from rpil.faults.settings import FaultSettings
 from rpil.formats import OpenOptions, read_recording
 from rpil.formats.arrow import Frame, read_frame
-from rpil.formats.columns import ColumnOptions
+from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 
@@ -113,6 +113,7 @@ def open(
     >>> recording.faults().counts                     # doctest: +SKIP
     >>> audit = rpil.RPIL().fit(recording).audit_     # doctest: +SKIP
     """
+    check_options(columns)
     options = ColumnOptions(**columns)
     with fill_chunks(fill_missing):
         found = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)

@@ -29,7 +29,7 @@ from rpil.data.memory import Size, limited
 from rpil.data.missing import fill_chunks
 from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
-from rpil.formats.columns import ColumnOptions, Ids, Names
+from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find, writer_of
@@ -122,6 +122,7 @@ def read(
         One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
         where the data would take more memory.
     """
+    check_options(columns)
     with limited(memory), fill_chunks(fill_missing):
         options = ColumnOptions(**columns)
         if not isinstance(path, str | os.PathLike | Frame):
@@ -162,7 +163,8 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     that name, a demonstration with two demonstrators, an empty name.
     """
     if is_id_file(where):
-        return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann"), Path(where).name)
+        ids = (data.ids or data.demonstrations.ids) if isinstance(data, Recording) else ()
+        return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann", ids), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 

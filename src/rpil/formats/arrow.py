@@ -60,7 +60,7 @@ def from_arrow(
     columns = find_columns(
         table.column_names, kinds, source, options, head=table.select(plain).slice(0, flat.GUESSED_ROWS)
     )
-    chosen = table.select(columns.all)
+    chosen = table.select([*columns.all, *columns.outcomes])
     check_memory(2 * chosen.nbytes, source)
     return from_batches([chosen], columns, Origin(source, format_name, notes=notes))
 

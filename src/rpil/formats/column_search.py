@@ -107,7 +107,7 @@ class _Search:
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
             *(operator, task, ignored, options.action_kind, order is not None),
             tuple(name for name in times if self.kinds.get(name) in numbers),
-            *(session, outcome, self.outcomes({*actions, *observations})),
+            *(session, outcome, self.outcomes({*actions, *observations, f"{session}", f"{outcome}".removeprefix("-")})),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,

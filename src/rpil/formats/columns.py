@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
@@ -66,6 +67,14 @@ class ColumnOptions:
     skip_bad: bool = False
 
 
+def check_options(given: Iterable[str]) -> None:
+    """A `TypeError` that names the option that was meant, where one of the `given` names is that of none."""
+    known = [one.name for one in fields(ColumnOptions)]
+    for name in sorted({*given} - {*known}):
+        close = [f"; did you mean {one}?" for one in get_close_matches(name, [*known, "labels", "settings"], 1)]
+        raise TypeError(f"there is no option {name!r}{''.join(close)}")
+
+
 @dataclass(frozen=True)
 class Columns:
     """Names of the columns that are read, and why the others are not."""
@@ -86,9 +95,8 @@ class Columns:
     session: str | None = None  # or FILE_SESSION
     outcome: str | None = None  # or LENGTH; with a minus where more is worse
     outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
-    chosen_parts: Mapping[str, Names] = field(
-        default_factory=dict, compare=False
-    )  # of columns of which not all are read
+    # Of columns of which not all are read:
+    chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
     source: str = field(default="", compare=False)  # in messages
     observations_given: bool = False

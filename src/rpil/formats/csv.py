@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, cast
 
@@ -95,8 +96,8 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
 
     def tables() -> Iterator[pa.Table]:
         for file, rows in found:
-            names = [name for name in columns.all if name in file.dialect.names]
-            yield from (_named(table, file, columns) for _, table, _ in rows.tables(0, rows.runs[-1][1], names))
+            there = rows.tables(0, rows.runs[-1][1], _names_in(file, columns))
+            yield from (_named(table, file, columns) for _, table, _ in there)
 
     kinds: dict[str, set[str]] = {}
     for table in tables():
@@ -110,6 +111,12 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
         Origin(source, format_name, notes=notes),
         sizes,
     )
+
+
+def _names_in(file: Text, columns: Columns) -> list[str]:
+    """The columns to read that a file has; on disk without outcomes, because its first block tells their types."""
+    own = set(file.dialect.names)
+    return [name for name in (*columns.all, *(() if is_on_disk() else columns.outcomes)) if name in own]
 
 
 def _id_of(file: Text) -> str:
@@ -174,34 +181,26 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows
 
     # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
     named = columns.episode, columns.operator, columns.task, columns.session
-    texts = {*named, *(columns.actions if columns.one_action else ())} - {None}
-    names = [name for name in columns.all if name in file.dialect.names]
-    types = {name: pa.string() for name in names if name in texts}
-    floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in texts}
+    as_text = {*named, *(columns.actions if columns.one_action else ())} - {None}
+    names = _names_in(file, columns)
+    texts = {name: pa.string() for name in names if name in as_text}
+    floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in as_text}
 
-    def converted(parsing: dict[str, object], column_types: Mapping[str, pa.DataType] = types | floats) -> Rows:
-        decimal = file.dialect.decimal
-        convert = csv.ConvertOptions(
-            decimal_point=decimal, include_columns=names, column_types=column_types, strings_can_be_null=False
-        )
+    def converted(types: Mapping[str, pa.DataType], parsing: dict[str, object]) -> Rows:
+        chosen = {"include_columns": names, "column_types": types}
+        convert = csv.ConvertOptions(decimal_point=file.dialect.decimal, strings_can_be_null=False, **chosen)
         return read(file.path, convert_options=convert, **parsing)
 
     with guarded(file.path.name, *_FAULT):
-        try:
-            return _parsed(file.path, file.dialect, converted)
-        except pa.ArrowInvalid as error:
-            if "CSV conversion error" not in str(error):
-                raise
-        # There is text, or true and false: read it as such, so that the message can say where.
-        try:
-            return _parsed(file.path, file.dialect, lambda parsing: converted(parsing, types))
-        except pa.ArrowInvalid as error:
-            if "CSV conversion error" not in str(error):
-                raise
-            raise DataError(
-                f"{file.path.name}: a column holds values of another type further on; read it into memory with "
-                "rpil.read."
-            ) from error
+        # Where there is text, or true and false, they are read as such, so that the message can say where.
+        for types in (texts | floats, texts):
+            try:
+                return _parsed(file.path, file.dialect, partial(converted, types))
+            except pa.ArrowInvalid as error:
+                if "CSV conversion error" not in str(error):
+                    raise
+        said = "a column holds values of another type further on; read it into memory with rpil.read"
+        raise DataError(f"{file.path.name}: {said}.")
 
 
 def _whole(path: Path, **options: object) -> Rows:

@@ -79,7 +79,8 @@ class Layout:
     def without(self, columns: Container[str]) -> Layout:
         """The same without some columns of observations."""
         observations = tuple((name, width) for name, width in self.observations if name not in columns)
-        names = tuple(part for name, _ in observations for part in self.names[name])
+        own = self.names
+        names = tuple(part for name, _ in observations for part in own[name])
         return replace(self, observations=observations, observation_names=names)
 
     @property

@@ -82,15 +82,19 @@ def _find(path: Path) -> Path | None:
         check_inside(folder / _METADATA, folder)  # which the path does not name
     else:
         return None
-    is_data = (folder / _HDF5).exists() or _json(folder / _METADATA).get("data_format") in _FOLDERS
-    return folder if is_data else None
+    if (folder / _HDF5).exists():
+        return folder
+    about = _json(folder / _METADATA)
+    damaged = not about and (folder / _METADATA).exists() and _folders(folder)  # which `_open` refuses
+    return folder if damaged or about.get("data_format") in _FOLDERS else None
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
-    """The folder that holds the episodes, and what the data set says of itself."""
+    """The folder that holds the episodes, and what the data set says of itself; tables need it, and HDF5 does not."""
     data = _find(path)
     assert data is not None
-    return data, _json(data / _METADATA)
+    with guarded(data / _METADATA):
+        return data, (_json if (data / _HDF5).exists() else read_json)(data / _METADATA)
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def read_files(
         return from_rows(replace(rows, batch_rows=batch_rows), columns, origin, layout)
     check_memory(rows.n_bytes, source)
     tables, sizes = [], Counter[str]()
-    for row, table, _ in rows.tables(0, rows.runs[-1][1], columns.all):
+    for row, table, _ in rows.tables(0, rows.runs[-1][1], [*columns.all, *columns.outcomes]):
         tables.append(table)
         sizes[rows.files(np.array([row]))[0]] += len(table)
     return from_batches(tables, columns, origin, sizes)

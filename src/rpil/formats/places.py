@@ -12,6 +12,7 @@ import numpy as np
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
+from rpil.data.names import is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.rows import Rows, TableRows, place_of, read_columns
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 
 _FILE_ORDER = "steps in the order of the file"
 _BYTES_PER_ID = 200  # of a demonstration: its id as an object of Python, and its place
+
+
+class UnsortedError(DataError):
+    """Rows on disk would have to move."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,12 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     def at(row: int) -> str:
         return place_of(rows, row, names, lambda row: f", demonstration {names_of[group[row]]!r}")
 
+    flags = {str(name).lower() for name in names_of[:3]}
+    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(columns.episode)):
+        ids = f"numpy.cumsum({columns.episode}) - {columns.episode}"
+        raise DataError(
+            f"{source}: column {columns.episode!r} is yes or no, and no id; of marked ends make ids: {ids}."
+        )
     order, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
@@ -83,16 +94,17 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     if moved is None:
         return places, rows
     if isinstance(rows, TableRows):
-        return places, replace(rows, place=moved)
+        said = "; rows of a demonstration lay apart" if apart else ""
+        return replace(places, order=replace(order, words=f"{order.words}{said}")), replace(rows, place=moved)
     ways = "read it into memory with rpil.read"
     if apart is not None:
-        raise DataError(
+        raise UnsortedError(
             f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
             f"or {ways}; if they are several demonstrations, give each its own id."
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    raise DataError(
+    raise UnsortedError(
         f"{at(row)}: rows are not in the order of {order.column!r}; sort the file, {ways}, or name another column with "
         "order."
     )

@@ -12,7 +12,7 @@ import numpy as np
 from rpil.data.arrays import SMALLEST, Id, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts
+from rpil.data.facts import Facts, outcome_of_steps, tells
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.missing import are_allowed
@@ -26,6 +26,7 @@ from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import is_on_disk, spool
 from rpil.formats.store import copied_rows
+from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
@@ -173,6 +174,7 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     places, metadata = found.places, origin.metadata
     columns = columns.without_observations(found.last_actions, "it repeats the last action")
+    columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, places.offsets)))
 
     @cache
     def read_clock() -> Clock | None:
@@ -209,6 +211,17 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     )
 
 
+def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
+    """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
+    there = rows.table.column_names if isinstance(rows, TableRows) else columns.outcomes
+    table = read_columns(rows, [name for name in columns.outcomes if name in there])
+    for name in columns.outcomes:
+        values = numbers_or_missing(table[name]) if name in table.column_names else None
+        is_one = values is not None and values.shape[1] == 1
+        if values is None or (is_one and tells(outcome_of_steps(values[:, 0].astype(float), offsets, name))):
+            yield name
+
+
 def _dataset(rows: Rows, found: Scan, source: str) -> Dataset:
     """The demonstrations in the rows; a `DataError` where a value cannot be an action."""
     actions, layout, classes, places = found.actions, found.layout, found.actions.classes, found.places
@@ -230,12 +243,8 @@ def _chosen(rows: Rows, columns: Columns, found: Scan, origin: Origin, mask: Arr
 def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
     places, metadata, layout = found.places, origin.metadata, found.layout
     n_steps = int(places.offsets[-1])
-    seconds, fps = clock.seconds(places.offsets) if clock else (None, None)
-    if metadata.fps:
-        seconds, fps = n_steps / metadata.fps, metadata.fps
-    names, ranges = layout.names, found.statistics.ranges(layout.names)
-    tiny = [name for name in layout.observation_names if name in ranges and _is_tiny(*ranges[name])]
-    constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
+    seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
+    ranges = found.statistics.ranges(layout.names)
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -248,8 +257,8 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         id_column=columns.episode,
         order_column=places.order.column,
         order=places.order.words,
-        seconds=seconds,
-        fps=fps,
+        seconds=n_steps / metadata.fps if metadata.fps else seconds,
+        fps=metadata.fps or recorded,
         operator_column=columns.operator,
         operators=different(found.operators),
         task_column=columns.task,
@@ -259,35 +268,30 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ranges=ranges,
         outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
         notes=(
-            *_one_step_note(columns.episode, len(places.ids), n_steps),
-            *_notes_on(constant, tiny),
+            *_notes_on(columns.episode, found, metadata.fps, recorded),
             *origin.notes,
             *metadata.notes(len(places.ids), n_steps),
         ),
     )
 
 
-def _one_step_note(column: str, n: int, n_steps: int) -> tuple[str, ...]:
-    return (
-        (f"Each demonstration has one step: is {column} the right column of the demonstration?",)
-        if 1 < n == n_steps
-        else ()
-    )
-
-
-def _is_tiny(low: float, high: float) -> bool:
-    return 0 < high / 2 - low / 2 < SMALLEST
-
-
-def _notes_on(constant: list[str], tiny: list[str]) -> Iterator[str]:
-    """Sentences on observations that differ between demonstrations only, or by too little."""
+def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
+    """Sentences on `ids` of single steps, on frames a second, and on observations that hardly differ."""
+    places, layout, names = found.places, found.layout, found.layout.names
+    if 1 < len(places.ids) == places.offsets[-1]:
+        yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
+    if declared and recorded and abs(recorded - declared) > 0.01 * declared:
+        yield f"Declared are {declared:g} frames a second, which count here; the timestamps say {recorded:.3g}."
+    constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
+    halves = {name: high / 2 - low / 2 for name, (low, high) in found.statistics.ranges(names).items()}
+    tiny = [name for name in layout.observation_names if 0 < halves.get(name, 0.0) < SMALLEST]
     if constant:
         todo = "leave out columns that the demonstrator could not see"
         yield f"Constant within each demonstration: {listed(constant)}; {todo}."
     if tiny:
         yield (
-            f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number, and so "
-            "count as constant; use smaller units."
+            f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "
+            "smaller units, or leave them out."
         )
 
 

@@ -36,6 +36,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.embeddings import with_embeddings
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
 from rpil.formats.lerobot import folder as lerobot
+from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording
 from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
@@ -82,10 +83,12 @@ class Found:
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
-        if on_disk is None and not self.format.stays_on_disk(self.path):
-            with suppress(TooLargeError):
-                return self.read(options)
-        with holding(), guarded(str(self.path)), spool.on_disk(on_disk is not False), allow_missing(options.skip_bad):
+        if on_disk is None:
+            stays = self.format.stays_on_disk(self.path)
+            with suppress(UnsortedError if stays else TooLargeError):
+                return self.read(options, on_disk=stays)
+            return self.read(options, on_disk=not stays)
+        with holding(), guarded(str(self.path)), spool.on_disk(on_disk), allow_missing(options.skip_bad):
             if self.format.read_address is not None and not Path(self.path).exists():
                 recording = self.format.read_address(self.path, options)
             else:

@@ -277,7 +277,7 @@ def open_rows(
             begins += row
             columns = columns or columns_of_file(stored, options)
             check_columns(file, columns, name, first)
-            n_bytes += check_pages(stored, columns.all)
+            n_bytes += check_pages(stored, [*columns.all, *columns.outcomes])
             head = next(file.iter_batches(1, columns=columns.data), None)
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)

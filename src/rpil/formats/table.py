@@ -139,7 +139,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
         if column.null_count:
             row = pc.index(pc.is_null(column), True).as_py() // per_row
-            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
+            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with skip_bad=True.")
 
     column = table[name]
     kind = column.type

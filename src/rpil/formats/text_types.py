@@ -26,9 +26,9 @@ def texts_of(table: pa.Table, columns: Columns, decimal: str) -> dict[str, pa.Ch
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    found = {}
+    found, observations = {}, {*columns.observations}
     for name in table.column_names:
-        if name not in columns.observations and flat.kind_of_type(table[name].type) == "text":
+        if name not in observations and flat.kind_of_type(table[name].type) == "text":
             column = from_cells(pc.utf8_trim_whitespace(table[name].cast(pa.string())))
             if name in columns.actions and decimal == ",":
                 column = pc.replace_substring(column, ",", ".")

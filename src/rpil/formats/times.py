@@ -61,11 +61,10 @@ class Clock:
 
     def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
         """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
-        lengths, steps = self._lengths(offsets), np.diff(self.ticks)
-        steps = steps[steps > 0]
-        if self.unit is None or not len(steps) or not np.all(lengths >= 0):
+        lengths, step = self._lengths(offsets), usual_step(np.diff(self.ticks))
+        if self.unit is None or step is None or not np.all(lengths >= 0):
             return None, None
-        return float(lengths.sum() * self.unit), float(1 / (np.median(steps) * self.unit))
+        return float(lengths.sum() * self.unit), 1 / (step * self.unit)
 
     def is_plausible(self, offsets: Array) -> bool:
         """Whether time passes, and no demonstration ends before it begins."""
@@ -73,6 +72,12 @@ class Clock:
 
     def _lengths(self, offsets: Array) -> Array:
         return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
+
+
+def usual_step(steps: Array) -> float | None:
+    """The mean of the usual ones among the times between two rows, to which pauses do not belong; None without any."""
+    steps = steps[steps > 0]
+    return float(steps[steps <= 1.5 * np.median(steps)].mean()) if len(steps) else None
 
 
 def clock_columns(columns: Columns) -> list[str]:

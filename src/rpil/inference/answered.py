@@ -52,32 +52,25 @@ def answer(
 def answer_about_different(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Answered:
     """P(good) of every demonstration where none is a copy of another.
 
-    A label is itself an answer that may be wrong: its demonstration is judged by the other answers and by it. A known
-    outcome says P(good): the share of outcomes that are lower. One answer alone gives no word, and a labelled
-    demonstration has one only where the other answers are on its side.
+    A label says what its own demonstration is; that it contradicts other answers is named beside it. A known outcome
+    says P(good): the share of outcomes that are lower. About other demonstrations one answer alone gives no word.
     """
     found = posterior(columns, answers, settings)
     proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
-    ranks = answers.ranks()
-    graded = np.isfinite(ranks) & (answers.labels == 0)
+    ranks, labels = answers.ranks(), answers.labels
+    graded = np.isfinite(ranks) & (labels == 0)
     proba[graded] = np.clip(ranks[graded], settings.error_rates[0], 1 - settings.error_rates[0])
-    result, labels = logit(proba), answers.labels
-    alone, agreed = result.copy(), np.ones(len(labels), dtype=bool)
-    sure, labelled = logit(1 - settings.error_rates[0]), np.flatnonzero(labels)
+    result, alone, labelled = logit(proba), np.zeros(len(labels)), np.flatnonzero(labels)
+    words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
+    if answers.count < 2:
+        words[:] = 0
+    words[labelled] = labels[labelled]
+    result[labelled] = labels[labelled] * logit(1 - settings.min_proba_bound)
     if 1 < answers.count <= settings.max_left_out:
         for m in labelled.tolist():
             others = posterior(columns, answers.without(m), settings)
             alone[m] = logit(others.proba(columns[m : m + 1])[0])
-    named = contradicting(alone, answers, settings)
-    counts = labels * np.maximum(sure, np.abs(alone))
-    counts[named] = 0.0
-    result[labelled] = (alone + counts)[labelled]
-    agreed[labelled] = (alone * labels > 0)[labelled]
-    words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
-    words[~agreed] = 0
-    if answers.count < 2:
-        words[:] = 0
-    return Answered(result, words, named, answers.count)
+    return Answered(result, words, contradicting(alone, answers, settings), answers.count)
 
 
 def contradicting(alone: Float[Array, " M"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:

@@ -132,7 +132,7 @@ def check_copied_labels(
     for m in good[np.isin(copy_of[good], copy_of[bad])].tolist():
         other = bad[copy_of[bad] == copy_of[m]][0]
         raise DataError(
-            f"{source}: {ids[m]!r} is labelled good and {ids[other]!r}, a copy of it, bad; leave out one of the labels."
+            f"{source}: {ids[m]!r} is labelled good and {ids[other]!r}, a copy of it, bad; change one of the labels."
         )
 
 

@@ -34,8 +34,8 @@ class Doubt:
 
     sentence: str
     """In it, {members} stands for the names of the demonstrations."""
-    members: Int[Array, " K"]
-    """The demonstrations of which it speaks; may be none."""
+    runs: tuple[Int[Array, " _"], ...] = ()
+    """The demonstrations of which it speaks, in runs that follow one another in the stated order."""
     part: int | None = None
     """The part of the action of which it speaks, for which {part} stands."""
 
@@ -65,7 +65,7 @@ class Claims:
         Nothing where all are copies of one."""
         if copies.all_same:
             return Claims("nothing could be learned", np.zeros(len(copies.place), dtype=int))
-        doubts = tuple(replace(doubt, members=copies.first[doubt.members]) for doubt in self.doubts)
+        doubts = tuple(replace(doubt, runs=tuple(copies.first[run] for run in doubt.runs)) for doubt in self.doubts)
         lower = self.lower
         if lower is not None:
             upper, rival = (np.flatnonzero(np.isin(copies.place, group)) for group in (lower.upper, lower.rival))
@@ -97,7 +97,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
         split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
     doubts = tuple(doubts_of(scoring, scores, split, order))
     if again is not None and not split.with_other_folds:
-        doubts = (Doubt("Other folds of the demonstrations give one group of scores.", nobody[:0]), *doubts)
+        doubts = (Doubt("When the demonstrations are divided into other folds, their scores are one group."), *doubts)
     if doubts:
         return Claims("in doubt", nobody, doubts, split.lower)
     apart = (split.words < 0).any()
@@ -160,7 +160,7 @@ def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings
     if claims.words.any():
         words = said(scores, settings.claims, upper, scores.log_odds(settings))
         words[indices] = claims.words
-    doubts = tuple(replace(doubt, members=indices[doubt.members]) for doubt in claims.doubts)
+    doubts = tuple(replace(doubt, runs=tuple(indices[run] for run in doubt.runs)) for doubt in claims.doubts)
     lower = claims.lower
     if lower is not None:
         in_upper = upper.copy()
@@ -189,24 +189,29 @@ def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"
 
 def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
     """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
-    data, limits, none = scoring.data, scoring.settings.claims, np.empty(0, dtype=int)
+    data, limits = scoring.data, scoring.settings.claims
     log_prob, unlike = scores.fit.held_out.log_prob, split.words < 0
     doubts = []
     if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
-        doubts.append(
-            Doubt("More than half score lower, at many levels: it is open which are unlike the others.", none)
-        )
+        doubts.append(Doubt("More than half score low, at many levels, so that no limit between two groups is clear."))
     agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
-        sentence = "The likelihood and its gain over frequent actions rank the demonstrations differently ("
-        doubts.append(Doubt(f"{sentence}correlation {agreement:.2f}).", none))
+        sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
+        doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
-        sentence = "{members} follow one another: a session, a set-up or a calibration, not necessarily worse."
-        doubts.append(Doubt(sentence, np.flatnonzero(unlike)[np.argsort(order[unlike], kind="stable")]))
+        sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
+        doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
     share, part = share_of_part(scoring, scores, unlike)
     if share > limits.max_part_share:
-        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", none, part))
+        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", part=part))
     return doubts
+
+
+def runs_of(member: Bool[Array, " M"], order: Float[Array, " M"]) -> tuple[Int[Array, " _"], ...]:
+    """The members in runs in which one follows another in the `order`."""
+    by_order = np.argsort(order, kind="stable")
+    places = np.flatnonzero(member[by_order])
+    return tuple(by_order[run] for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1))
 
 
 def runs_p(member: Bool[Array, " M"]) -> float:

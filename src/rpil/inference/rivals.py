@@ -24,6 +24,7 @@ from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trimming import TrimmedFit
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.policies.folds import deal
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +77,14 @@ def look_below(
 def is_learnable(
     data: FitData, model: HeldOutModel, group: Bool[Array, " M"], size: int, ridge: float, settings: JudgeSettings
 ) -> bool:
-    """Whether `size` demonstrations of a `group`, spaced evenly, suffice for a policy that explains them.
+    """Whether `size` demonstrations of a `group`, in a random order, suffice for a policy that explains them.
 
-    Where they do not, as many others without a policy are not noise, but too few.
+    Where they do not, as many others without a policy are not noise, but too few. The order follows from the contents
+    of the demonstrations, so that their places in the data decide nothing.
     """
-    members = np.flatnonzero(group)
+    in_random_order = np.argsort(deal(data, data.n_demonstrations, seed=0), kind="stable")
     few = np.zeros_like(group)
-    few[members[np.linspace(0, len(members) - 1, min(size, len(members))).astype(int)]] = True
+    few[in_random_order[group[in_random_order]][:size]] = True
     log_prob = _log_prob(data, model.cold_copy(), few, ridge)
     return is_credible(gains(data, log_prob, few, settings.held_out), settings.rivals.standard_errors)
 

@@ -190,7 +190,7 @@ def conclude(
             labels[once],
             settings.demonstrators,
         )
-        from_demonstrator, trust = posterior.log_odds[place], posterior.intervals()
+        from_demonstrator, trust = np.where(labels, 0.0, posterior.log_odds[place]), posterior.intervals()
     total = from_actions + from_demonstrator + from_answers
     words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two

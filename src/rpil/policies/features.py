@@ -14,7 +14,7 @@ import numpy as np
 from sklearn.preprocessing import SplineTransformer
 
 from rpil.data.archive import stored
-from rpil.data.arrays import LARGEST
+from rpil.data.arrays import check_squares
 from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.spaces import Discrete, Space
@@ -128,7 +128,7 @@ class FeatureMap:
         Raises
         ------
         DataError
-            If there is no such kind, or polynomials of so many observations would not fit in memory.
+            If there is no such kind, polynomials would not fit in memory, or an observation cannot be squared.
         """
         if kind not in FEATURE_KINDS:
             raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
@@ -136,8 +136,7 @@ class FeatureMap:
         if kind == "poly" and n_columns * (n_columns + 3) // 2 > settings.max_poly_columns:
             raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
-        if np.abs(observations).max() > LARGEST:
-            raise DataError(f"An observation is beyond {LARGEST:g}, where its square is no number; use larger units.")
+        check_squares(np.array([observations.min(axis=0), observations.max(axis=0)]), "Observation")
         bound = None if offsets is None else settings.bound
         location, spread = _location_and_spread(observations, weight, offsets)
         if bound is not None:

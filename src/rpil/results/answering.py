@@ -100,7 +100,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not known.once(audit.copy_of).any:
         return audit
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
-    log_odds = found.log_odds + audit.from_demonstrator
+    from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
+    log_odds = found.log_odds + from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
     log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
     step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
@@ -109,6 +110,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         finding="answered",
         anchor="answers",
         log_odds=log_odds,
+        from_demonstrator=from_demonstrator,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
         verdicts=verdicts_of(words, "answers"),
@@ -135,7 +137,7 @@ def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
-    words, more = parse_labels(labels)
+    words, more = parse_labels(labels, audit.ids)
     signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
     for m, is_good in match_labels(words, audit.ids).items():
         signs[m] = 1 if is_good else -1
@@ -153,7 +155,7 @@ def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
 def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
-        return ("One answer is not enough to call a demonstration good or bad; give a second one.",)
+        return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
     return ()
 
 

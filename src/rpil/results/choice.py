@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import compress
 from typing import cast
 
@@ -31,6 +31,8 @@ _OLD = {"uncertain": "open"}
 def kept_ids(table: Table, share: float | None = None, at_least: float | None = None) -> list[Id]:
     """The ids to keep of a table of verdicts, in its order: by default all but those called unlike, bad or adversary.
 
+    One that is labelled bad is never kept.
+
     Parameters
     ----------
     table : mapping of column to M values
@@ -56,7 +58,8 @@ def kept_ids(table: Table, share: float | None = None, at_least: float | None = 
         chosen = np.array(
             [_side(verdict, name) != "lower" for name, verdict in zip(ids, table["verdict"], strict=True)]
         )
-    return [name for name, kept in zip(ids, chosen.tolist(), strict=True) if kept]
+    labels = table.get("label", [""] * len(ids))
+    return [name for name, kept, label in zip(ids, chosen.tolist(), labels, strict=True) if kept and label != "bad"]
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -65,8 +68,8 @@ def rows_of(table: Table, ids: Set[str]) -> Table:
     return {column: list(compress(values, there)) for column, values in table.items()}
 
 
-def read_verdicts(path: StrPath) -> Table:
-    """The columns of a table of verdicts that an audit wrote, or of labels, which become verdicts.
+def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
+    """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def read_verdicts(path: StrPath) -> Table:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:
         return columns
-    labels = read_labels(path)
+    labels = read_labels(path, ids)
     return {"id": list(labels), "verdict": list(labels.values())}
 
 

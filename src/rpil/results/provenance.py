@@ -6,7 +6,6 @@ import hashlib
 import math
 import os
 import platform
-import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
@@ -19,6 +18,7 @@ from rpil.data.archive import rpil_version
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import StrPath
 from rpil.data.folders import is_hidden
+from rpil.data.privacy import for_others
 
 if TYPE_CHECKING:
     from rpil.formats.recording import Recording
@@ -28,11 +28,6 @@ PROVENANCE_KEY = "rpil.provenance"
 
 _MOST_DIGESTED, _MOST_FILES, _END = 256 * 2**20, 10_000, 64 * 2**10
 """More bytes than this are not read for a digest, nor more files opened; then the end of each file is."""
-
-_USER = re.compile(r"(?<=://)[^/\s'\"@]+@")
-_SECRET = re.compile(
-    r"([?&][\w-]*(?:key|token|secret|password|credential|signature|sig)[\w-]*=)[^&\s'\"]+", re.IGNORECASE
-)
 
 
 @dataclass(frozen=True)
@@ -68,7 +63,7 @@ class Provenance:
             rpil=rpil_version(),
             python=platform.python_version(),
             libraries={name: version(name) for name in ("numpy", "scipy", "scikit-learn", "pyarrow")},
-            command=without_secrets(command),
+            command=for_others(command),
             seed=seed,
             settings=settings,
             columns=_columns(recording),
@@ -79,14 +74,6 @@ class Provenance:
     def to_dict(self) -> dict[str, object]:
         """All of it, for JSON."""
         return asdict(self)
-
-
-def without_secrets(text: str) -> str:
-    """The text with ``***`` in the place of what addresses in it keep secret: users, keys, tokens and passwords.
-
-    Reports and weights are passed on, and the address of a store may hold what opens it.
-    """
-    return _SECRET.sub(r"\1***", _USER.sub("***@", text))
 
 
 def changed_settings(given: object, default: object, name: str = "") -> dict[str, object]:
@@ -105,9 +92,8 @@ def digest(path: StrPath) -> dict[str, str | int]:
     Of more than 256 MiB, or 10,000 files, it is that of names, sizes and the last 64 KiB of each of the first 10,000
     files, where Parquet keeps its footer. What is at an address is not read again, nor are hidden files.
     """
-    place, found = Path(path), hashlib.sha256()
+    place, where, found = Path(path), for_others(str(path)), hashlib.sha256()
     if not place.exists():
-        where = without_secrets(str(path))
         return {"path": where, "bytes": 0, "sha256": "", "of": "nothing: it is an address or a pattern"}
     inside = [] if place.is_file() else place.rglob("*")
     seen = (file for file in inside if file.is_file() and not any(map(is_hidden, file.relative_to(place).parts)))
@@ -126,12 +112,12 @@ def digest(path: StrPath) -> dict[str, str | int]:
             content.seek(0 if is_whole else max(size - _END, 0))
             while block := content.read(2**20):
                 found.update(block)
-    return {"path": str(path), "bytes": sum(sizes), "sha256": found.hexdigest(), "of": of}
+    return {"path": where, "bytes": sum(sizes), "sha256": found.hexdigest(), "of": of}
 
 
 def _in_memory(recording: Recording) -> dict[str, str | int]:
     """The digest of demonstrations that come from no file, or from one whose place is not known any more."""
-    data, source = recording.demonstrations, recording.description.source
+    data, source = recording.demonstrations, for_others(recording.description.source)
     if not isinstance(data, Demonstrations):
         return {"path": source, "bytes": 0, "sha256": "", "of": "nothing: the place of the data is not known"}
     found = hashlib.sha256(repr(data.ids).encode("utf-8", "surrogatepass"))

@@ -7,7 +7,7 @@ of the trusted: the stretch of consecutive steps with the lowest sum of log-rati
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ on it."""
 
 MAX_LOG_RATIO = 50.0
 """Nats. Log-ratios of steps are bounded by this in sums: one impossible step is not all there is to say."""
+
+GivenLabel = Literal["good", "bad", ""]
+"""The label of a demonstration, or nothing."""
 
 
 class Stretch(NamedTuple):
@@ -58,12 +61,13 @@ class Grounds:
     """Whether its probability is one from which a word may be given."""
     from_actions: float
     from_demonstrator: float
-    label: int
-    """1 labelled good, -1 bad, 0 not labelled."""
+    label: GivenLabel
     has_outcome: bool
     """Whether its outcome is known."""
     contradicts: bool
     """Whether the label contradicts the other answers."""
+    doubt: str
+    """The first doubt of the audit, or nothing."""
     group: str
     """The letter of its group, where two groups compete, or nothing."""
     score: float
@@ -94,7 +98,7 @@ class Grounds:
         sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
         own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
         if self.label:
-            labelled = f"Labelled {'good' if self.label > 0 else 'bad'}"
+            labelled = f"Labelled {self.label}"
             return f"{labelled}, which contradicts the other answers: look again" if self.contradicts else labelled
         if self.finding == "two groups":
             group = f"It acts as group {self.group} does, and only" if self.group else "Only"
@@ -102,7 +106,7 @@ class Grounds:
         if self.finding == "nothing could be learned":
             return "Nothing tells it from the others: the state does not help to predict any actions"
         if self.finding == "in doubt":
-            return "There is a reason to doubt the scores, so that it gets no word"
+            return f"No word, because of a doubt: {self.doubt[:1].lower()}{self.doubt[1:].rstrip('.')}"
         if self.finding == "answered" and sign and self.has_outcome:
             return f"Its outcome is among the {'highest' if sign > 0 else 'lowest'} ({self.log_odds:+.1f} nats)"
         if self.finding == "answered" and sign:

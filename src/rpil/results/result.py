@@ -25,7 +25,7 @@ from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts
 from rpil.results.provenance import Provenance
-from rpil.results.reasons import MAX_LOG_RATIO, Grounds, worst_stretch
+from rpil.results.reasons import MAX_LOG_RATIO, GivenLabel, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
 from rpil.results.traces import Traces
 from rpil.results.words import SIDES, WORDS, Verdict, Words
@@ -118,8 +118,7 @@ class AuditResult:
         trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
         typical = float(np.median(trusted)) if len(trusted) else math.nan
         letters = {name: letter for letter, group in self.groups.items() for name in group}
-        known = self.answers.shared(self.copy_of) if len(self.answers.labels) else self.answers
-        known_of = dict(zip(self.ids, zip(known.labels.tolist(), known.outcome.tolist(), strict=True), strict=False))
+        labels, has_outcome = self.labels, np.isfinite(self._answers_of_copies().outcome).tolist()
         min_proba = self.settings.min_proba(self.anchor)
         grounds = (
             Grounds(
@@ -130,9 +129,10 @@ class AuditResult:
                 is_sure=max(p := float(self.expert_proba[m]), 1 - p) >= min_proba,
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
-                label=known_of.get(name, (0, np.nan))[0],
-                has_outcome=math.isfinite(known_of.get(name, (0, np.nan))[1]),
+                label=labels[m],
+                has_outcome=has_outcome[m],
                 contradicts=name in self.contradicting,
+                doubt=self.doubts[0] if self.doubts else "",
                 group=letters.get(name, ""),
                 score=float(score[m]),
                 trusted_score=typical,
@@ -142,6 +142,17 @@ class AuditResult:
             for m, name in enumerate(self.ids)
         )
         return tuple(each.sentence() for each in grounds)
+
+    @property
+    def labels(self) -> tuple[GivenLabel, ...]:
+        """The label of each demonstration, which is that of its copies too."""
+        words: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
+        return tuple(words[label] for label in self._answers_of_copies().labels.tolist())
+
+    def _answers_of_copies(self) -> Answers:
+        """The answers about each demonstration, which are about its copies too."""
+        known = self.answers if len(self.answers.labels) else Answers.of_labels(np.zeros(len(self.ids), dtype=np.int64))
+        return known.shared(self.copy_of)
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:
@@ -255,7 +266,7 @@ class AuditResult:
         With `arrays`, "audit" holds all fields too, also those of the steps, from which `Audit.from_dict` makes the
         audit again.
         """
-        facts = self.facts
+        facts, labels = self.facts, self.labels
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -280,6 +291,7 @@ class AuditResult:
                     "expert_proba": float(self.expert_proba[m]),
                     "reliability": float(self.reliability[m]),
                     "verdict": self.verdicts[m],
+                    "label": labels[m],
                     "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
                     "facts": {name: values[m] for name, values in facts.items()},

@@ -18,7 +18,7 @@ from typing import NoReturn
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
-from rpil.data.json_files import Parsed
+from rpil.data.json_files import Parsed, check_text, read_text
 from rpil.results.drawings import MAX_BINS
 from rpil.results.groups import MAX_PARTS
 from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
@@ -32,6 +32,8 @@ MAX_RUN_LIST = 10_000
 MAX_RUN_NUMBER = 1e15
 MAX_RUN_DEPTH = 8
 """Of the values of the provenance."""
+NOT_IN_A_RUN = ("report", "weights", "verdicts", "keep", "save", "scheduler")
+"""Options of ``rpil audit`` that no command of a page has: files to write, and an address that may send code."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +68,17 @@ def write_run(path: StrPath, view: View) -> None:
 
 def read_run(path: StrPath) -> View:
     """The view in a file that `write_run` wrote; a `DataError` where it is something else."""
-    if check_readable(path).stat().st_size > MAX_RUN_BYTES:
-        raise DataError(f"{path}: it is larger than {MAX_RUN_BYTES // 2**20} MB, as no run is; give one.")
-    with open(path, "rb") as file:
-        content = file.read()
     try:
-        view = json.loads(content, parse_constant=_refuse_constant)
+        text = read_text(check_readable(path), MAX_RUN_BYTES)
+        check_text(text, str(path), MAX_RUN_BYTES)
+        view = json.loads(text, parse_constant=_refuse_constant)
         if not isinstance(view, dict) or view.get("format") != FORMAT_NAME:
             raise _OtherShape("format")
         if view.get("version") != FORMAT_VERSION:
             raise DataError(f"{path}: another version of rpil wrote it; run rpil audit --save with this one.")
         _check(view, _shape(view), "")
+    except DataError:
+        raise
     except (_OtherShape, ValueError, RecursionError) as error:
         where = f"its part {error} is wrong" if isinstance(error, _OtherShape) else "it is not JSON"
         raise DataError(f"{path}: it is no run of rpil audit --save: {where}; write it again.") from error
@@ -120,12 +122,14 @@ def _among(values: Container[object]) -> Test:
 
 
 def _command(value: object) -> bool:
-    """One command of rpil, or nothing: a reader of the page pastes it into a shell, which must run no other."""
+    """One ``rpil audit`` without `NOT_IN_A_RUN`, or nothing: a reader of the page pastes it into a shell."""
     if not (isinstance(value, str) and _text(value) and value.isprintable()):
         return False
+    plain = value.replace(" ~/", " ")  # the home folder of who pastes it
     with suppress(ValueError):  # of a quote that is not closed
-        words = shlex.split(value)
-        return words[:1] in ([], ["rpil"]) and shlex.join(words) == value
+        words = shlex.split(plain)
+        is_audit = words[:2] in ([], ["rpil", "audit"]) and shlex.join(words) == plain
+        return is_audit and {f"--{name}" for name in NOT_IN_A_RUN}.isdisjoint(w.partition("=")[0] for w in words)
     return False
 
 

@@ -24,8 +24,8 @@ from rpil.results.step_weights import step_weight
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Anchor
 
-MAX_NAMED = 20
-"""Demonstrations that a sentence names, at most."""
+MAX_RUNS = 10
+"""Runs of demonstrations that a sentence names, at most."""
 
 
 def audit_from_judgement(
@@ -77,8 +77,9 @@ def audit_from_judgement(
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
     """The sentence of a doubt, with the names of its demonstrations, and of its part of the action."""
-    names = [str(ids[m]) for m in doubt.members.tolist()]
-    shown = names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], "..."]
+    runs = [[printable(ids[m]) for m in run.tolist()] for run in doubt.runs]
+    names = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs]
+    shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
     part = "" if doubt.part is None else printable(data.action_name(doubt.part))
     return doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
 

@@ -59,7 +59,7 @@ class Checkpoint:
             return None
         header, arrays = read_archive(self.path, CHECKPOINT_SCHEMA, "it is no checkpoint of rpil; choose another name")
         if header.get("fingerprint") != self.fingerprint:
-            raise DataError(f"{self.path}: it is of other data, or other settings; delete it to start anew.")
+            raise DataError(f"{self.path}: it is of other data, settings or kind of computer; delete it to start anew.")
         with guarded(self.path, "its parts do not belong together", "delete it to start anew"):
             state = Decoder(arrays).value(header["state"])
             if not isinstance(state, AscentState):

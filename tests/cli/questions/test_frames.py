@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders
@@ -86,3 +88,16 @@ def test_a_damaged_video_is_named(tmp_path):
     Path(file).write_bytes(file.read_bytes()[:500])
     with pytest.raises(DataError, match="it is no video, or a damaged one"):
         videos.frame(0, 0, 0)
+
+
+@pytest.mark.parametrize("start", [None, float("nan"), float("inf")])
+def test_a_folder_whose_videos_have_no_times_shows_none(tmp_path, start):
+    root = lerobot_folders.write(tmp_path / "set", [8, 8])
+    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    table, name = pq.read_table(place), "videos/observation.images.front/from_timestamp"
+    column = pa.array([0.0, start], pa.float64())
+    pq.write_table(table.set_column(table.column_names.index(name), name, column), place)
+    videos = Videos.of(str(root), (0, 1), 20.0)
+    assert not videos.shots
+    assert videos.cameras(1) == []
+    assert f"demonstration 1: from_timestamp is {start}, to_timestamp 0.8; correct them." in videos.note

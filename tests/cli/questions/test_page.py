@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import lerobot_folders
@@ -97,9 +100,22 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
 
 @needs_chromium
 @pytest.mark.slow
+def test_the_private_page_of_a_browser_leads_to_the_question(audit, browser, tmp_path):
+    with serving(review_of(audit, page=page_of)) as client:
+        page = tmp_path / "review.html"
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={client.gate.url}">')  # as the command writes it
+        browser.open(page)
+        browser.wait(f"{VERSION} === 0")
+        assert browser.evaluate("location.href") == f"http://127.0.0.1:{client.gate.port}/"
+
+
+@needs_chromium
+@pytest.mark.slow
 def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser):
     given = []
-    review = review_of(audit, page=page_of, finish=lambda found: given.append(found) or ["keep.json: 20 <b>of</b> 24."])
+    review = review_of(
+        audit, page=page_of, finish=lambda found, _: given.append(found) or {"lines": ["keep.json: 20 <b>of</b> 24."]}
+    )
     with serving(review) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
@@ -125,6 +141,57 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
     browser.press("g")
     browser.wait("document.querySelector('[data-role=said]').innerText.includes('The server has ended')")
     browser.errors = [error for error in browser.errors if "ERR_CONNECTION" not in error]
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_files_that_would_be_replaced_are_asked_about(audit, browser):
+    agreed = []
+
+    def finish(found, answer):
+        agreed.append(answer)
+        question = {"lines": ["Replace <b>-keep.json?"], "exists": ["<b>-keep.json"]}
+        return question if answer is None else {"lines": ["Keep: <b>-keep.json"]}
+
+    said = "document.querySelector('[data-role=said]').innerText"
+    with serving(review_of(audit, page=page_of, finish=finish)) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        browser.click(".ask [data-role=finish]")
+        browser.wait(f"{said}.includes('Replace <b>-keep.json?')")
+        assert agreed == [None]
+        assert browser.text("[data-role=said] button") == "Replace"
+        after(browser, 1, "s")  # another question comes, and what was asked is gone
+        assert browser.evaluate("document.querySelector('[data-role=said] button')") is None
+        assert agreed == [None]
+        browser.click(".ask [data-role=finish]")
+        browser.wait("document.querySelector('[data-role=said] button') !== null")
+        browser.click("[data-role=said] button")
+        browser.wait(f"{said}.includes('Keep: <b>-keep.json')")
+        assert agreed == [None, None, ["<b>-keep.json"]]
+        assert browser.evaluate("document.querySelector('[data-role=said] button')") is None
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_label_that_contradicts_that_of_a_copy_is_told_beside_the_buttons(audit, browser):
+    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
+    with serving(review_of(copies, page=page_of)) as client:
+        client.answer(0, "g", 1)
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 1")
+        for _ in range(24):
+            if browser.evaluate(CHOSEN) != "7":
+                browser.press("j")
+        assert browser.evaluate(CHOSEN) == "7"
+        browser.click("[data-mark=bad]")
+        sentence = "1 is labelled good and 7, a copy of it, bad; change one of the labels."
+        browser.wait(f"document.querySelector('.ask [data-role=said]').innerText.includes('{sentence}')")
+        assert client.get("/api/version") == {"version": 1}
+        browser.click("[data-mark=good]")
+        browser.wait(f"{VERSION} === 2")
+        browser.errors = [error for error in browser.errors if "400" not in error]
+    assert read_answers("labels.csv")[0] == {"1": "good", "7": "good"}
 
 
 @needs_chromium

@@ -100,7 +100,7 @@ def test_what_a_form_can_post_is_refused(client, kind):
         (b" " * (MAX_BODY + 1), str(MAX_BODY + 1), 413),
         (b"", "9" * 19, 413),
         (b"2\r\n{}\r\n0\r\n\r\n", None, 411),
-        (b"{}", "-2", 400),
+        (b"", "-2", 400),  # what a server has not read when it closes can be lost with its answer
         (b"[" * MAX_BODY, str(MAX_BODY), 400),
         (b"\xff", "1", 400),
         (b"[]", "2", 400),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import sys
 import threading
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +127,50 @@ def test_what_is_no_answer_is_refused(client, given):
     assert client.get("/api/version") == {"version": 0}
 
 
+@pytest.mark.parametrize("version", [False, 0.0, "0", None, [0], 10**30])
+def test_a_version_is_the_number_that_the_page_was_given(client, version):
+    assert client.answer(version, "g", 0)[0] == 409
+    assert client.answer(0, "g", 0)[0] == 200
+
+
+def test_a_question_back_is_told_with_the_way_to_answer(audit):
+    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
+    with serving(review_of(copies)) as client:
+        client.answer(0, "g", 1)
+        status, answer = client.answer(1, "b", 7)
+        assert status == 400
+        assert "7, a copy of it, bad; change one of the labels." in answer["error"]
+        assert client.answer(1, "g", 7)[0] == 200
+
+
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo, lambda name: os.symlink("nothing", name)])
+def test_answers_that_became_something_else_are_told(client, make):
+    assert client.answer(0, "g", 1)[0] == 200
+    Path("labels.csv").unlink()
+    make("labels.csv")
+    status, answer = client.answer(1, "b", 3)
+    assert (status, answer["error"][:44]) == (400, "labels.csv: another program has changed it; ")
+    assert client.get("/api/version") == {"version": 1}, "the lock is free"
+
+
+def test_a_client_that_breaks_off_is_not_worth_a_line(client, capfd):
+    for body in (b"", b'{"version": 0'):
+        with socket.create_connection(("127.0.0.1", client.gate.port)) as at:
+            head = f"POST /api/answer HTTP/1.1\r\nhost: {client.host}\r\norigin: http://{client.host}\r\n"
+            head += f"cookie: {client.gate.cookie}={client.gate.token}\r\ncontent-type: application/json\r\n"
+            at.sendall(head.encode() + b"content-length: 90\r\n\r\n" + body)
+            time.sleep(0.2)
+    time.sleep(0.2)
+    assert client.answer(0, "g", 1)[0] == 200
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("path", ["/api/demonstration/", "/video/0/", "/frame/0/0/"])
+def test_numbers_of_any_length_name_nothing_that_is_not_there(client, path):
+    for digits in (2, 20, 190, 5000):
+        assert client.ask("GET", f"{path}{'9' * digits}")[0] == 404
+
+
 def test_answers_that_contradict_each_other_are_refused_with_a_sentence(client):
     Path("labels.csv").write_text("id,label\n3,bad\n")
     status, answer = client.answer(0, "b", 3)
@@ -141,11 +188,11 @@ def test_what_is_drawn_of_a_demonstration(client, review, audit):
 def test_finish_names_what_was_written(audit):
     given = []
 
-    def finish(answered):
+    def finish(answered, agreed):
         given.append(answered)
         if len(given) > 1:
             raise DataError("keep.json: it cannot be written.")
-        return ["keep.json: 20 of 24."]
+        return {"lines": ["keep.json: 20 of 24."]}
 
     with serving(review_of(audit, finish=finish)) as client:
         client.answer(0, "g", 1)
@@ -153,6 +200,22 @@ def test_finish_names_what_was_written(audit):
         assert (status, state["lines"], state["version"]) == (200, ["keep.json: 20 of 24."], 1)
         assert given[0].labelled == (1,)
         assert client.post("/api/finish", version=1) == (400, {"error": "keep.json: it cannot be written."})
+
+
+def test_what_a_page_agrees_to_replace_is_handed_on(audit):
+    given = []
+
+    def finish(answered, agreed):
+        given.append(agreed)
+        return {"lines": ["Replace k.json?"], "exists": ["k.json"]} if agreed is None else {"lines": ["Keep: k.json"]}
+
+    with serving(review_of(audit, finish=finish)) as client:
+        status, answer = client.post("/api/finish", version=0)
+        assert (status, answer["lines"], answer["exists"]) == (200, ["Replace k.json?"], ["k.json"])
+        assert client.post("/api/finish", version=1, replace=["k.json"])[0] == 409, "of another version"
+        status, answer = client.post("/api/finish", version=0, replace=["k.json"])
+        assert (status, answer["lines"], "exists" in answer) == (200, ["Keep: k.json"], False)
+    assert given == [None, ["k.json"]]
 
 
 @pytest.fixture(scope="module")

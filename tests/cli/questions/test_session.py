@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from asked import BAD
@@ -136,3 +138,37 @@ def test_what_cannot_be_written_changes_nothing(audit):
         session.answer((3,), "b")
     assert (session.version, session.asking.rows, session.can_undo) == (0, (), False)
     assert rows()[-1] == "5,bad"
+
+
+@pytest.mark.parametrize("now", ["gone", "folder", "pipe", "link to nothing", "other"])
+def test_a_file_that_another_program_replaced_is_left_alone(audit, now):
+    session, path = Session(audit, "labels.csv", None, None), Path("labels.csv")
+    session.answer((1,), "g")
+    assert session.is_as_written
+    path.unlink()
+    {
+        "gone": lambda: None,
+        "folder": path.mkdir,
+        "pipe": lambda: os.mkfifo(path),  # which would be waited for
+        "link to nothing": lambda: path.symlink_to("nothing.csv"),
+        "other": lambda: path.write_text("id,label\n1,bad\n"),
+    }[now]()
+    for change in (lambda: session.answer((3,), "b"), session.undo):
+        with pytest.raises(DataError, match=r"labels\.csv: another program has changed it; end this run, and start"):
+            change()
+    assert not session.is_as_written
+    assert session.asking.rows == (("1", "good"),)
+    assert [file.name for file in Path().iterdir()] == ["labels.csv"] * (now != "gone")
+
+
+def test_copies_with_different_labels_are_a_question_back(audit):
+    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
+    session = Session(copies, "labels.csv", None, None)
+    session.answer((1,), "g")
+    with pytest.raises(DataError, match="1 is labelled good and 7, a copy of it, bad; change one of the labels"):
+        session.answer((7,), "b")
+    assert (session.version, rows()) == (1, ["id,label", "1,good"])
+    session.answer((7,), "u")
+    session.answer((1,), "b")  # the first one is changed
+    session.answer((7,), "b")
+    assert rows() == ["id,label", "1,bad", "7,bad"]

@@ -1,6 +1,7 @@
 """What LeRobot's `meta` and videos say, against the data: planted faults are found, and nothing in what is right."""
 
 import json
+import re
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,7 +10,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.check import find_defects, mend
+from rpil.formats.lerobot.check import find_defects, find_shots, mend
 
 pytest.importorskip("av", reason="needs the extra video")
 
@@ -158,3 +159,170 @@ def test_black_frozen_repeated_and_exchanged_pictures(tmp_path, version):
     expected = [("black frames", "1"), ("exchanged cameras", "4"), ("frozen picture", "2"), ("repeated frames", "3")]
     assert sorted(found(root, look=True)) == expected
     assert found(root) == []
+
+
+def change_times(root, change):
+    """Give the rows other timestamps, by their episode, frame and old timestamp."""
+    for file in (root / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        field = table.schema.field("timestamp")
+        values = change(*(table[name].to_numpy() for name in ("episode_index", "frame_index", "timestamp")))
+        changed = folders.pa.array(values).cast(field.type, safe=False)
+        pq.write_table(table.set_column(table.column_names.index("timestamp"), field, changed), file)
+
+
+SLOW = 20 / 18.5
+FAULTY_TIMES = {
+    "slow": (lambda m, k, t: t * SLOW, "all 5 episodes", "recorded 18.5"),
+    "slow in some": (
+        lambda m, k, t: np.where((m == 1) | (m > 2), t * SLOW, t),
+        "episodes 1 and 3 to 4",
+        "recorded 18.5",
+    ),
+    "a step too long": (
+        lambda m, k, t: t + 0.013 * ((m == 2) & (k > 9)),
+        "episode 2",
+        "recorded 19.8, and timestamps are up to 0.013 s off",
+    ),
+    "a drift": (lambda m, k, t: np.where(m == 4, t * 1.0005, t), "episode 4", "up to 0.000625 s off"),
+    "missing": (lambda m, k, t: np.where((m == 3) & (k == 5), np.nan, t), "episode 3", "up to nan s off"),
+}
+
+
+@VERSIONS
+@pytest.mark.parametrize("fault", FAULTY_TIMES)
+def test_times_that_lerobot_does_not_load_are_named_and_numbered_anew(tmp_path, version, fault):
+    change, episodes, words = FAULTY_TIMES[fault]
+    root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
+    old = folders.read(root)
+    rows = {file: pq.read_table(file) for file in (root / "data").rglob("*.parquet")}
+    change_times(root, change)
+    with pytest.raises(AssertionError):
+        folders.read(root)  # which demands what LeRobot does
+    defect = next(one for one in find_defects(root, False) if one.what == "timestamps")
+    assert defect.place == episodes
+    assert defect.sentence.startswith("LeRobot cannot load these rows: declared are 20 frames a second, ")
+    assert words in defect.sentence
+    assert defect.sentence.endswith("; rpil check --fix writes frame_index / 20 in their place")
+    with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load .* --fix"):
+        formats.keep(root, tmp_path / "kept", [1, 2, 3, 4])
+    with pytest.warns(UserWarning, match=rf"kept\.json, timestamps of {episodes}: LeRobot cannot load"):
+        formats.keep(root, tmp_path / "kept.json", [1, 2])
+    before = {file: file.read_bytes() for file in rows}
+    first, *_ = mend(root)
+    assert first == f"Timestamps of {episodes} are frame_index / 20 now; the old files end in .bak."
+    assert found(root) == []
+    for file, table in rows.items():
+        assert pq.read_table(file).equals(table), "nothing else has changed, nor the type"
+        backup = file.with_name(f"{file.name}.bak")
+        assert not backup.exists() or backup.read_bytes() == before[file]
+    assert len(folders.read(root)) == len(old)
+    assert mend(root) == []
+
+
+def test_statistics_are_those_of_the_new_times(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    truth = (root / "meta" / "stats.json").read_text()
+    change_times(root, lambda m, k, t: t * SLOW)
+    stats = json.loads(truth) | {"timestamp": folders.statistics(folders.read_times(root))}
+    (root / "meta" / "stats.json").write_text(json.dumps(stats))
+    assert found(root) == [("timestamps", "all 5 episodes")]
+    times, statistics = mend(root)
+    assert "Timestamps of all 5" in times
+    assert "stats.json" in statistics
+    assert found(root) == []
+    now = json.loads((root / "meta" / "stats.json").read_text())["timestamp"]
+    np.testing.assert_allclose(now["max"], json.loads(truth)["timestamp"]["max"])
+
+
+@VERSIONS
+def test_times_are_not_numbered_anew_where_frames_and_rows_differ(tmp_path, version):
+    root = folders.write(tmp_path / "drive", LENGTHS, version, per_file=1)
+    change_times(root, lambda m, k, t: t * SLOW)
+    change_info(root, total_frames=7)
+    video = sorted((root / "videos").rglob("*.mp4"))[3]
+    folders.write_video(video, folders.pictures(3, LENGTHS[3] - 2), "libx264", {"g": "2"})
+    before = {file: file.read_bytes() for file in root.rglob("*") if file.is_file()}
+    refusal = r"timestamps are not written again, because .*front has 26 frames for 28 rows \(frame count, 3\); mend"
+    with pytest.raises(DataError, match=refusal):
+        mend(root)
+    video.unlink()
+    with pytest.raises(DataError, match=r"because 1 of 5 files are not there"):
+        mend(root)
+    video.write_bytes(before[video])
+    assert {file: file.read_bytes() for file in root.rglob("*") if file.is_file()} == before
+
+
+def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=())
+    change_times(root, lambda m, k, t: t * SLOW + 3)
+    (defect,) = (one for one in find_defects(root, False) if one.what == "timestamps")
+    assert "LeRobot does not check these rows: declared are 20 frames a second, recorded 18.5" in defect.sentence
+    assert "frame_index / 20 now" in mend(root)[0]
+    assert found(root) == []
+    change_times(root, lambda m, k, t: t + 3)  # another start is no fault there
+    assert "timestamps" not in dict(found(root))
+
+
+def test_data_that_are_links_keep_their_times(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    change_times(root, lambda m, k, t: t * SLOW)
+    file = root / "data" / "chunk-000" / "file-001.parquet"
+    file.rename(root / "data" / "other")
+    file.symlink_to(root / "data" / "other")
+    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    with pytest.raises(DataError, match=r"file-001\.parquet: it is a link, and is not mended"):
+        mend(root)
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
+
+
+def change_episodes(root, **values):
+    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(place)
+    for name, value in values.items():
+        column = f"videos/observation.images.front/{name}"
+        changed = folders.pa.array([value] * len(table), table.schema.field(column).type)
+        table = table.set_column(table.column_names.index(column), column, changed)
+    pq.write_table(table, place)
+
+
+@pytest.mark.parametrize("start", [None, np.nan, -1e300, np.inf])
+def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, start):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    change_episodes(root, from_timestamp=start)
+    assert found(root) == [("metadata", "meta")]
+    said = re.escape(f"demonstration 0: from_timestamp is {start}, to_timestamp 0.45; correct them.")
+    for use in (find_shots, lambda path: formats.keep(path, tmp_path / "kept", range(5))):
+        with pytest.raises(DataError, match=said):
+            use(root)
+    assert [file.name for file in tmp_path.iterdir()] == ["drive"]
+    formats.keep(root, tmp_path / "kept.json", [1, 2])
+
+
+def test_times_of_videos_with_more_frames_than_rows_are_told_by_keep(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, per_file=5)
+    change_episodes(root, from_timestamp=0.0, to_timestamp=5.9)
+    with pytest.warns(UserWarning, match=r"kept, frame count of 0: .*front has 118 frames for 30 rows") as told:
+        formats.keep(root, tmp_path / "kept", [1, 2])
+    assert len(told) == 1
+
+
+def test_frames_between_those_of_the_rows_are_named(tmp_path):
+    root = folders.write(tmp_path / "drive", (20, 20), per_file=1)
+    change_episodes(root, from_timestamp=0.012, to_timestamp=1.012)
+    assert found(root) == [("frame times", "0"), ("frame times", "1")]
+    assert (
+        "LeRobot cannot load it, for observation.images.front is up to 0.012 s off"
+        in find_defects(root, False)[0].sentence
+    )
+    change_times(root, lambda m, k, t: t * SLOW)
+    with pytest.raises(DataError, match=r"frame times, 0\)"):
+        mend(root)
+
+
+def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    (root / "meta" / "episodes_stats.jsonl").unlink()
+    (defect,) = find_defects(root, False)
+    assert (defect.what, defect.place) == ("statistics", "meta/episodes_stats.jsonl")
+    assert "LeRobot's converter to version 3.0 needs it" in defect.sentence

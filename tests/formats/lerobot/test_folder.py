@@ -186,7 +186,17 @@ def test_list_and_commands(dataset):
     info = dataset / "meta" / "info.json"
     version_3 = info.read_text()
     info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
-    assert len(commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])) == 2
+    converter = "python -m lerobot.scripts.convert_dataset_v21_to_v30 --repo-id={0.name} --root={0} --push-to-hub=false"
+    first, train, _ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
+    assert first.endswith(f"{converter.format(dataset)}, which needs meta/episodes_stats.jsonl, and that is not there")
+    assert "--dataset.episodes" in train
+    (dataset / "meta" / "episodes_stats.jsonl").write_text("")
+    first, train = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
+    assert (
+        first
+        == f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {converter.format(dataset.with_name('kept'))}"
+    )
+    assert "--dataset.root" in train
     info.write_text(version_3)
     words = shlex.split(delete.partition(": ")[2])
     options = dict(zip(words[1::2], words[2::2], strict=True))

@@ -74,7 +74,8 @@ def test_numbers_as_text_and_nested_names_are_read(tmp_path):
     features = {name: {"shape": [2], "names": [["a", "b"]]} for name in ("observation.state", "action")}
     change_info(root, fps="25", total_frames="15", features=features)
     description = formats.read_recording(root).description
-    assert (description.fps, description.notes) == (25, ())
+    note = "Declared are 25 frames a second, which count here; the timestamps say 30."
+    assert (description.fps, description.notes) == (25, (note,))
     assert description.observations == ("state.a", "state.b")
     change_info(root, fps="thirty", total_frames="16")
     description = formats.read_recording(root).description

@@ -6,7 +6,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.video import Packets, cut, look
+from rpil.formats.lerobot.video import Packets, cut, look, picture
 
 pytest.importorskip("av", reason="needs the extra video")
 
@@ -39,6 +39,16 @@ def test_another_container_under_the_name_is_refused(tmp_path):
     path = (tmp_path / "a.mkv").rename(tmp_path / "a.mp4")
     with pytest.raises(DataError, match=r"a\.mp4: it is no video.* MP4 file"):
         look(path)
+
+
+def test_a_video_whose_table_of_sizes_is_wrong_is_damaged(tmp_path):
+    """FFmpeg then says that something is not permitted; the file may be read, and permissions are no remedy."""
+    path = tmp_path / "a.mp4"
+    folders.write_video(path, folders.pictures(0, 5), "libx264", {"g": "2"})
+    path.write_bytes(path.read_bytes().replace(b"stsz", b"free"))
+    for use in (Packets.of, lambda path: picture(path, 0.1, folders.FPS, 32)):
+        with pytest.raises(DataError, match=r"a\.mp4: it is no video, or a damaged one .*download an MP4 file again"):
+            use(path)
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])

@@ -37,9 +37,10 @@ const live = (() => {
   const post = (path, given) => {
     last = last.then(async () => {
       try {
-        const { lines } = await ask(path, given);
+        const { lines, exists } = await ask(path, given), agree = () => post(path, { replace: exists });
         if (path === "/api/finish") say(...lines);
         else await refresh();
+        if (exists) panel().querySelector('[data-role="said"]').append(el("button", { type: "button", onclick: agree }, "Replace"));
       } catch (error) {
         if (error.isStale) await refresh().catch(() => {});
         say(error.message);

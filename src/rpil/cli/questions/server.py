@@ -35,13 +35,15 @@ WHY = {
 class Review:
     """What the server shows and changes.
 
-    `finish` writes files for what follows, and returns sentences on them; `page` is the page of a `state` and a `view`.
+    `finish` writes files for what follows and returns sentences on them as "lines"; where it would replace files that
+    this run did not write, it asks instead, and returns them as "exists": it takes them as its second argument where a
+    user agrees. `page` is the page of a `state` and a `view`.
     """
 
     session: Session
     about: About
     videos: Videos
-    finish: Callable[[Audit], list[str]]
+    finish: Callable[[Audit, object], View]
     page: Callable[[View, View], str]
     lock: Lock = field(default_factory=Lock)
     _drawn: tuple[int, View] | None = None
@@ -86,7 +88,7 @@ class Review:
             "note": self.videos.note,
         }
 
-    def answer(self, given: Mapping[str, Parsed]) -> list[str]:
+    def answer(self, given: Mapping[str, Parsed]) -> View:
         """Answer as a page says it: the numbers of the demonstrations, and a key."""
         named, ids = given.get("demonstrations"), self.session.audit.ids
         numbers = named if isinstance(named, list) else []
@@ -94,17 +96,18 @@ class Review:
         keys = ANSWER_KEYS.get(len(numbers), "") if known else ""
         if given.get("key") not in [*keys]:
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
-        return self.session.answer(tuple(ids[m] for m in numbers), given["key"])
+        return {"lines": self.session.answer(tuple(ids[m] for m in numbers), given["key"])}
 
 
-Change = Callable[[Mapping[str, Parsed]], list[str]]
-"""Changes what is known, as a page says it; sentences on what that did."""
+Change = Callable[[Mapping[str, Parsed]], View]
+"""Changes what is known, as a page says it; "lines" are sentences on what that did."""
 
 
 def application(review: Review, gate: Gate) -> Application:
     """The server as an ASGI application; only what is posted changes anything."""
     from starlette.applications import Starlette
     from starlette.concurrency import run_in_threadpool
+    from starlette.requests import ClientDisconnect
     from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
     from starlette.routing import Route
 
@@ -139,10 +142,11 @@ def application(review: Review, gate: Gate) -> Application:
             "/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, "image/jpeg")
         ),
         post("/api/answer", review.answer),
-        post("/api/undo", lambda given: session.undo()),
-        post("/api/finish", lambda given: review.finish(session.audit)),
+        post("/api/undo", lambda given: {"lines": session.undo()}),
+        post("/api/finish", lambda given: review.finish(session.audit, given.get("replace"))),
     ]
-    return guarded_by(gate, Starlette(routes=routes))
+    gone = {ClientDisconnect: lambda request, error: Response(status_code=400)}  # nobody waits for an answer
+    return guarded_by(gate, Starlette(routes=routes, exception_handlers=gone))
 
 
 def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
@@ -154,11 +158,12 @@ def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
     if not isinstance(given, dict):
         return {"error": "What is posted is no object of JSON."}, 400
     with review.lock:
-        if given.get("version") != review.session.version:
+        seen = given.get("version")
+        if type(seen) is not int or seen != review.session.version:
             return {"error": "Another tab has answered since; look again."}, 409
         try:
-            lines = change(given)
-            return {**review.state(), "lines": lines}, 200
+            changed = change(given)
+            return review.state() | changed, 200
         except DataError as error:
             return {"error": str(error)}, 400
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -53,7 +54,8 @@ class Asking:
 
     def audit(self) -> Audit:
         """The audit with all answers; no policy is fitted again."""
-        return self.start.answered(*parse_answers(self.rows, "the answers")) if self.rows else self.start
+        start = self.start
+        return start.answered(*parse_answers(self.rows, "the answers", start.ids)) if self.rows else start
 
     def question(self, audit: Audit) -> Question:
         """What to ask next."""
@@ -108,6 +110,12 @@ class Session:
     def can_undo(self) -> bool:
         return bool(self._earlier)
 
+    @property
+    def is_as_written(self) -> bool:
+        """Whether the file of answers is as this run left it."""
+        path, written = Path(self.path), self._written
+        return path.read_bytes() == written if path.is_file() else written is None and not os.path.lexists(path)
+
     def answer(self, question: Question, key: str) -> list[str]:
         """Answer a question, this one or another, with one of `ANSWER_KEYS`; sentences on what it changed.
 
@@ -139,10 +147,10 @@ class Session:
     def _write(self, rows: Rows) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
         path = Path(self.path)
-        if (path.read_bytes() if path.exists() else None) != self._written:
+        if not self.is_as_written:
             raise DataError(f"{path}: another program has changed it; end this run, and start again.")
         if rows or self.before is not None:
-            write_answers(path, self.before, rows)
+            write_answers(path, self.before, rows, self.audit.ids)
             self._written = path.read_bytes()
         else:
             path.unlink(missing_ok=True)

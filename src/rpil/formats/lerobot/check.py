@@ -1,11 +1,11 @@
-"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; totals and statistics can be mended."""
+"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; some of it can be mended."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -17,18 +17,23 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Defect
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.episodes import read_episodes, read_lines
-from rpil.formats.lerobot.frames import Shot, find_faults
-from rpil.formats.lerobot.kept import PATHS, video_place
+from rpil.formats.lerobot.frames import NEAR_SECONDS, Shot, find_faults
+from rpil.formats.lerobot.kept import PATHS, frames_as_times, video_place
 from rpil.formats.lerobot.metadata import cameras, chunk_size, fill, frame_rate
 from rpil.formats.lerobot.video import load_av
+from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
+from rpil.formats.table import numbers_or_missing
+from rpil.formats.times import usual_step
+from rpil.numerics.types import Array
 
-INFO, STATS = "meta/info.json", "meta/stats.json"
+INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
@@ -36,12 +41,17 @@ differ: LeRobot subtracts squares of short floats."""
 
 
 class Rows(NamedTuple):
-    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin."""
+    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
+
+    Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
+    """
 
     n: int
     first: int
     file: str
     start: float
+    off: float
+    fps: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +72,27 @@ class Folder:
         for file in find_files(self.path)[1]:
             with guarded(file):
                 table = read_table(file, ["episode_index", "index", "timestamp"])
-            columns = table.column_names
-            numbers, starts, counts = np.unique(table["episode_index"], return_index=True, return_counts=True)
-            for m, row, n in zip(numbers.tolist(), starts.tolist(), counts.tolist(), strict=True):
-                first = table["index"][row].as_py() if "index" in columns else -1
-                start = table["timestamp"][row].as_py() if "timestamp" in columns else 0.0
-                found[m] = Rows(n, first, os.path.relpath(file, self.path), start)
+            columns, place = table.column_names, os.path.relpath(file, self.path)
+            times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
+            numbers, counts = np.unique(table["episode_index"], return_counts=True)
+            rows = np.split(np.argsort(table["episode_index"], kind="stable"), np.cumsum(counts)[:-1])
+            for m, own in zip(numbers.tolist(), rows, strict=True):
+                first = table["index"][int(own[0])].as_py() if "index" in columns else -1
+                found[m] = Rows(len(own), first, place, *self._timing(np.zeros(0) if times is None else times[own, 0]))
         return found
+
+    def _timing(self, times: Array) -> tuple[float, float, float]:
+        """`Rows.start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
+        fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
+        if fps is None or not len(times):
+            return 0.0, 0.0, 0.0
+        if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
+            frames = frames + np.rint(times[0] * fps)
+        gaps = times - frames / fps if cameras(self.info, "video") else np.diff(times) - 1 / fps
+        off = float(np.abs(gaps).max(initial=0.0))
+        if off <= NEAR_SECONDS:
+            return float(times[0]), 0.0, 0.0
+        return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
 
     @cached_property
     def episodes(self) -> dict[int, dict[str, Parsed]]:
@@ -102,6 +126,9 @@ class Folder:
                 # Version 2 has no such column: there, frames before the first row's time belong to no row.
                 start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
                 end = row.get(f"videos/{camera}/to_timestamp", np.inf)
+                if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
+                    said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
+                    raise DataError(f"meta/episodes, demonstration {m}: {said}.")
                 place = video_place(self.path, self.info, camera, chunk, file)
                 found.append(Shot(camera, m, place, start, end, self.data[m].n))
         return found
@@ -117,7 +144,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = Folder(path)
     found: dict[Defect, None] = {}
-    for rule in (_in_totals, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
+    for rule in (in_times, _in_totals, _in_episodes, _in_statistics, partial(in_videos, look=look)):
         try:
             with guarded(path / "meta"):
                 found |= dict.fromkeys(rule(folder))
@@ -126,8 +153,29 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def _in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
-    """Without the package for videos, only whether their files are there, unless they are to be looked at."""
+def in_times(folder: Folder) -> Iterator[Defect]:
+    """Episodes with times that LeRobot does not find in a video, or that differ from the declared frames a second."""
+    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
+    if wrong:
+        fps, off = float(folder.info["fps"]), max(rows.off for rows in wrong.values())
+        recorded = np.median([rows.fps for rows in wrong.values()])
+        said = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}, and timestamps are up to {off:.3g} s"
+        remedy = f"off; rpil check --fix writes frame_index / {fps:.6g} in their place"
+        does = "cannot load" if cameras(folder.info, "video") else "does not check"
+        yield Defect("timestamps", _named([*wrong], folder), f"LeRobot {does} these rows: {said} {remedy}", True)
+
+
+def _named(episodes: Sequence[int], folder: Folder) -> str:
+    """Some episodes of a folder in words, as "episodes 3 to 7 and 9"."""
+    if len(episodes) == len(folder.data):
+        return f"all {len(episodes)} episodes"
+    runs = np.split(np.sort(episodes), np.flatnonzero(np.diff(np.sort(episodes)) != 1) + 1)
+    texts = ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+    return f"episode{'s' * (len(episodes) > 1)} {' and '.join(texts.rsplit(', ', 1))}"
+
+
+def in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
+    """Faults of videos; without the package only files that are not there, unless they are to be looked at."""
     fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
     try:
         load_av()
@@ -145,11 +193,13 @@ def _totals(folder: Folder) -> dict[str, int]:
 def _in_totals(folder: Folder) -> Iterator[Defect]:
     for name, number in _totals(folder).items():
         if folder.info.get(name, number) != number:
-            said = f"{name} is {folder.info[name]}, and the data hold {number}"
+            said = f"{name} is {str(folder.info[name])[:40]}, and the data hold {number}"
             yield Defect("totals", INFO, said, folder.is_whole)
 
 
 def _in_episodes(folder: Folder) -> Iterator[Defect]:
+    if folder.info.get("codebase_version") == "v2.1" and not (folder.path / EPISODES_STATS).is_file():
+        yield Defect("statistics", EPISODES_STATS, "it is not there; LeRobot's converter to version 3.0 needs it")
     if not folder.episodes:
         yield Defect("episode table", "meta", "it does not list the episodes")
         return
@@ -157,7 +207,7 @@ def _in_episodes(folder: Folder) -> Iterator[Defect]:
     if lost:
         said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
         yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
-    for m, (n, first, file, _) in folder.data.items():
+    for m, (n, first, file, *_) in folder.data.items():
         row = folder.episodes.get(m)
         if row is None:
             yield Defect("episode table", str(m), "meta does not list it")
@@ -177,9 +227,10 @@ def _in_statistics(folder: Folder) -> Iterator[Defect]:
     place = folder.path / STATS
     if not place.is_file() or not folder.is_whole:
         return
-    said = read_json(place)
+    is_off, said = any(rows.off for rows in folder.data.values()), read_json(place)
     for name, found in stats.of_data(folder.path / "data", said).items():
-        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
+        known = () if is_off and name == "timestamp" else ("min", "max", "mean", "std")  # times are mended first
+        names = [what for what in known if what in said[name]]
         largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
         for what in names:
             slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
@@ -191,20 +242,40 @@ def _in_statistics(folder: Folder) -> Iterator[Defect]:
 
 
 def mend(path: Path) -> list[str]:
-    """Write totals and statistics of numbers again where they are wrong; the sentences on what was done.
+    """Write times, totals and statistics of numbers again where they are wrong; the sentences on what was done.
 
-    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on.
+    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on. A `DataError` where times are
+    wrong, and a camera has not one frame for each row.
     """
-    folder, new = Folder(path), {}
     with guarded(path / "meta"):
+        done = _mend_times(Folder(path))
+        folder, new = Folder(path), {}  # with the new times
         if folder.is_whole and list(_in_totals(folder)):
-            new[INFO] = folder.info | _totals(folder)
+            new[INFO] = json.dumps(folder.info | _totals(folder), indent=4)
         if list(_in_statistics(folder)):
             said = read_json(path / STATS)
-            new[STATS] = said | stats.of_data(path / "data", said)
+            new[STATS] = json.dumps(said | stats.of_data(path / "data", said), indent=4)
         for name in new:
             _refuse_link(path, name)
-    return [_replace(path / name, content) for name, content in new.items()]
+    return done + [_replace(path / name, partial(Path.write_text, data=text)) for name, text in new.items()]
+
+
+def _mend_times(folder: Folder) -> list[str]:
+    """Number the wrong times anew, by the frames a second that are declared."""
+    wrong, fps = [m for m, rows in folder.data.items() if rows.off], frame_rate(folder.info.get("fps"))
+    if fps is None or not wrong:
+        return []
+    for what, place, fault in find_faults([shot for shot in folder.shots() if shot.episode in wrong], fps, look=False):
+        said = f"{folder.path}: timestamps are not written again, because {fault} ({what}, {place})"
+        raise DataError(f"{said}; mend the videos first, or leave the episode out.")
+
+    names, options = dict.fromkeys(folder.data[m].file for m in wrong), ColumnOptions(id="episode_index")
+    for name in names:
+        _refuse_link(folder.path, name)
+    ids, change = {*map(str, folder.data)}, partial(frames_as_times, episodes=wrong, fps=fps)
+    for name in names:
+        _replace(folder.path / name, partial(keep_rows, folder.path / name, ids=ids, options=options, change=change))
+    return [f"Timestamps of {_named(wrong, folder)} are frame_index / {fps:.6g} now; the old files end in .bak."]
 
 
 def _refuse_link(path: Path, name: str) -> None:
@@ -213,13 +284,13 @@ def _refuse_link(path: Path, name: str) -> None:
         raise DataError(f"{path / name}: it is a link, and is not mended; mend a copy of the folder (cp -rL).")
 
 
-def _replace(place: Path, content: Mapping[str, Parsed]) -> str:
-    """Write a file of JSON anew, after a backup."""
+def _replace(place: Path, write: Callable[[Path], object]) -> str:
+    """Let a function write a file anew, after a backup."""
     backup = place.with_name(f"{place.name}.bak")
     number = 2
     while backup.exists():
         backup, number = place.with_name(f"{place.name}.bak{number}"), number + 1
     shutil.copyfile(place, backup)
     with replacing(place) as temporary:
-        temporary.write_text(json.dumps(content, indent=4), encoding="utf-8")
+        write(temporary)
     return f"Written again: {place}; what it was is in {backup.name}."

@@ -24,7 +24,7 @@ from rpil.data.names import quoted
 from rpil.formats import folder
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.check import Folder, find_defects, find_shots, mend
+from rpil.formats.lerobot.check import EPISODES_STATS, Folder, find_defects, find_shots, in_times, in_videos, mend
 from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept, Trims
 from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
@@ -37,8 +37,6 @@ WEIGHTS = (
     "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
     "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
 )
-
-_NEW_FOLDER = "A folder with statistics of its own, videos too: rpil keep with -o"
 
 MAX_LISTED = 100
 """Episodes of a data set whose lists are printed."""
@@ -66,12 +64,10 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
         info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
         info["fps"] = int(fps) if fps.is_integer() else fps
-        if wrong or info["chunks_size"] < 1 or not 0 < fps < 1e9:
-            raise ValueError(
-                f"{wrong[0]!r} is no name of a camera"
-                if wrong
-                else "chunks_size is no whole number above 0, or fps none"
-            )
+        if wrong:
+            raise ValueError(f"{wrong[0]!r} is no name of a camera")
+        if info["chunks_size"] < 1 or not 0 < fps < 1e9:
+            raise ValueError("chunks_size is no whole number above 0, or fps none")
     if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
         load_av()
     return info
@@ -84,9 +80,14 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
-        return
-    with new_folder(output) as new:
-        _write(path, new, info, ids, trims)
+            found = [*in_times(Folder(path))]
+    else:
+        with new_folder(output) as new:
+            _write(path, new, info, ids, trims)
+            with guarded(path / "meta"):
+                found = [*in_times(Folder(new)), *([] if trims else in_videos(Folder(new), look=False))]
+    for one in {one.what: one for one in reversed(found)}.values():
+        warnings.warn(f"{output}, {one.what} of {one.place}: {one.sentence}.", stacklevel=1)
 
 
 def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
@@ -141,10 +142,12 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """
     chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
-    is_list = Path(output).suffix.lower() == ".json"
+    is_list, version = Path(output).suffix.lower() == ".json", ""
+    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
+        version = str(read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version"))
     if Path(output).name and not is_list and len(ids) <= MAX_LISTED:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
-        return [f"To train on the new folder: {shlex.join(words)}"]
+        return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
     dropped = [name for name in ids if str(name) not in chosen]
     train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
     if len(ids) > MAX_LISTED and not is_list:
@@ -154,17 +157,26 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
         if list(map(str, ids)) != list(map(str, range(len(ids)))):
             dropped = []  # the JSON file does not say which there are
         train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
-    lines = [f"To train on these, whatever the policy: --dataset.episodes={train}"]
+    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={train}"]
     if not dropped:
         return lines
-    new = f"{root.rstrip('/')}_trusted"
-    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {_NEW_FOLDER} {new}")
-    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
-        if read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version") == "v3.0":
-            words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
-            words += ["--new_root", new, "--operation.type", "delete_episodes"]
-            lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
+    new, better = f"{root.rstrip('/')}_trusted", "A folder with statistics of its own, videos too: rpil keep with -o"
+    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {better} {new}")
+    if version == "v3.0":
+        words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
+        words += ["--new_root", new, "--operation.type", "delete_episodes"]
+        lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
     return lines
+
+
+def _conversion(path: Path, version: str, root: Path) -> list[str]:
+    """How the folder `root`, of this version and with the statistics at `path`, becomes one of version 3.0."""
+    if not version.startswith("v2"):
+        return []
+    words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
+    command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
+    needs = "" if (path / EPISODES_STATS).is_file() else f", which needs {EPISODES_STATS}, and that is not there"
+    return [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}{needs}"]
 
 
 def _read_from(output: StrPath, numbers: str) -> str:

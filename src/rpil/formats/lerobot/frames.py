@@ -17,6 +17,7 @@ from rpil.numerics.types import Array
 DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds
 SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one, below which a frame repeats the other
 FROZEN_SECONDS = 1.0  # for which a picture may stay the same
+NEAR_SECONDS = 1e-4  # by which a timestamp may differ from a frame: LeRobot loads no others
 REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
@@ -64,6 +65,9 @@ def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Found:
             n, seen, name = int(inside.sum()), frames[inside], str(shot.episode)
             if n != shot.n_rows:
                 yield "frame count", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows"
+            elif (off := np.abs(np.sort(times[inside]) - shot.start - np.arange(n) / fps).max()) > NEAR_SECONDS:
+                said = f"LeRobot cannot load it, for {shot.camera} is up to {off:.3g} s off {fps:.3g} frames a second"
+                yield "frame times", name, f"{said}; correct from_timestamp, or write the video again"
             if seen.size:
                 black = np.flatnonzero(seen.max(axis=1) <= DARK)
                 if len(black) < n:
@@ -99,11 +103,8 @@ def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fp
         elif shares[k] >= REPEATED_SHARE and known and shares[k] > usual[1]:
             yield "repeated frames", str(episode), f"{camera} repeats {shares[k]:.0%} of its frames while all moves"
     if np.median(shares) >= REPEATED_SHARE:
-        yield (
-            "repeated frames",
-            "all",
-            f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data",
-        )
+        slow = f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data"
+        yield "repeated frames", "all", slow
 
 
 def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> Found:

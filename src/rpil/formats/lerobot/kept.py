@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
-from rpil.data.names import quoted
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.description import listed
 from rpil.formats.lerobot.metadata import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
@@ -81,7 +82,7 @@ class Kept:
         rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
         if rewarded:
             message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
-            warnings.warn(f"{message}{quoted(rewarded, 5)}.", stacklevel=1)
+            warnings.warn(f"{message}{listed(rewarded, 5)}.", stacklevel=1)
         for file in files:
             self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
             target = self.new / self.target(0, *self.place)
@@ -134,7 +135,8 @@ class Kept:
         """Rows with new numbers of episode and step, without those that are trimmed."""
         import pyarrow as pa
 
-        table = self._with_marks(table)
+        rows = group_rows(table["episode_index"].to_numpy())[2]
+        table = self._with_marks(table if rows is None else table.take(rows))
         old = table["episode_index"].to_numpy()
         for name in self.trims.keys() & set(map(str, np.unique(old).tolist())):
             first, end = self.trims[name]
@@ -183,3 +185,10 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
+
+
+def frames_as_times(table: pa.Table, episodes: Sequence[int], fps: float) -> pa.Table:
+    """The table, in which the timestamps of some episodes are frame_index / `fps`."""
+    is_one = np.isin(table["episode_index"].to_numpy(), episodes)
+    times = np.where(is_one, table["frame_index"].to_numpy() / fps, table["timestamp"].to_numpy())
+    return with_column(table, "timestamp", times)

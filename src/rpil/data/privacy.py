@@ -1,0 +1,30 @@
+"""What is left out of texts that others may read: secrets in addresses, and where a person's folders are."""
+
+from __future__ import annotations
+
+import os
+import re
+
+_USER = re.compile(r"(:/{1,3})(?:[^/\s'\"@:]{0,200}:[^\s'\"]{0,500}|[^/\s'\"@]+)@")
+_SECRET = re.compile(
+    r"([?&;#][\w.-]{0,50}(?:auth|code|credential|jwt|key|pass|pw|sas|secret|sig|token)[\w.-]{0,50}=)"
+    r"[^&\s'\"]*[^&\s'\".,:;)]",
+    re.IGNORECASE,
+)
+_START = r"(?<![\w.:])(?<!:/)"  # of a path, and not of the name of a bucket in an address
+_OTHER_HOMES = re.compile(rf"{_START}/(?:home|Users)/[^/\s'\"]+")
+
+
+def without_secrets(text: str) -> str:
+    """The text with ``***`` in the place of what addresses in it keep secret: users, keys, tokens and passwords."""
+    return _SECRET.sub(r"\1***", _USER.sub(r"\1***@", text))
+
+
+def for_others(text: str) -> str:
+    """The text without secrets, with paths in the current folder relative to it, and ``~`` for the home folder.
+
+    Reports, runs and weights are passed on; a shell of the same person still finds what ``~`` names.
+    """
+    here, home = (re.escape(folder) for folder in (os.path.join(os.getcwd(), ""), os.path.expanduser("~")))
+    text = re.sub(rf"(?<![\w.:/]){here}", "", without_secrets(text))
+    return _OTHER_HOMES.sub("...", re.sub(rf"{_START}{home}(?![\w.-])", "~", text))
