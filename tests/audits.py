@@ -63,6 +63,7 @@ def make_audit(
         "reliability_interval": np.clip(np.stack([reliability - half, reliability + half], axis=1), 0, 1),
         "verdicts": tuple(verdicts),
         "step_log_ratio": steps,
+        "step_share": np.full(len(steps), 0.5),
         "step_weight": (steps > 0).astype(float),
         "prior": Interval(0.55, 0.31, 0.77),
         "identifiable": True,

@@ -1,4 +1,4 @@
-"""Reliability of demonstrations and trust in steps."""
+"""Reliability of demonstrations, and shares of steps in them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.special import expit
+from scipy.special import expit, logit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.inference.step_trust import step_proba, step_trust
+from rpil.inference.step_trust import balanced, reliability_of, step_proba, step_shares
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -22,13 +22,44 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     ones, zeros = np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int)
     problem = FitData(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
     # An expert's step has the likelihood ratio of its action, and so has another step that happens to agree.
-    trust = step_trust(problem, log_ratio, np.ones(3), JudgeSettings())
-    assert (np.diff(trust.reliability) > 0.2).all()
-    assert (trust.interval[:, 0] <= trust.reliability + 1e-9).all()
-    assert (trust.interval[:, 1] >= trust.reliability - 1e-9).all()
-    assert trust.step[follows.ravel()].mean() > trust.step[~follows.ravel()].mean() + 0.3
-    wide = step_trust(problem, log_ratio, np.full(3, 0.01), JudgeSettings()).interval
-    assert (np.ptp(wide, axis=1) > np.ptp(trust.interval, axis=1)).all()
+    reliability, interval = reliability_of(problem, log_ratio, np.ones(3), JudgeSettings())
+    assert (np.diff(reliability) > 0.2).all()
+    assert (interval[:, 0] <= reliability + 1e-9).all()
+    assert (interval[:, 1] >= reliability - 1e-9).all()
+    _, wide = reliability_of(problem, log_ratio, np.full(3, 0.01), JudgeSettings())
+    assert (np.ptp(wide, axis=1) > np.ptp(interval, axis=1)).all()
+
+
+def test_steps_that_follow_the_policy_have_the_larger_share_whatever_their_number():
+    rng = np.random.default_rng(0)
+    n_steps, share = 500, np.array([0.2, 0.5, 0.8])
+    follows = rng.random((3, n_steps)) < share[:, None]
+    is_likely = rng.random((3, n_steps)) < np.where(follows, 0.9, 0.25)  # an action that the policy takes in 9 of 10
+    log_ratio = np.where(is_likely, np.log(0.9 / 0.25), np.log(0.1 / 0.75)).ravel()
+    ones, zeros = np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int)
+    problem = FitData(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
+    found = step_shares(problem, log_ratio, JudgeSettings()).reshape(3, n_steps)
+    np.testing.assert_allclose(found.mean(axis=1), 0.5, atol=1e-6)
+    for m in range(3):
+        assert found[m, follows[m]].mean() > found[m, ~follows[m]].mean() + 0.2
+
+
+def test_a_demonstration_whose_steps_are_alike_has_equal_shares():
+    problem = FitData(np.ones((5, 1)), np.zeros(5, int), np.array([0, 3, 5]), Discrete(2), np.zeros(2, int))
+    share = step_shares(problem, np.array([-4.0, -4.0, -4.0, 60.0, 60.0]), JudgeSettings())
+    np.testing.assert_allclose(share, 0.5, atol=0.01)  # a step at an end has one neighbour only
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shares_have_a_mean_of_one_half_and_keep_the_order_and_the_differences_in_log_odds(seed):
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, 40, size=6)
+    log_odds = rng.normal(size=lengths.sum()) * rng.choice([0.1, 3.0, 20.0])
+    share, ends = balanced(log_odds, lengths), np.cumsum(lengths)[:-1]
+    for mine, before in zip(np.split(share, ends), np.split(log_odds, ends), strict=True):
+        assert mine.mean() == pytest.approx(0.5, abs=1e-6)
+        inner = (mine > 1e-6) & (mine < 1 - 1e-6)
+        np.testing.assert_allclose(np.diff(logit(mine[inner])), np.diff(before[inner]), atol=1e-3)
 
 
 DEFAULT = StepSettings()

@@ -199,7 +199,7 @@ def test_random_actions_are_unlike():
     assert toy.is_good[judgement.pair[0]]
     assert not toy.is_good[judgement.pair[1]]
     steps = np.concatenate([[0], np.cumsum(np.diff(toy.offsets))])
-    assert judgement.log_ratio.shape == judgement.step_trust.step.shape == (steps[-1],)
+    assert judgement.log_ratio.shape == judgement.step_trust.share.shape == (steps[-1],)
     reliability = judgement.step_trust.reliability
     assert reliability[toy.is_good].min() > reliability[~toy.is_good].max()
 
@@ -270,7 +270,7 @@ def test_other_folds_are_dealt_where_groups_are_likely():
 
 
 def test_a_step_counts_as_many_independent_steps_as_it_is_worth_and_one_at_most(monkeypatch):
-    found, score, steps = [], trust.score_by_best_group, trust.step_trust
+    found, score, steps = [], trust.score_by_best_group, trust.reliability_of
 
     def correlated(scoring, start):
         return replace(score(scoring, start), effective_steps=np.tile([2.5, 15.0], 5))
@@ -280,7 +280,7 @@ def test_a_step_counts_as_many_independent_steps_as_it_is_worth_and_one_at_most(
         return steps(data, log_ratio, temperature, settings)
 
     monkeypatch.setattr(trust, "score_by_best_group", correlated)
-    monkeypatch.setattr(trust, "step_trust", recorded)
+    monkeypatch.setattr(trust, "reliability_of", recorded)
     dealt(SCORE)
     assert found[0].tolist() == [0.5, 1.0] * 5
 

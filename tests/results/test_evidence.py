@@ -131,7 +131,8 @@ def test_other_ways_to_judge_have_traces_too(discrete: bool, options: dict[str, 
         part = audit.traces[m].parts[0]
         assert part.nats < -20
         outside = (part.value < part.low) | (part.value > part.high)
-        assert outside[20:].mean() > 0.9 > 0.35 > outside[:20].mean()
+        # The band holds two thirds of typical steps: of 20 of them 7 are outside, give or take 2.
+        assert outside[20:].mean() > 0.9 > 0.6 > outside[:20].mean()
         assert part.name == ("action" if discrete else "elbow")
     held_out = discrete and "policy" in options
     assert audit.traces[0].compared_with == ("typical" if held_out else "trusted")

@@ -1,29 +1,92 @@
-"""Weights of steps."""
+"""Weights of steps: who weighs less, and which steps of a demonstration."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_reliability
+from audits import make_audit
+from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weighted, why_constant
 
 LENGTHS = np.array([2, 1, 1])
 
 
-def test_reliable_demonstrations_have_the_full_weight_and_others_that_of_their_steps():
-    proba, reliability = np.array([0.8, 0.9, 0.5]), np.array([0.9, 0.95, 0.3])
-    step = np.array([0.1, 0.2, 0.3, 0.4])
-    found = step_weight(LENGTHS, proba, reliability, step, AuditSettings())
-    assert found == pytest.approx([0.8, 0.8, 0.9, 0.5 * 0.4])
+def in_mean(audit):
+    """The mean weight of a step of each demonstration."""
+    return np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
+
+
+def shared(audit, seed=0):
+    """The audit with shares of steps whose mean over each demonstration is 1/2."""
+    share = np.random.default_rng(seed).random(int(audit.offsets[-1]))
+    mean = np.repeat(np.add.reduceat(share, audit.offsets[:-1]) / audit.lengths, audit.lengths)
+    return weighted(replace(audit, step_share=0.5 + (share - mean) / 2))
+
+
+def test_the_weight_of_a_step_is_that_of_its_demonstration_times_its_share():
+    weight, sign, share = np.array([1.0, 0.2, 0.6]), np.array([1.0, -1.0, 0.0]), np.array([0.1, 0.9, 0.3, 0.8])
+    found = step_weight(LENGTHS, weight, sign, share)
+    assert found == pytest.approx([0.2, 1.8, 0.2 * 1.4, 0.6])
 
 
 def test_without_steps_there_are_no_weights():
-    assert step_weight(LENGTHS, np.ones(3), np.ones(3), np.empty(0), AuditSettings()).size == 0
+    assert step_weight(LENGTHS, np.ones(3), np.ones(3), np.empty(0)).size == 0
 
 
-def test_the_typical_reliability_is_a_median_weighted_by_proba():
-    assert typical_reliability(np.array([0.2, 0.9, 0.5]), np.array([0.1, 0.1, 1.0]), LENGTHS) == 0.5
-    assert typical_reliability(np.array([0.2, 0.9, 0.5]), np.full(3, 0.1), LENGTHS) == 1.0
-    assert not is_anyone_trusted(np.full(3, 0.1), LENGTHS)
-    assert is_anyone_trusted(np.full(3, 0.25), LENGTHS)
+def test_who_is_unlike_weighs_less_and_all_others_the_same():
+    audit = shared(make_audit())
+    unlike = np.array([verdict == "unlike" for verdict in audit.verdicts])
+    np.testing.assert_allclose(in_mean(audit), np.where(unlike, audit.expert_proba, 1.0))
+    assert why_constant(audit) == ""
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"identifiable": False},
+        {"finding": "in doubt", "verdicts": ("open",) * 10},
+        {"finding": "two groups", "verdicts": ("open",) * 10, "identifiable": False, "competing": ((0, 1, 2), (3, 4))},
+    ],
+)
+def test_else_all_demonstrations_weigh_the_same_and_the_reason_is_said(changes):
+    audit = shared(replace(make_audit(), **changes))
+    np.testing.assert_allclose(in_mean(audit), 1.0)
+    assert np.ptp(audit.step_weight) > 0.5
+    reason = "a policy of their own" if len(changes) == 1 else f'"{changes["finding"]}"'
+    assert reason in why_constant(audit)
+
+
+def test_each_of_two_groups_is_weighed_by_its_own_policy():
+    groups = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4))}
+    audit = make_audit(("open",) * 5, **groups)
+    assert of_demonstrations(audit)[1].tolist() == [1, 1, 1, -1, -1]
+
+
+def test_one_label_changes_the_weight_of_its_own_demonstration_and_of_its_copies():
+    audit = make_audit(("open",) * 4, labels={2: -1}, copy_of=np.array([0, 1, 2, 2]), anchor="answers")
+    audit = replace(audit, verdicts=("open", "open", "bad", "bad"), expert_proba=np.array([0.1, 0.9, 1e-6, 1e-6]))
+    assert of_demonstrations(audit)[0].tolist() == [1, 1, 1e-6, 1e-6]
+    assert of_demonstrations(audit)[1].tolist() == [1] * 4
+
+
+def test_after_two_answers_demonstrations_weigh_by_p_good_and_steps_as_far_as_the_training_group_is_good():
+    proba, from_actions = np.array([0.9, 0.8, 0.1, 0.2]), np.array([2.0, 1.0, -1.0, -2.0])
+    audit = make_audit(("open",) * 4, labels={0: 1, 3: -1}, anchor="answers", lengths=(9, 5, 9, 5))
+    audit = shared(replace(audit, expert_proba=proba, from_actions=from_actions))
+    np.testing.assert_allclose(in_mean(audit), proba)
+    assert of_demonstrations(audit)[1] == pytest.approx(0.7)
+    assert of_demonstrations(replace(audit, from_actions=-from_actions))[1] == pytest.approx(-0.7)
+    # Once the ranking is right, no bad demonstration weighs more than a good one.
+    assert in_mean(audit)[:2].min() > in_mean(audit)[2:].max()
+
+
+def test_without_two_groups_steps_are_no_evidence_after_answers():
+    assert sign_with_answers(np.array([0.9, 0.1]), np.array([True, True])) == 0.0
+    assert sign_with_answers(np.array([0.9, 0.1]), np.array([True, False])) == pytest.approx(0.8)
+
+
+def test_a_named_adversary_weighs_by_p_expert():
+    audit = shared(make_audit(("expert", "adversary"), anchor="named adversary"))
+    np.testing.assert_array_equal(audit.step_weight, np.repeat(audit.expert_proba, audit.lengths))

@@ -18,7 +18,6 @@ from rpil.mixture.em import MixtureFit, Posterior, run_em
 from rpil.mixture.settings import MixtureSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_reliability
 from rpil.results.summary import (
     audit_from_mixture,
     doubt_sentence,
@@ -101,50 +100,6 @@ def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
     assert doubt_sentence(several, IDS, named) == "a to c, e, d, b."
     many = replace(several, runs=(np.array([0]),) * 11)
     assert doubt_sentence(many, IDS, named) == f"{'a, ' * 10}...."
-
-
-def split_weights(
-    proba: list[float], reliability: list[float], settings: AuditSettings = AuditSettings()
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Weights of the steps of each demonstration, and P(the step is an expert's) of each."""
-    step, ends = np.linspace(0, 1, 15), np.cumsum(LENGTHS)[:-1]
-    weight = step_weight(LENGTHS, np.array(proba), np.array(reliability), step, settings)
-    return np.split(weight, ends), np.split(step, ends)
-
-
-def test_steps_of_a_reliable_expert_have_the_full_weight():
-    weight, step = split_weights([1.0, 0.0, 1.0, 0.0, 0.5], [1.0, 1.0, 0.5, 0.5, 0.9])
-    np.testing.assert_allclose(weight[0], 1.0)
-    np.testing.assert_allclose(weight[1], 0.0, atol=1e-12)
-    np.testing.assert_allclose(weight[2], step[2])
-    np.testing.assert_allclose(weight[3], 0.0, atol=1e-12)
-    np.testing.assert_allclose(weight[4], 0.5)
-
-
-def test_full_weight_reliability_is_a_setting():
-    settings = AuditSettings(full_weight_reliability=0.4)
-    weight, _ = split_weights([1.0, 0.0, 1.0, 0.0, 0.5], [1.0, 1.0, 0.5, 0.5, 0.9], settings)
-    np.testing.assert_allclose(weight[2], 1.0)
-
-
-def test_full_weight_is_relative_to_a_typical_expert():
-    """Where the typical expert is only half reliable, the policy misfits: all steps of such experts count in full."""
-    weight, step = split_weights([1.0, 1.0, 1.0, 1.0, 0.0], [0.5, 0.5, 0.5, 0.1, 0.5])
-    for m in range(3):
-        np.testing.assert_allclose(weight[m], 1.0)
-    np.testing.assert_allclose(weight[3], step[3])
-    np.testing.assert_allclose(weight[4], 0.0, atol=1e-12)
-
-
-def test_weights_are_empty_where_steps_are_not_kept():
-    assert step_weight(LENGTHS, np.ones(5), np.ones(5), np.empty(0), AuditSettings()).shape == (0,)
-
-
-@pytest.mark.parametrize(("proba", "trusted"), [(0.0, False), (0.06, False), (0.07, True), (1.0, True)])
-def test_someone_is_trusted_from_one_expected_step(proba, trusted):
-    expert_proba = np.full(5, proba)  # times 15 steps
-    assert is_anyone_trusted(expert_proba, LENGTHS) is trusted
-    assert typical_reliability(np.full(5, 0.7), expert_proba, LENGTHS) == (0.7 if trusted else 1.0)
 
 
 def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from problems import make
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import step_trust
-from rpil.results.settings import AuditSettings
-from rpil.scale.fit import StepWeights
+from rpil.inference.step_trust import step_shares
+from rpil.results.step_weights import of_demonstrations, step_weight
+from rpil.scale.fit import Sample, StepWeights
 from small import small_rpil
 
 
@@ -22,25 +22,35 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
 
 
-def test_without_trusted_demonstrations_steps_are_weighted_by_their_own_probability():
+def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
     _, data = demonstrations("noisy")
     model = small_rpil().fit(data)
-    audit = model.audit_
-    assert StepWeights.of(audit, model.judge_, JudgeSettings(), AuditSettings()).typical < 1.0
-    weigh = StepWeights.of(
-        replace(audit, expert_proba=np.zeros(len(audit.ids))), model.judge_, JudgeSettings(), AuditSettings()
-    )
-    problem = FitData(
-        model.judge_features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, int)
-    )
-    weight, log_ratio = weigh.weight(problem, weigh.trust)
-    assert weight.sum() > 1.0
-    alone = step_trust(problem, log_ratio, np.ones(120), JudgeSettings())
-    np.testing.assert_array_equal(weight, alone.step)
-    for m in range(120):  # no demonstration is taken whole
-        mine = slice(*data.offsets[m : m + 2])
-        assert np.ptp(weight[mine]) > 0
-        assert np.corrcoef(weight[mine], log_ratio[mine])[0, 1] > 0
+    audit, settings = model.audit_, JudgeSettings()
+    design = model.judge_features_.design(data.observations)
+    problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
+    group = np.arange(120) < 80
+    judgement = SimpleNamespace(training_group=group, scores=SimpleNamespace(fit=SimpleNamespace(ridge=1e-3)))
+    weigh = StepWeights.of(audit, Sample(problem, np.arange(120), judgement, model.judge_), settings)
+    log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
+    kind, of_others = type(model.judge_.ratio), problem.per_step((~group).astype(float))
+    others = kind.fit(problem, of_others, 1e-3, settings.held_out)
+    log_prob, expected = model.judge_.step_ratios(problem.features, problem.actions, settings)
+    against = log_prob - others.step_ratios(problem.features, problem.actions, settings.held_out)[0]
+    np.testing.assert_array_equal(log_ratio, expected)
+    np.testing.assert_array_equal(share, step_shares(problem, against, settings))
+    np.testing.assert_array_equal(weight, step_weight(data.lengths, *of_demonstrations(audit), share))
+    some = weigh.only(slice(40, 90))
+    assert len(some.trust) == len(some.sign) == 50
+
+
+def test_without_others_the_steps_of_a_demonstration_weigh_the_same():
+    _, data = demonstrations("noisy")
+    model = small_rpil().fit(data)
+    design = model.judge_features_.design(data.observations)
+    problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
+    judgement = SimpleNamespace(training_group=np.ones(120, dtype=bool))
+    weigh = StepWeights.of(model.audit_, Sample(problem, np.arange(120), judgement, model.judge_), JudgeSettings())
+    np.testing.assert_allclose(weigh.steps(problem, slice(0, 120))[1], 0.5, atol=1e-6)
 
 
 def test_shards_hold_every_demonstration_once_in_order():

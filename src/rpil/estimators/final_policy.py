@@ -41,7 +41,7 @@ class LinearPolicySpec:
 
     def feature_map(self, choice: Choice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""
-        trusted = weight > self.min_feature_weight * weight.max()
+        trusted = weight > self.min_feature_weight * min(weight.max(), 1.0)
         rows, used = observations[trusted], weight[trusted]
         return FeatureMap.fit(choice.kind, rows, used, choice.ridge, settings=self.selection.maps)
 

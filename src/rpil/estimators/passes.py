@@ -117,8 +117,9 @@ class SampledFit:
         assert decision.judge is not None
         assert posed.blocks is not None
         assert isinstance(features, FeatureMap)
-        weights = StepWeights.of(decision.audit, decision.judge, options.settings.judge, options.settings.audit)
-        weight = weights.weight(data, weights.trust[posed.indices])[0]
+        assert decision.judgement is not None
+        weights = StepWeights.of(decision.audit, Sample(posed.data, posed.indices, decision.judgement, decision.judge), options.settings.judge)
+        weight = weights.steps(data, posed.indices)[-1]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         observations = posed.demonstrations.observations
         features = options.linear.feature_map(choice, observations, weight)
@@ -126,8 +127,10 @@ class SampledFit:
         data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights)
         on_disk = not isinstance(self.engine, InMemory)
-        log_ratio, step_weight, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)
-        audit = replace(decision.audit, step_log_ratio=log_ratio, step_weight=step_weight)
+        steps, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)
+        audit = replace(
+            decision.audit, **dict(zip(("step_log_ratio", "step_share", "step_weight"), steps, strict=True))
+        )
         ridge, final_ridge = (
             ridge_of(features, options.C, float(steps), task.space) for steps in (weight.sum(), total)
         )
@@ -172,5 +175,5 @@ class SampledFit:
         return traces(audit, beside_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
 
 
-def _steps(block: WeightedBlock) -> tuple[Array, Array]:
-    return block.log_ratio, block.weight
+def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:
+    return block.log_ratio, block.share, block.weight

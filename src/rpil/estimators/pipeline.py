@@ -38,7 +38,6 @@ from rpil.results.deviations import deviations
 from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import is_anyone_trusted
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.protocol import Engine, Shards
 
@@ -132,8 +131,6 @@ class TrustDecision:
     """The audit of the demonstrations, and the fitted models that judge other demonstrations."""
 
     audit: Audit
-    step: Array
-    """P(the step is an expert's)."""
     judge: FittedJudge | None
     state: State | None
     """Of the mixture with a named adversary."""
@@ -157,8 +154,7 @@ class TrustDecision:
     ) -> TrustDecision:
         """The decision of the judge about the demonstrations `data`."""
         audit, history = audit_from_judgement(judgement, data, ids, answers, settings), judgement.scores.fit.history
-        step = judgement.step_trust.step
-        return cls(audit, step, judge, None, len(history), float(history[-1]), judgement=judgement)
+        return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
 def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
@@ -191,7 +187,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
-    return TrustDecision(audit, audit.step_weight, None, result.state, n_iter, result.objective, bool(result.converged))
+    return TrustDecision(audit, None, result.state, n_iter, result.objective, bool(result.converged))
 
 
 def _resting(data: FitData, demonstrations: Demonstrations) -> tuple[str, ...]:
@@ -297,10 +293,8 @@ class FullFit:
         if posed.copies is not None:  # the policy learns from copies as well
             every = self._demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
-        data, weight = posed.data, audit.step_weight
-        if not is_anyone_trusted(audit.expert_proba, data.lengths):
-            weight = decision.step  # the steps that are most likely an expert's
-        features, policy = self._final_policy(posed, weight)
+        data = posed.data
+        features, policy = self._final_policy(posed, audit.step_weight)
 
         def outputs(rows: Array) -> Array:
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
@@ -330,6 +324,6 @@ def learn(task: Task, options: Options, audit: Audit) -> Fitted:
     features = options.judge_features(demonstrations)
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features, task.answers)
     options.progress("the policy")
-    decision = TrustDecision(audit, audit.step_weight, None, None, 0, 0.0)
+    decision = TrustDecision(audit, None, None, 0, 0.0)
     kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)
     return Fitted(decision, features, kind, policy)

@@ -46,8 +46,8 @@ class Settings:
     "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
     benchmarks/ablations.py ("raw features")."""
     min_feature_weight: float = 0.5
-    """Weight of a step, divided by the largest one, above which the feature map of the final policy is fitted to it.
-    Chosen by hand, not tuned."""
+    """Weight of a step, divided by 1 or by the largest weight where that is smaller, above which the feature map of the
+    final policy is fitted to it. Chosen by hand, not tuned."""
     single_precision: int = 50_000
     """Entries of the observations above which the judge reads discrete actions in single precision. By hand, not tuned.
     """

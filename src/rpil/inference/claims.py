@@ -22,7 +22,7 @@ from scipy.stats import norm, spearmanr
 from rpil.data.copies import Copies
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, is_learnable, look_below
+from rpil.inference.rivals import Lower, is_learnable, is_second_way, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -52,6 +52,9 @@ class Claims:
     """The demonstrations below the upper group, where the scores are two groups."""
     contrast: Contrast | None = None
     """How two groups differ that each have a policy of their own."""
+    is_second_way: bool = False
+    """Whether those that are unlike may follow a policy of their own (`rpil.inference.rivals.is_second_way`), so that
+    nothing may be done about them before an answer."""
 
     @property
     def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
@@ -70,7 +73,7 @@ class Claims:
         if lower is not None:
             upper, rival = (np.flatnonzero(np.isin(copies.place, group)) for group in (lower.upper, lower.rival))
             lower = replace(lower, upper=upper, rival=rival)
-        return Claims(self.finding, self.words[copies.place], doubts, lower, self.contrast)
+        return replace(self, words=self.words[copies.place], doubts=doubts, lower=lower)
 
 
 def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
@@ -100,8 +103,12 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
         doubts = (Doubt("When the demonstrations are divided into other folds, their scores are one group."), *doubts)
     if doubts:
         return Claims("in doubt", nobody, doubts, split.lower)
-    apart = (split.words < 0).any()
-    return Claims("some are unlike" if apart else "nobody stands out", split.words * apart, (), split.lower)
+    unlike = split.words < 0
+    if not unlike.any():
+        return Claims("nobody stands out", nobody, (), split.lower)
+    upper = np.isin(np.arange(len(unlike)), split.lower.upper)
+    second = is_second_way(data, upper, unlike, scores.fit.ridge, scoring.settings)
+    return Claims("some are unlike", split.words, (), split.lower, is_second_way=second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +174,7 @@ def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings
         in_upper[indices[lower.upper]], in_upper[indices[lower.rival]] = True, False
         rival = indices[lower.rival] if claims.finding != "two groups" else np.flatnonzero(~in_upper)
         lower = replace(lower, upper=np.flatnonzero(in_upper), rival=rival)
-    return Claims(claims.finding, words, doubts, lower, claims.contrast)
+    return replace(claims, words=words, doubts=doubts, lower=lower)
 
 
 def said(

@@ -206,6 +206,9 @@ class HeldOutPolicy(HeldOutModel):
     policy: CrossFittedPolicy
     settings: HeldOutSettings
 
+    def cold_copy(self) -> HeldOutPolicy:
+        return HeldOutPolicy(self.data, self.policy, self.settings)
+
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
         if isinstance(self.data.space, Discrete):

@@ -15,15 +15,16 @@ versions of the policy of A, and noise, are no rivals.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import HeldOutModel, log_reference
+from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trimming import TrimmedFit
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
 
 
@@ -87,6 +88,46 @@ def is_learnable(
     few[in_random_order[group[in_random_order]][:size]] = True
     log_prob = _log_prob(data, model.cold_copy(), few, ridge)
     return is_credible(gains(data, log_prob, few, settings.held_out), settings.rivals.standard_errors)
+
+
+def is_second_way(
+    data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], ridge: float, settings: JudgeSettings
+) -> bool:
+    """Whether the `lower` group may follow a policy of its own, by features with which a policy can bend (Nystroem's).
+
+    It does where its own policy, held out, explains it at least `min_own_gain` times as well as a policy of the `upper`
+    group explains that; or where it is a rival by the rule of this module. To the features of the scores a rule that
+    they cannot express looks like noise. Where a group has many steps, a sample of its demonstrations decides.
+    """
+    limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
+    few, is_lower = _sample(data, upper, lower, limits.max_steps)
+    features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
+    few = replace(few, features=features.design(few.features))
+    model = held_out_model(few, 0, settings.held_out)
+
+    def own_gains(group: Array) -> Array:
+        return gains(few, _log_prob(few, model.cold_copy(), group, ridge), group, settings.held_out)
+
+    own, of_upper = own_gains(is_lower), max(float(np.median(own_gains(~is_lower))), 0.0)
+    gain = float(np.median(own))
+    if gain <= limits.max_noise * of_upper or not is_credible(own, limits.standard_errors):
+        return False
+    weights = (few.per_step(group.astype(float)) for group in (~is_lower, is_lower))
+    shared = shared_gain(few, model.cold_copy().log_prob_at(*weights, ridge), is_lower, settings)
+    return gain >= limits.min_own_gain * of_upper or shared < limits.max_shared_gain * gain
+
+
+def _sample(
+    data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], max_steps: int
+) -> tuple[FitData, Bool[Array, " S"]]:
+    """Demonstrations of either group with `max_steps` at most, in a random order that follows from their contents, and
+    which of them are of the `lower` group."""
+    order = np.argsort(deal(data, data.n_demonstrations, seed=0), kind="stable")
+    chosen = np.zeros(len(order), dtype=bool)
+    for group in (upper, lower):
+        members = order[group[order]]
+        chosen[members[np.cumsum(data.lengths[members]) - data.lengths[members] < max_steps]] = True
+    return data.select(np.flatnonzero(chosen)), lower[chosen]
 
 
 def gains(

@@ -146,9 +146,14 @@ class RivalSettings:
     """Demonstrations of a group, at least."""
     max_iter: int = 3
     """Rounds of fitting a policy and assigning demonstrations, at most."""
+    min_own_gain: float = 1 / 3
+    """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
+    which they may be a second way. benchmarks/claims.py prints it of every set."""
+    max_steps: int = 10_000
+    """Steps of either group from which such policies learn, at most."""
 
     def __post_init__(self) -> None:
-        check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]")
+        check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
 
 
 @stored()

@@ -9,6 +9,12 @@ stretches. In stretches, whose step it is, z_n, is a Markov chain, so each step 
 
 Which of the two holds is summed out for each demonstration. `StepSettings` has `stay` and the prior probability of
 stretches.
+
+The share of a step in its demonstration says only which steps of it are more an expert's than others. The two policies
+are those of the training group T and of all other demonstrations R, both held out; the log-odds move by one number b_m
+for each demonstration, so that no demonstration gains or loses:
+
+    s_n = sigmoid(logit P(z_n | log pi_T - log pi_R) + b_m),      mean over m of s_n = 1/2
 """
 
 from __future__ import annotations
@@ -25,26 +31,30 @@ from rpil.numerics.types import Array, Float, Int
 _LEAST_SHARE = 1e-9
 """Reliabilities stay so far from 0 and 1, which no step could change."""
 
+_BISECTIONS = 30
+"""Halvings of an interval of 42 nats at most: to 4e-8 nats."""
+
 
 @dataclass(frozen=True, eq=False)
 class StepTrust:
-    """Reliability of M demonstrations and trust in N steps."""
+    """Reliability of M demonstrations and shares of N steps."""
 
     reliability: Float[Array, " M"]
     """Posterior mean of rho_m."""
     interval: Float[Array, "M 2"]
     """Its 95 % interval."""
-    step: Float[Array, " N"]
-    """P(step n is an expert's); empty where steps are not kept."""
+    share: Float[Array, " N"]
+    """s_n of each step; empty where steps are not kept."""
 
 
-def step_trust(
+def reliability_of(
     data: FitData,
     log_ratio: Float[Array, " N"],
     temperature: Float[Array, " M"],
     settings: JudgeSettings,
-) -> StepTrust:
-    """Reliability and trust in steps, given the held-out `log_ratio` log pi - log q of each step.
+) -> tuple[Float[Array, " M"], Float[Array, "M 2"]]:
+    """Reliability of each demonstration and its 95 % interval, given the held-out `log_ratio` log pi - log q of each
+    step.
 
     The likelihood of demonstration m is raised to `temperature` in the interval: the independent steps that one of its
     steps is worth.
@@ -57,9 +67,26 @@ def step_trust(
         evidence[:, j] = data.sum_steps(np.logaddexp(np.log(rho) + clipped, np.log1p(-rho)))
     cumulated = softmax(temperature[:, None] * evidence, axis=1).cumsum(axis=1)
     ends = [nodes[np.minimum((cumulated < q).sum(axis=1), n_nodes - 1)] for q in (0.025, 0.975)]
-    reliability = softmax(evidence, axis=1) @ nodes
-    step = step_proba(reliability, clipped, data.lengths, settings.steps)
-    return StepTrust(reliability, np.stack(ends, axis=1), step)
+    return softmax(evidence, axis=1) @ nodes, np.stack(ends, axis=1)
+
+
+def step_shares(data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " N"]:
+    """The share s_n of each step in its demonstration, given the held-out `log_ratio` log pi_T - log pi_R."""
+    clipped = np.clip(log_ratio, -settings.max_log_ratio, settings.max_log_ratio)
+    share, _ = reliability_of(data, clipped, np.ones(data.n_demonstrations), settings)
+    proba = step_proba(share, clipped, data.lengths, settings.steps)
+    return balanced(logit(np.clip(proba, _LEAST_SHARE, 1 - _LEAST_SHARE)), data.lengths)
+
+
+def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
+    """sigmoid(`log_odds` + b_m), with b_m by bisection such that its mean over each demonstration is 1/2."""
+    first = np.cumsum(lengths) - lengths
+    low, high = -np.maximum.reduceat(log_odds, first), -np.minimum.reduceat(log_odds, first)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        mean = np.add.reduceat(expit(log_odds + np.repeat(middle, lengths)), first) / lengths
+        low, high = np.where(mean < 0.5, middle, low), np.where(mean < 0.5, high, middle)
+    return np.asarray(expit(log_odds + np.repeat((low + high) / 2, lengths)))
 
 
 def step_proba(

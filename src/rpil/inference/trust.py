@@ -24,7 +24,7 @@ from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import StepTrust, step_trust
+from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
 from rpil.inference.trimming import fit_trimmed
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -117,7 +117,8 @@ def judge(
     described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
     beside = facts_beside(data, actions, states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
-    steps = step_trust(data, log_ratio, temperature, settings)
+    shares = step_shares(data, scoring.against_others(scores.fit), settings)
+    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares)
     answers = Answers.of_labels(data.labels) if answers is None else answers
     columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
@@ -234,5 +235,5 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
     beside = {name: values[place] for name, values in judged.beside.items()}
     missing = judged.missing_steps
     evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of)
-    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.step[rows])
+    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows])
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

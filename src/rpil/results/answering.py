@@ -14,12 +14,11 @@ from rpil.data.id_values import match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
-from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import step_weight
+from rpil.results.step_weights import weighted
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict, Words
 
@@ -73,7 +72,13 @@ class Judged(Protocol):
     @property
     def step_log_ratio(self) -> Float[Array, " N"]: ...
     @property
-    def step_weight(self) -> Float[Array, " N"]: ...
+    def step_share(self) -> Float[Array, " N"]: ...
+    @property
+    def identifiable(self) -> bool: ...
+    @property
+    def competing(self) -> Sequence[Sequence[Hashable]]: ...
+    @property
+    def verdicts(self) -> Sequence[str]: ...
     @property
     def words(self) -> Words: ...
     @property
@@ -103,9 +108,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
     log_odds = found.log_odds + from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
-    log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
-    step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
-    return replace(  # type: ignore[type-var]  # every audit is a dataclass
+    answered = replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",
         anchor="answers",
@@ -114,7 +117,6 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
         verdicts=verdicts_of(words, "answers"),
-        step_weight=step_weight(audit.lengths, proba, audit.reliability, step, audit.settings),
         identifiable=True,
         competing=(),
         answers=known,
@@ -124,6 +126,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
         assumptions=_assumptions(audit, known),
     )
+    return weighted(answered)
 
 
 def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
     reliability="M",
     reliability_interval="M 2",
     step_log_ratio="N",
+    step_share="N",
     step_weight="N",
     history="iterations",
     columns="M channels",
@@ -62,8 +63,12 @@ class Audit(AuditResult):
         The upper and the lower one of `words`, or "open" where the data do not decide.
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
+    step_share : (N,) array
+        How far each step follows the policy of those that agree best rather than that of the others, in [0, 1]; its
+        mean over every demonstration is 1/2.
     step_weight : (N,) array
-        Weight of each step for training a policy, in [0, 1].
+        Weight of each step for training a policy, in [0, 2] (`rpil.results.step_weights`): its mean over a
+        demonstration is 1, less where that is called unlike, and P(good) once two answers are given.
     prior : Interval
         Share of the demonstrations that the upper one of `words` describes.
     identifiable : bool

@@ -44,13 +44,15 @@ def check_sound(audit: AuditResult) -> None:
     at_most = (audit.deviations, audit.sessions, audit.own_reasons, () if audit.order is None else audit.order)
     sound = all(len(values) == n for values in of_each) and all(len(values) in (0, n) for values in at_most)
     sound &= all(len(values) == n for values in audit.beside.values()) and len({*audit.ids}) == n > 0
-    sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] == [0, len(audit.step_log_ratio)]
+    sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)]
+    sound &= len(audit.step_weight) == len(audit.step_share) == len(audit.step_log_ratio)
     sound &= bool((audit.lengths > 0).all()) and {*audit.verdicts} <= SIDES.keys()
     sound &= audit.finding in FINDINGS and audit.anchor in WORDS and {*known.labels.tolist()} <= {-1, 0, 1}
     numbers = np.concatenate([audit.copy_of, known.pairs.ravel()])
     sound &= bool(((numbers >= 0) & (numbers < n)).all())
     prior = np.array([audit.prior.mean, audit.prior.low, audit.prior.high])
-    for share in (audit.expert_proba, audit.reliability, audit.reliability_interval, audit.step_weight, prior):
+    of_demonstrations = (audit.expert_proba, audit.reliability, audit.reliability_interval)
+    for share in (*of_demonstrations, audit.step_share, audit.step_weight / 2, prior):
         sound &= bool(((share >= 0) & (share <= 1)).all())  # NaN is neither
     ordered = () if audit.order is None else (audit.order,)
     sound &= all(bool(np.isfinite(values).all()) for values in (*audit.beside.values(), *ordered))

@@ -72,6 +72,7 @@ class AuditResult:
     reliability_interval: Float[Array, "M 2"]
     verdicts: tuple[Verdict, ...]
     step_log_ratio: Float[Array, " N"]
+    step_share: Float[Array, " N"]
     step_weight: Float[Array, " N"]
     prior: Interval
     adversary: str

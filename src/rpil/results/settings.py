@@ -18,10 +18,6 @@ class AuditSettings:
     one minus this down."""
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
-    full_weight_reliability: float = 0.9
-    """Reliability, divided by that of a typical trusted one, from which every step has the full weight: a few unlikely
-    steps are a misfit of the policy, and without them it would be biased to where it fits. Chosen by hand, not
-    tuned."""
     answers: AnswerSettings = AnswerSettings()
     """Of answers to an audit; a fit puts those of the judge here."""
     steps: StepSettings = StepSettings()

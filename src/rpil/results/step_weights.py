@@ -1,50 +1,115 @@
-"""Weights of steps for training a policy, from the probabilities and the reliability of their demonstrations."""
+"""Weights of steps for training a policy, from what is known of their demonstrations and of the steps themselves.
+
+    w_n = W_m [1 + c (2 s_n - 1)]
+
+s_n is the share of step n in its demonstration (`rpil.inference.step_trust`), whose mean over every demonstration is
+1/2. So W_m is the mean weight of a step of demonstration m, and c in [-1, 1] says for which policy the steps are
+evidence: 1 for that of the training group T, -1 for that of the others R.
+
+    without answers    W_m = P(typical), where m is called unlike;  W_m = 1, elsewhere
+                       c = 1;  -1 for the lower one of two groups, each of which has a policy of its own
+    two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
+
+A demonstration weighs less for being called unlike only where the unlike ones have no policy of their own
+(`AuditResult.identifiable`). One answer alone changes the weight of its own demonstration.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
 import numpy as np
 
+from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.settings import AuditSettings
+from rpil.results.words import SIDES
+
+
+class Weighable(Protocol):
+    """What this module reads of an audit (`rpil.results.record.Audit`)."""
+
+    @property
+    def ids(self) -> Sequence[Hashable]: ...
+    @property
+    def finding(self) -> str: ...
+    @property
+    def anchor(self) -> str: ...
+    @property
+    def answers(self) -> Answers: ...
+    @property
+    def copy_of(self) -> Int[Array, " M"]: ...
+    @property
+    def verdicts(self) -> Sequence[str]: ...
+    @property
+    def identifiable(self) -> bool: ...
+    @property
+    def competing(self) -> Sequence[Sequence[Hashable]]: ...
+    @property
+    def expert_proba(self) -> Float[Array, " M"]: ...
+    @property
+    def from_actions(self) -> Float[Array, " M"]: ...
+    @property
+    def lengths(self) -> Int[Array, " M"]: ...
+    @property
+    def step_share(self) -> Float[Array, " N"]: ...
+
+
+A = TypeVar("A", bound=Weighable)
+
+MIN_ANSWERS = 2
+"""Answers about different demonstrations from which they weigh others than those that were labelled."""
+
+
+def weighted(audit: A) -> A:
+    """The audit with the weights of its steps."""
+    weight, sign = of_demonstrations(audit)
+    found = step_weight(audit.lengths, weight, sign, audit.step_share)
+    return replace(audit, step_weight=found)  # type: ignore[type-var]  # every audit is a dataclass
 
 
 def step_weight(
-    lengths: Int[Array, " M"],
-    expert_proba: Float[Array, " M"],
-    reliability: Float[Array, " M"],
-    step_proba: Float[Array, " N"],
-    settings: AuditSettings,
-    typical: float | None = None,
+    lengths: Int[Array, " M"], weight: Float[Array, " M"], sign: Float[Array, " M"], share: Float[Array, " N"]
 ) -> Float[Array, " N"]:
-    """Weight of each step for training.
+    """Weight of each step, in [0, 2], from the mean `weight` W_m of its demonstration, the `sign` c and its `share` s_n.
 
-        w_n = P(expert_m),                                where reliability_m >= full_weight_reliability * typical
-        w_n = P(expert_m) P(step n is an expert's),       elsewhere
-
-    `step_proba` is P(the step is an expert's), empty where steps are not kept, and then so are the weights; `typical`
-    is the reliability of a typical expert, by default `typical_reliability`.
+    Empty where steps are not kept.
     """
-    if not len(step_proba):
-        return step_proba
-    if typical is None:
-        typical = typical_reliability(reliability, expert_proba, lengths)
-    has_full_weight = np.repeat(reliability >= settings.full_weight_reliability * typical, lengths)
-    return np.asarray(np.repeat(expert_proba, lengths) * np.where(has_full_weight, 1.0, step_proba))
+    if not len(share):
+        return share
+    return np.asarray(np.repeat(weight, lengths) * (1 + np.repeat(sign, lengths) * (2 * share - 1)))
 
 
-def is_anyone_trusted(expert_proba: Float[Array, " M"], lengths: Int[Array, " M"]) -> bool:
-    """Whether at least one step is expected to be in an expert's demonstration: sum_m P(expert_m) N_m >= 1.
+def of_demonstrations(audit: Weighable) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
+    """W_m and c of each demonstration."""
+    proba, known = audit.expert_proba, audit.answers
+    if audit.anchor == "named adversary":
+        return proba, np.zeros(len(proba))
+    labels = known.shared(audit.copy_of).labels if len(known.labels) else np.zeros(len(proba), dtype=int)
+    if len(known.labels) and known.once(audit.copy_of).count >= MIN_ANSWERS:
+        return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
+    is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
+    weighs_less = is_lower & (audit.identifiable | (labels < 0))
+    rival = {*audit.competing[1]} if audit.competing else set()
+    sign = np.array([-1.0 if name in rival else 1.0 for name in audit.ids])
+    return np.where(weighs_less, proba, 1.0), sign
 
-    Where this is false no demonstration is trusted, and policies learn from single steps instead.
-    """
-    return bool(expert_proba @ lengths >= 1.0)
+
+def sign_with_answers(p_good: Float[Array, " M"], in_training_group: Array) -> float:
+    """How far the training group is the good one: the difference of the mean P(good) of the two groups; 0 where one of
+    them has no members."""
+    if in_training_group.all() or not in_training_group.any():
+        return 0.0
+    return float(p_good[in_training_group].mean() - p_good[~in_training_group].mean())
 
 
-def typical_reliability(
-    reliability: Float[Array, " M"], expert_proba: Float[Array, " M"], lengths: Int[Array, " M"]
-) -> float:
-    """Median reliability, weighted by P(expert), or 1 where no demonstration is trusted."""
-    if not is_anyone_trusted(expert_proba, lengths):
-        return 1.0
-    order = np.argsort(reliability)
-    return float(reliability[order][np.searchsorted(np.cumsum(expert_proba[order]), 0.5 * expert_proba.sum())])
+def why_constant(audit: Weighable) -> str:
+    """One sentence that says why no demonstration weighs less than another one; "" where one does."""
+    weight, _ = of_demonstrations(audit)
+    if np.ptp(weight) > 0:
+        return ""
+    reason = "those that are unlike have a policy of their own, which may be as good"
+    if audit.identifiable or audit.finding != "some are unlike":
+        reason = f"the finding is \"{audit.finding}\""
+    return f"All demonstrations have the same mean weight, because {reason}: answer a question, and they will differ."

@@ -13,7 +13,7 @@ _OF_DEMONSTRATIONS = (
     *("log_odds", "from_actions", "from_demonstrator", "from_label"),
     *("expert_proba", "reliability", "reliability_interval", "columns"),
 )
-_OF_STEPS = "step_log_ratio", "step_weight"
+_OF_STEPS = "step_log_ratio", "step_share", "step_weight"
 
 
 def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> Audit:

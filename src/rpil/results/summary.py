@@ -20,7 +20,7 @@ from rpil.results.groups import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS, Demonstrator, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import step_weight
+from rpil.results.step_weights import weighted
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Anchor
 
@@ -42,7 +42,7 @@ def audit_from_judgement(
         proba = np.full(len(proba), 0.5)
     doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
     differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
-    return Audit(
+    audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
         finding=finding,
@@ -55,9 +55,10 @@ def audit_from_judgement(
         reliability_interval=steps.interval,
         verdicts=verdicts_of(judgement.words, anchor),
         step_log_ratio=judgement.log_ratio,
-        step_weight=step_weight(data.lengths, proba, steps.reliability, steps.step, settings),
+        step_share=steps.share,
+        step_weight=steps.share,
         prior=Interval(*judgement.expert_share),
-        identifiable=finding != "two groups",
+        identifiable=finding != "two groups" and not claims.is_second_way,
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
@@ -73,6 +74,7 @@ def audit_from_judgement(
         beside=ranks_beside(judgement.beside),
         settings=settings,
     )
+    return weighted(audit)
 
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
@@ -111,6 +113,7 @@ def audit_from_mixture(
         reliability_interval=np.stack([proba, proba], axis=1),
         verdicts=tuple(WORDS["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
         step_log_ratio=posterior.log_ratio,
+        step_share=np.full(len(posterior.log_ratio), 0.5),
         step_weight=data.per_step(proba),
         prior=expert_share,
         adversary=result.state.adversary.name,

@@ -38,24 +38,28 @@ class AscentState:
     """A `rpil.numerics.newton.CurvatureHistory`."""
 
 
-def gather_steps(blocks: Iterator[tuple[Array, Array]], n_steps: int, on_disk: bool) -> tuple[Array, Array, float]:
-    """Log-ratios and weights of all steps, (N,) each, and the sum of the weights.
+def gather_steps(
+    blocks: Iterator[tuple[Array, ...]], n_steps: int, on_disk: bool
+) -> tuple[tuple[Array, Array, Array], float]:
+    """Log-ratios, shares and weights of all steps, (N,) each, and the sum of the weights.
 
     With `on_disk` the arrays are in single precision in a temporary file, which goes when they go.
     """
     if not on_disk:
-        log_ratio, weight = zip(*blocks, strict=True)
-        return np.concatenate(log_ratio), np.concatenate(weight), sum(float(one.sum()) for one in weight)
+        log_ratio, share, weight = map(list, zip(*blocks, strict=True))
+        total = sum(float(one.sum()) for one in weight)
+        return (np.concatenate(log_ratio), np.concatenate(share), np.concatenate(weight)), total
     total = 0.0
-    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second:
-        for one_log_ratio, one_weight in blocks:
-            total += float(one_weight.sum())
-            first.write(one_log_ratio.astype(np.float32).tobytes())
-            second.write(one_weight.astype(np.float32).tobytes())
-        first.flush()
-        second.flush()
-        log_ratios, weights = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in (first, second))
-    return log_ratios, weights, total
+    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second, tempfile.TemporaryFile() as third:
+        files = first, second, third
+        for columns in blocks:
+            total += float(columns[-1].sum())
+            for file, column in zip(files, columns, strict=True):
+                file.write(column.astype(np.float32).tobytes())
+        for file in files:
+            file.flush()
+        log_ratio, share, weight = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files)
+    return (log_ratio, share, weight), total
 
 
 def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:

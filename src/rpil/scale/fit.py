@@ -22,16 +22,15 @@ from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.claims import extended, telling_pair
 from rpil.inference.facts import TIME_LIMIT, at_time_limit
-from rpil.inference.fitted_judge import FittedJudge
+from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.groups import fit_groups
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import StepTrust, step_trust
+from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
 from rpil.inference.trust import Evidence, Judgement, conclude
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_reliability
+from rpil.results.step_weights import of_demonstrations, step_weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +66,13 @@ class BlockScores(NamedTuple):
 def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
-    log_prob, log_ratio, trust = _step_ratios(data, judge, settings)
+    log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
+    temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
     scored = log_ratio if data.space.kind == "discrete" else log_prob
     score = data.mean_steps(scored)
     squares = data.sum_steps((scored - data.per_step(score)) ** 2)
     described = judge.channels(data, log_prob, log_ratio, settings)
-    return BlockScores(score, squares, trust.reliability, trust.interval, described)
-
-
-def _step_ratios(data: FitData, judge: FittedJudge, settings: JudgeSettings) -> tuple[Array, Array, StepTrust]:
-    """Of each step: log pi and log pi - log q, (N,) each, and the trust in it."""
-    log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
-    temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
-    return log_prob, log_ratio, step_trust(data, log_ratio, temperature, settings)
+    return BlockScores(score, squares, *reliability_of(data, log_ratio, temperature, settings), described)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +115,10 @@ class WeightedBlock(NamedTuple):
 
     data: FitData
     """With the features of the final policy."""
-    weight: Array
     log_ratio: Array
-    """Weights of the steps, and their log-ratios in nats."""
+    share: Array
+    weight: Array
+    """Log-ratios of the steps in nats, their shares in their demonstrations, and their weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,43 +126,42 @@ class StepWeights:
     """A block to a `WeightedBlock`."""
 
     judge: FittedJudge
+    others: SoftmaxRatio | StudentRatio | None
+    """The policy of the demonstrations that are not in the training group; None where they are too few."""
     trust: Array
-    """P(expert) of the demonstrations from number `first` on."""
-    typical: float
-    """Reliability of a typical expert."""
+    sign: Array
+    """W and c of the demonstrations from number `first` on (`rpil.results.step_weights`)."""
     settings: JudgeSettings
-    audit_settings: AuditSettings
     final: DesignMap | None = None
     """The map with the features of the final policy, where they are not the judge's."""
     first: int = 0
 
     @classmethod
-    def of(
-        cls,
-        audit: Audit,
-        judge: FittedJudge,
-        settings: JudgeSettings,
-        audit_settings: AuditSettings,
-    ) -> StepWeights:
-        """The weights under an audit; where it trusts nobody, those of the steps that are most likely an expert's."""
-        trust = audit.expert_proba
-        if not is_anyone_trusted(trust, audit.lengths):
-            return cls(judge, np.ones(len(trust)), np.inf, settings, audit_settings)
-        typical = typical_reliability(audit.reliability, trust, audit.lengths)
-        return cls(judge, trust, typical, settings, audit_settings)
+    def of(cls, audit: Audit, sample: Sample, settings: JudgeSettings) -> StepWeights:
+        """The weights under an audit, by the policies of a sample."""
+        group, kind = sample.judgement.training_group, type(sample.judge.ratio)
+        others = None
+        if (~group).sum() >= settings.rivals.min_group and issubclass(kind, SoftmaxRatio | StudentRatio):
+            weight = sample.data.per_step((~group).astype(float))
+            others = kind.fit(sample.data, weight, sample.judgement.scores.fit.ridge, settings.held_out)
+        return cls(sample.judge, others, *of_demonstrations(audit), settings)
 
     def only(self, demonstrations: slice) -> StepWeights:
         """The same for some of the demonstrations."""
-        return replace(self, trust=self.trust[demonstrations], first=demonstrations.start)
+        own = self.trust[demonstrations], self.sign[demonstrations]
+        return replace(self, trust=own[0], sign=own[1], first=demonstrations.start)
 
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
         block, data = prepared
         begin = block.first - self.first
-        weight, log_ratio = self.weight(data, self.trust[begin : begin + data.n_demonstrations])
-        return WeightedBlock(self.final(block)[1] if self.final else data, weight, log_ratio)
+        steps = self.steps(data, slice(begin, begin + data.n_demonstrations))
+        return WeightedBlock(self.final(block)[1] if self.final else data, *steps)
 
-    def weight(self, data: FitData, trust: Array) -> tuple[Array, Array]:
-        """Weights and log-ratios of the steps, (N,) each, of demonstrations with P(expert) `trust` (M,)."""
-        _, log_ratio, steps = _step_ratios(data, self.judge, self.settings)
-        of_trust = steps.reliability, steps.step, self.audit_settings
-        return step_weight(data.lengths, trust, *of_trust, self.typical), log_ratio
+    def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:
+        """Log-ratios, shares and weights of the steps, (N,) each, of some of the demonstrations."""
+        log_prob, log_ratio = self.judge.step_ratios(data.features, data.actions, self.settings)
+        against = np.zeros(len(log_prob))
+        if self.others is not None:
+            against = log_prob - self.others.step_ratios(data.features, data.actions, self.settings.held_out)[0]
+        share = step_shares(data, against, self.settings)
+        return log_ratio, share, step_weight(data.lengths, self.trust[demonstrations], self.sign[demonstrations], share)
