@@ -1,0 +1,71 @@
+"""`tools/crafted_files.py`: some of its cases, and that it says what differs and where."""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+FAST_CASES = (
+    *("options file of many dots", "options written through a link", "command in a run file", "tiny observations"),
+    "very long label quoted",
+)
+
+
+@pytest.fixture
+def tool(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "tools"))
+    return import_module("crafted_files")
+
+
+@pytest.mark.parametrize("name", FAST_CASES)
+def test_a_case_is_as_it_should_be(tool, capsys, name):
+    assert tool.main(["--only", name]) == 0
+    assert capsys.readouterr().out.startswith(f"{name}: as it should be (")
+
+
+def test_what_differs_is_said_and_the_other_cases_are_tried(tool, monkeypatch, capsys):
+    folders = []
+
+    def right(folder):
+        folders.append((folder, os.listdir()))
+        Path("other").touch()
+
+    cases = {"first": lambda folder: "the file is lost", "second": lambda folder: 1 / 0, "third": right, "last": right}
+    monkeypatch.setattr(tool, "CASES", cases)
+    here = Path.cwd()
+    assert tool.main([]) == 1
+    said = [line.rpartition(" (")[0] for line in capsys.readouterr().out.splitlines()]
+    assert said == [
+        "first: the file is lost",
+        "second: it raised ZeroDivisionError: division by zero",
+        "third: as it should be",
+        "last: as it should be",
+    ]
+    assert tool.main(["--only", "third,last"]) == 0
+    assert tool.main(["--only", "last,first"]) == 1
+    assert {*(names[0] for _, names in folders)} == {tool.DATA}
+    assert [len(names) for _, names in folders] == [1] * 5
+    assert len({folder for folder, _ in folders}) == 5
+    assert not any(folder.exists() for folder, _ in folders)
+    assert Path.cwd() == here
+
+
+def test_a_command_that_ends_otherwise_is_told(tool):
+    missing = tool.call("info", "nowhere.csv")
+    assert tool.ended(missing, "there is no such file") is None
+    assert "there is no such file" in tool.ended(missing, "it is empty")
+    assert tool.ended(missing).startswith("code 2, ")
+    assert tool.ended(tool.call("--version")) is None
+    assert tool.ended(tool.call("--version"), "a refusal").startswith("code 0, ")
+
+
+def test_cases_are_named(tool, capsys):
+    assert tool.main(["--list"]) == 0
+    assert capsys.readouterr().out.splitlines() == [*tool.CASES]
+    assert {*FAST_CASES} < {*tool.CASES}
+    with pytest.raises(SystemExit):
+        tool.main(["--only", "nothing of the kind"])
+    assert "there is no case nothing of the kind" in capsys.readouterr().err
