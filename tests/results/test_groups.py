@@ -98,7 +98,7 @@ def test_an_answer_takes_the_sentences_back():
     sentence = f"{TWO_GROUPS}A has 5 demonstrations and B 4."
     values = np.column_stack([normal_scores(np.random.default_rng(0).normal(size=(10, len(CHANNELS)))), np.ones(10)])
     known = {"notes": ("Kept.", sentence), "assumptions": ("Kept.", sentence), "columns": values}
-    audit = make_audit(finding="two groups", competing=((0, 1), (2, 3)), **known).answered({0: "good"})
+    audit = make_audit(finding="two groups", competing=((0, 1), (2, 3)), **known).answered({0: "good", 2: "bad"})
     assert audit.notes == ("Kept.",)
     assert "Kept." in audit.assumptions
     assert sentence not in audit.assumptions

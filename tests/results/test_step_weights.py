@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weighted, why_constant
+from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weights_of, why_equal
 
 LENGTHS = np.array([2, 1, 1])
 
@@ -22,7 +22,8 @@ def shared(audit, seed=0):
     """The audit with shares of steps whose mean over each demonstration is 1/2."""
     share = np.random.default_rng(seed).random(int(audit.offsets[-1]))
     mean = np.repeat(np.add.reduceat(share, audit.offsets[:-1]) / audit.lengths, audit.lengths)
-    return weighted(replace(audit, step_share=0.5 + (share - mean) / 2))
+    audit = replace(audit, step_share=0.5 + (share - mean) / 2)
+    return replace(audit, step_weight=weights_of(audit))
 
 
 def test_the_weight_of_a_step_is_that_of_its_demonstration_times_its_share():
@@ -39,7 +40,7 @@ def test_who_is_unlike_weighs_less_and_all_others_the_same():
     audit = shared(make_audit())
     unlike = np.array([verdict == "unlike" for verdict in audit.verdicts])
     np.testing.assert_allclose(in_mean(audit), np.where(unlike, audit.expert_proba, 1.0))
-    assert why_constant(audit) == ""
+    assert why_equal(audit) == ""
 
 
 @pytest.mark.parametrize(
@@ -55,7 +56,7 @@ def test_else_all_demonstrations_weigh_the_same_and_the_reason_is_said(changes):
     np.testing.assert_allclose(in_mean(audit), 1.0)
     assert np.ptp(audit.step_weight) > 0.5
     reason = "a policy of their own" if len(changes) == 1 else f'"{changes["finding"]}"'
-    assert reason in why_constant(audit)
+    assert reason in why_equal(audit)
 
 
 def test_each_of_two_groups_is_weighed_by_its_own_policy():

@@ -61,6 +61,7 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.run_file import write_run
+    from rpil.results.step_weights import why_equal
     from rpil.results.verdict_table import kept, write_kept, write_verdicts
     from rpil.results.view import make_view
 
@@ -72,9 +73,14 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
         if not kept(audit):
             warnings.warn(f"{path}: every demonstration is {audit.words.lower}, so that it lists none.", stacklevel=1)
 
-    steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
+    def write_step_weights(path: str) -> None:
+        steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
+        write_weights(path, *steps, given.recording.step_columns)
+        if reason := why_equal(audit):
+            warnings.warn(f"{path}: {reason}", stacklevel=1)
+
     writers: dict[str, Callable[[str], None]] = {
-        "weights": lambda path: write_weights(path, *steps, given.recording.step_columns),
+        "weights": write_step_weights,
         "verdicts": lambda path: write_verdicts(
             path, audit, given.demonstrators, given.faults.findings, given.recording.tasks
         ),

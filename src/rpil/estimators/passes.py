@@ -118,7 +118,9 @@ class SampledFit:
         assert posed.blocks is not None
         assert isinstance(features, FeatureMap)
         assert decision.judgement is not None
-        weights = StepWeights.of(decision.audit, Sample(posed.data, posed.indices, decision.judgement, decision.judge), options.settings.judge)
+        assert posed.indices is not None
+        sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
+        weights = StepWeights.of(decision.audit, sample, options.settings.judge)
         weight = weights.steps(data, posed.indices)[-1]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         observations = posed.demonstrations.observations
@@ -128,12 +130,9 @@ class SampledFit:
         blocks = posed.blocks.then(weights)
         on_disk = not isinstance(self.engine, InMemory)
         steps, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)
-        audit = replace(
-            decision.audit, **dict(zip(("step_log_ratio", "step_share", "step_weight"), steps, strict=True))
-        )
-        ridge, final_ridge = (
-            ridge_of(features, options.C, float(steps), task.space) for steps in (weight.sum(), total)
-        )
+        log_ratio, share, step_weight = steps
+        audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        ridge, final_ridge = (ridge_of(features, options.C, float(n), task.space) for n in (weight.sum(), total))
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())

@@ -112,8 +112,8 @@ def is_second_way(
     gain = float(np.median(own))
     if gain <= limits.max_noise * of_upper or not is_credible(own, limits.standard_errors):
         return False
-    weights = (few.per_step(group.astype(float)) for group in (~is_lower, is_lower))
-    shared = shared_gain(few, model.cold_copy().log_prob_at(*weights, ridge), is_lower, settings)
+    of_others, of_own = few.per_step((~is_lower).astype(float)), few.per_step(is_lower.astype(float))
+    shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge), is_lower, settings)
     return gain >= limits.min_own_gain * of_upper or shared < limits.max_shared_gain * gain
 
 

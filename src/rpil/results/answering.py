@@ -15,10 +15,10 @@ from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.groups import TWO_GROUPS
+from rpil.results.groups import SECOND_WAY, TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import weighted
+from rpil.results.step_weights import MIN_ANSWERS, weights_of
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict, Words
 
@@ -45,6 +45,8 @@ class Judged(Protocol):
 
     @property
     def ids(self) -> tuple[Hashable, ...]: ...
+    @property
+    def offsets(self) -> Int[Array, " _"]: ...
     @property
     def anchor(self) -> str: ...
     @property
@@ -108,6 +110,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
     log_odds = found.log_odds + from_demonstrator
     proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
+    is_decided = found.count >= MIN_ANSWERS
     answered = replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",
@@ -117,23 +120,28 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
         verdicts=verdicts_of(words, "answers"),
-        identifiable=True,
-        competing=(),
+        identifiable=audit.identifiable or is_decided,
+        competing=() if is_decided else audit.competing,
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
-        notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
-        assumptions=_assumptions(audit, known),
+        notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),
+        assumptions=_assumptions(audit, known, is_decided),
     )
-    return weighted(answered)
+    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var]
 
 
-def _assumptions(audit: Judged, known: Answers) -> tuple[str, ...]:
+def _is_of_groups(sentence: str) -> bool:
+    """Whether a sentence is about groups without answers."""
+    return TWO_GROUPS in sentence or SECOND_WAY in sentence
+
+
+def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
     said = sentence_of(audit.answers, audit.copy_of)
     old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and TWO_GROUPS not in one)
+    kept = (one for one in audit.assumptions if one not in old and not (is_decided and _is_of_groups(one)))
     return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known, audit.copy_of))
 
 

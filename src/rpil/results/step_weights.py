@@ -17,8 +17,7 @@ A demonstration weighs less for being called unlike only where the unlike ones h
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 
@@ -51,28 +50,28 @@ class Weighable(Protocol):
     @property
     def from_actions(self) -> Float[Array, " M"]: ...
     @property
+    def offsets(self) -> Int[Array, " _"]: ...
+    @property
     def lengths(self) -> Int[Array, " M"]: ...
     @property
     def step_share(self) -> Float[Array, " N"]: ...
+    @property
+    def step_weight(self) -> Float[Array, " N"]: ...
 
-
-A = TypeVar("A", bound=Weighable)
 
 MIN_ANSWERS = 2
 """Answers about different demonstrations from which they weigh others than those that were labelled."""
 
 
-def weighted(audit: A) -> A:
-    """The audit with the weights of its steps."""
-    weight, sign = of_demonstrations(audit)
-    found = step_weight(audit.lengths, weight, sign, audit.step_share)
-    return replace(audit, step_weight=found)  # type: ignore[type-var]  # every audit is a dataclass
+def weights_of(audit: Weighable) -> Float[Array, " N"]:
+    """The weights of the steps of an audit."""
+    return step_weight(audit.lengths, *of_demonstrations(audit), audit.step_share)
 
 
 def step_weight(
     lengths: Int[Array, " M"], weight: Float[Array, " M"], sign: Float[Array, " M"], share: Float[Array, " N"]
 ) -> Float[Array, " N"]:
-    """Weight of each step, in [0, 2], from the mean `weight` W_m of its demonstration, the `sign` c and its `share` s_n.
+    """Weight of each step, in [0, 2]: from `weight` W_m and `sign` c of its demonstration, and its `share` s_n.
 
     Empty where steps are not kept.
     """
@@ -104,12 +103,12 @@ def sign_with_answers(p_good: Float[Array, " M"], in_training_group: Array) -> f
     return float(p_good[in_training_group].mean() - p_good[~in_training_group].mean())
 
 
-def why_constant(audit: Weighable) -> str:
-    """One sentence that says why no demonstration weighs less than another one; "" where one does."""
-    weight, _ = of_demonstrations(audit)
-    if np.ptp(weight) > 0:
+def why_equal(audit: Weighable) -> str:
+    """One sentence that says why all demonstrations have the same mean weight, within 5 %; "" where they have not."""
+    mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
+    if np.ptp(mean) > 0.05 * mean.max():
         return ""
-    reason = "those that are unlike have a policy of their own, which may be as good"
-    if audit.identifiable or audit.finding != "some are unlike":
-        reason = f"the finding is \"{audit.finding}\""
-    return f"All demonstrations have the same mean weight, because {reason}: answer a question, and they will differ."
+    reason = f'the finding is "{audit.finding}"'
+    if audit.finding == "some are unlike":
+        reason = "those that are unlike may follow a policy of their own, which may be as good"
+    return f"all demonstrations have the same mean weight, because {reason}; answers to the questions change that."

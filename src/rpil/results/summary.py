@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import expit
@@ -16,11 +17,11 @@ from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, verdicts_of
 from rpil.results.facts import ranks_beside
-from rpil.results.groups import groups_differ
+from rpil.results.groups import SECOND_WAY, groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS, Demonstrator, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import weighted
+from rpil.results.step_weights import MIN_ANSWERS, weights_of
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Anchor
 
@@ -35,13 +36,15 @@ def audit_from_judgement(
     steps, finding, claims = judgement.step_trust, judgement.finding, judgement.claims
     anchor: Anchor = "none" if judgement.answered is None else "answers"
     known = judgement.answered
-    groups = claims.groups if known is None else None
+    is_decided = known is not None and known.count >= MIN_ANSWERS
+    groups = None if is_decided else claims.groups
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     proba = expit(log_odds)
     if finding in ("two groups", "nothing could be learned"):
         proba = np.full(len(proba), 0.5)
     doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
     differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
+    notes = (SECOND_WAY,) if claims.is_second_way and not is_decided else differ
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -58,7 +61,7 @@ def audit_from_judgement(
         step_share=steps.share,
         step_weight=steps.share,
         prior=Interval(*judgement.expert_share),
-        identifiable=finding != "two groups" and not claims.is_second_way,
+        identifiable=is_decided or not (claims.finding == "two groups" or claims.is_second_way),
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
@@ -68,13 +71,13 @@ def audit_from_judgement(
         answers=answers,
         contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
         doubts=doubts if known is None else doubts_of_answers(known),
-        notes=differ,
+        notes=notes,
         columns=judgement.columns,
         copy_of=judgement.copy_of,
         beside=ranks_beside(judgement.beside),
         settings=settings,
     )
-    return weighted(audit)
+    return replace(audit, step_weight=weights_of(audit))
 
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:

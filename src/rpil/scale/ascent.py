@@ -46,9 +46,8 @@ def gather_steps(
     With `on_disk` the arrays are in single precision in a temporary file, which goes when they go.
     """
     if not on_disk:
-        log_ratio, share, weight = map(list, zip(*blocks, strict=True))
-        total = sum(float(one.sum()) for one in weight)
-        return (np.concatenate(log_ratio), np.concatenate(share), np.concatenate(weight)), total
+        log_ratio, share, weight = map(np.concatenate, zip(*blocks, strict=True))
+        return (log_ratio, share, weight), float(weight.sum())
     total = 0.0
     with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second, tempfile.TemporaryFile() as third:
         files = first, second, third
@@ -58,8 +57,10 @@ def gather_steps(
                 file.write(column.astype(np.float32).tobytes())
         for file in files:
             file.flush()
-        log_ratio, share, weight = (np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files)
-    return (log_ratio, share, weight), total
+        first_column, second_column, third_column = (
+            np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files
+        )
+    return (first_column, second_column, third_column), total
 
 
 def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
