@@ -29,7 +29,11 @@ def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
     design = model.judge_features_.design(data.observations)
     problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
     group = np.arange(120) < 80
-    judgement = SimpleNamespace(training_group=group, scores=SimpleNamespace(fit=SimpleNamespace(ridge=1e-3)))
+    judgement = SimpleNamespace(
+        training_group=group,
+        scores=SimpleNamespace(fit=SimpleNamespace(ridge=1e-3)),
+        claims=SimpleNamespace(do_steps_tell=True),
+    )
     weigh = StepWeights.of(audit, Sample(problem, np.arange(120), judgement, model.judge_), settings)
     log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
     kind, of_others = type(model.judge_.ratio), problem.per_step((~group).astype(float))
@@ -48,7 +52,7 @@ def test_without_others_the_steps_of_a_demonstration_weigh_the_same():
     model = small_rpil().fit(data)
     design = model.judge_features_.design(data.observations)
     problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
-    judgement = SimpleNamespace(training_group=np.ones(120, dtype=bool))
+    judgement = SimpleNamespace(training_group=np.ones(120, dtype=bool), claims=SimpleNamespace(do_steps_tell=False))
     weigh = StepWeights.of(model.audit_, Sample(problem, np.arange(120), judgement, model.judge_), JudgeSettings())
     np.testing.assert_allclose(weigh.steps(problem, slice(0, 120))[1], 0.5, atol=1e-6)
 

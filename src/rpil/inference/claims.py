@@ -22,7 +22,7 @@ from scipy.stats import norm, spearmanr
 from rpil.data.copies import Copies
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, is_learnable, is_second_way, look_below
+from rpil.inference.rivals import Lower, OwnPolicy, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -53,8 +53,11 @@ class Claims:
     contrast: Contrast | None = None
     """How two groups differ that each have a policy of their own."""
     is_second_way: bool = False
-    """Whether those that are unlike may follow a policy of their own (`rpil.inference.rivals.is_second_way`), so that
+    """Whether those that are unlike may follow a policy of their own (`rpil.inference.rivals.OwnPolicy`), so that
     nothing may be done about them before an answer."""
+    do_steps_tell: bool = False
+    """Whether steps are compared by policies of the training group and of the others
+    (`rpil.inference.rivals.do_steps_tell`)."""
 
     @property
     def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
@@ -107,8 +110,8 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if not unlike.any():
         return Claims("nobody stands out", nobody, (), split.lower)
     upper = np.isin(np.arange(len(unlike)), split.lower.upper)
-    second = is_second_way(data, upper, unlike, scores.fit.ridge, scoring.settings)
-    return Claims("some are unlike", split.words, (), split.lower, is_second_way=second)
+    own = OwnPolicy.of(data, upper, unlike, scores.fit.ridge, scoring.settings)
+    return Claims("some are unlike", split.words, (), split.lower, is_second_way=own.is_there)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
-from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.features import FeatureMap, FeatureSettings
@@ -90,31 +90,65 @@ def is_learnable(
     return is_credible(gains(data, log_prob, few, settings.held_out), settings.rivals.standard_errors)
 
 
-def is_second_way(
-    data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], ridge: float, settings: JudgeSettings
-) -> bool:
-    """Whether the `lower` group may follow a policy of its own, by features with which a policy can bend (Nystroem's).
+def do_steps_tell(data: FitData, fit: TrimmedFit, settings: JudgeSettings) -> bool:
+    """Whether a step that the policy of the training group explains better than that of the others is the better one.
 
-    It does where its own policy, held out, explains it at least `min_own_gain` times as well as a policy of the `upper`
-    group explains that; or where it is a rival by the rule of this module. To the features of the scores a rule that
-    they cannot express looks like noise. Where a group has many steps, a sample of its demonstrations decides.
+    It is not where the others are too few to have a policy, or may follow one of their own: then there are two ways.
     """
-    limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
-    few, is_lower = _sample(data, upper, lower, limits.max_steps)
-    features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
-    few = replace(few, features=features.design(few.features))
-    model = held_out_model(few, 0, settings.held_out)
-
-    def own_gains(group: Array) -> Array:
-        return gains(few, _log_prob(few, model.cold_copy(), group, ridge), group, settings.held_out)
-
-    own, of_upper = own_gains(is_lower), max(float(np.median(own_gains(~is_lower))), 0.0)
-    gain = float(np.median(own))
-    if gain <= limits.max_noise * of_upper or not is_credible(own, limits.standard_errors):
+    others = ~fit.group
+    if others.sum() < settings.rivals.min_group:
         return False
-    of_others, of_own = few.per_step((~is_lower).astype(float)), few.per_step(is_lower.astype(float))
-    shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge), is_lower, settings)
-    return gain >= limits.min_own_gain * of_upper or shared < limits.max_shared_gain * gain
+    return not OwnPolicy.of(data, fit.group, others, fit.ridge, settings).is_strong
+
+
+@dataclass(frozen=True, eq=False)
+class OwnPolicy:
+    """How well policies that can bend (of Nystroem's features) explain the `lower` of two groups, held out.
+
+    To the features of the scores a rule that they cannot express looks like noise.
+    """
+
+    gain: float
+    """Median gain of the lower group by its own policy, nats a step."""
+    of_upper: float
+    """That of the upper group by its own, or 0."""
+    shared: float
+    """The largest gain of the lower group by the policy of the upper one, mixed with its own reference."""
+    is_credible: bool
+    """Whether the gain is above 0 by its standard errors, and above the share of it that noise has."""
+    limits: RivalSettings
+
+    @classmethod
+    def of(
+        cls, data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], ridge: float, settings: JudgeSettings
+    ) -> OwnPolicy:
+        """Fitted to a sample of the demonstrations, where the groups have many steps."""
+        limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
+        few, is_lower = _sample(data, upper, lower, limits.max_steps)
+        features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
+        few = replace(few, features=features.design(few.features))
+        folds = replace(settings.held_out, max_folds_continuous=settings.held_out.max_folds_discrete)  # many columns
+        model = held_out_model(few, 0, folds)
+
+        def own_gains(group: Array) -> Array:
+            return gains(few, _log_prob(few, model.cold_copy(), group, ridge), group, settings.held_out)
+
+        own, of_upper = own_gains(is_lower), max(float(np.median(own_gains(~is_lower))), 0.0)
+        of_others, of_own = few.per_step((~is_lower).astype(float)), few.per_step(is_lower.astype(float))
+        shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge), is_lower, settings)
+        gain = float(np.median(own))
+        credible = is_credible(own, limits.standard_errors) and gain > limits.max_noise * of_upper
+        return cls(gain, of_upper, shared, credible, limits)
+
+    @property
+    def is_strong(self) -> bool:
+        """Whether it explains the lower group about as well as that of the upper group explains that."""
+        return self.is_credible and self.gain >= self.limits.min_own_gain * self.of_upper
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is strong, or explains what the policy of the upper group does not."""
+        return self.is_strong or (self.is_credible and self.shared < self.limits.max_shared_gain * self.gain)
 
 
 def _sample(

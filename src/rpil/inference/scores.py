@@ -78,13 +78,9 @@ class Scoring:
         return fit_group(self.data, self.model, group, self.ridge)
 
     def against_others(self, fit: TrimmedFit) -> Float[Array, " N"]:
-        """log pi_T - log pi_R of each step, held out: policies of the training group T against those of the others R; 0
-        where these are too few to have a policy."""
-        others = ~fit.group
-        if others.sum() < self.settings.rivals.min_group:
-            return np.zeros(len(fit.held_out.log_prob))
-        weight = self.data.per_step(others.astype(float))
-        return np.asarray(fit.held_out.log_prob - self.model.cold_copy().evaluate(weight, self.ridge).log_prob)
+        """log pi_T - log pi_R of each step, held out: of policies of the training group T and of the others R."""
+        others = self.data.per_step((~fit.group).astype(float))
+        return np.asarray(fit.held_out.log_prob - self.model.cold_copy().evaluate(others, self.ridge).log_prob)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.

@@ -22,6 +22,7 @@ from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
+from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
@@ -117,8 +118,10 @@ def judge(
     described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
     beside = facts_beside(data, actions, states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
-    shares = step_shares(data, scoring.against_others(scores.fit), settings)
-    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares)
+    against = np.zeros(len(log_ratio))
+    if not claims.is_second_way and do_steps_tell(data, scores.fit, settings):
+        claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
+    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), step_shares(data, against, settings))
     answers = Answers.of_labels(data.labels) if answers is None else answers
     columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)

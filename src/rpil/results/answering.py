@@ -78,7 +78,7 @@ class Judged(Protocol):
     @property
     def identifiable(self) -> bool: ...
     @property
-    def competing(self) -> Sequence[Sequence[Hashable]]: ...
+    def competing(self) -> tuple[tuple[Hashable, ...], ...]: ...
     @property
     def verdicts(self) -> Sequence[str]: ...
     @property
@@ -129,7 +129,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
-    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var]
+    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var, arg-type]
 
 
 def _is_of_groups(sentence: str) -> bool:

@@ -4,10 +4,10 @@
 
 s_n is the share of step n in its demonstration (`rpil.inference.step_trust`), whose mean over every demonstration is
 1/2. So W_m is the mean weight of a step of demonstration m, and c in [-1, 1] says for which policy the steps are
-evidence: 1 for that of the training group T, -1 for that of the others R.
+evidence: 1 for that of the training group T, -1 for that of the others R, 0 where nothing says which is better.
 
     without answers    W_m = P(typical), where m is called unlike;  W_m = 1, elsewhere
-                       c = 1;  -1 for the lower one of two groups, each of which has a policy of its own
+                       c = 1;  0 where two groups, or those that are unlike, have a policy of their own
     two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
 
 A demonstration weighs less for being called unlike only where the unlike ones have no policy of their own
@@ -43,8 +43,6 @@ class Weighable(Protocol):
     def verdicts(self) -> Sequence[str]: ...
     @property
     def identifiable(self) -> bool: ...
-    @property
-    def competing(self) -> Sequence[Sequence[Hashable]]: ...
     @property
     def expert_proba(self) -> Float[Array, " M"]: ...
     @property
@@ -90,9 +88,7 @@ def of_demonstrations(audit: Weighable) -> tuple[Float[Array, " M"], Float[Array
         return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
     is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     weighs_less = is_lower & (audit.identifiable | (labels < 0))
-    rival = {*audit.competing[1]} if audit.competing else set()
-    sign = np.array([-1.0 if name in rival else 1.0 for name in audit.ids])
-    return np.where(weighs_less, proba, 1.0), sign
+    return np.where(weighs_less, proba, 1.0), np.full(len(proba), float(audit.identifiable))
 
 
 def sign_with_answers(p_good: Float[Array, " M"], in_training_group: Array) -> float:

@@ -139,11 +139,10 @@ class StepWeights:
     @classmethod
     def of(cls, audit: Audit, sample: Sample, settings: JudgeSettings) -> StepWeights:
         """The weights under an audit, by the policies of a sample."""
-        group, kind = sample.judgement.training_group, type(sample.judge.ratio)
-        others = None
-        if (~group).sum() >= settings.rivals.min_group and issubclass(kind, SoftmaxRatio | StudentRatio):
-            weight = sample.data.per_step((~group).astype(float))
-            others = kind.fit(sample.data, weight, sample.judgement.scores.fit.ridge, settings.held_out)
+        judged, kind, others = sample.judgement, type(sample.judge.ratio), None
+        if judged.claims.do_steps_tell and issubclass(kind, SoftmaxRatio | StudentRatio):
+            weight = sample.data.per_step((~judged.training_group).astype(float))
+            others = kind.fit(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
         return cls(sample.judge, others, *of_demonstrations(audit), settings)
 
     def only(self, demonstrations: slice) -> StepWeights:
