@@ -125,7 +125,7 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 
     order = audit.ranking()[::-1].tolist()
     doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
-    doubtful = [m for m in doubtful if audit.expert_proba[m] < audit.settings.min_proba(audit.anchor)]
+    doubtful = [m for m in doubtful if audit.log_odds[m] < 0 or not audit.is_sure[m]]
     shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
     shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
     return [m for m in order if m in shown]
@@ -138,11 +138,13 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 
     groups = {name: letter for letter, members in _groups(audit).items() for name in members}
     sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
+    proba = {m: f"{audit.expert_proba[m]:.3f}" for m in shown if audit.has_proba(m)}
     columns: Columns = {
+        "place": [f"{audit.ranks[m]:,}" for m in shown],
         "id": [printable(audit.ids[m]) for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
         **{name: [f"{part[m]:+,.2f}" for m in shown] for name, part in {"log-odds": audit.log_odds, **sums}.items()},
-        audit.words.probability: [f"{audit.expert_proba[m]:.3f}" for m in shown],
+        **({audit.words.probability: [proba.get(m, "") for m in shown]} if proba else {}),
         "reliability": [f"{audit.reliability[m]:.2f}" for m in shown],
         "verdict": [Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
         "worst steps": [" ".join(map(str, audit.worst_steps(m))) for m in shown],
@@ -163,16 +165,18 @@ def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     counts = [audit.verdict_counts(row.demonstrations) for row in shown]
     columns: Columns = {
         "demonstrator": [printable(row.name) for row in shown],
-        "trust": [f"{row.trust.mean:.2f}" for row in shown],
-        "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown],
+        "trust": [f"{row.trust.mean:.2f}" for row in shown if row.trust],
+        "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown if row.trust],
         "demonstrations": [f"{len(row.demonstrations):,}" for row in shown],
         **{word: [f"{count[word]:,}" for count in counts] for word in audit.verdict_counts()},
+        "style": [audit.style(row) for row in shown],
     }
-    _print_table(columns, ["95 %"], len(audit.demonstrators), "demonstrators")
-    click.echo("")
+    columns = {title: cells for title, cells in columns.items() if cells}  # without answers there is no trust
+    _print_table(columns, ["95 %", "style"], len(audit.demonstrators), "demonstrators")
+    click.echo("" if "trust" in columns else "To judge within each of them: --session operator, their column.\n")
 
 
-LEFT = "id", "demonstrator", "verdict", "worst steps", "group"
+LEFT = "id", "demonstrator", "verdict", "worst steps", "group", "style"
 """Columns of words; the others are numbers."""
 
 

@@ -14,6 +14,7 @@ Nothing here says who is good.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from scipy.stats import norm, spearmanr
 from rpil.data.copies import Copies
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
+from rpil.inference.operators import operators_apart
 from rpil.inference.rivals import Lower, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
@@ -38,6 +40,8 @@ class Doubt:
     """The demonstrations of which it speaks, in runs that follow one another in the stated order."""
     part: int | None = None
     """The part of the action of which it speaks, for which {part} stands."""
+    operators: tuple[Hashable, ...] = ()
+    """The operators of whom it speaks, for whom {operators} stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +205,12 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
         doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
+    are_all, operators = operators_apart(data.demonstrators, split.words, limits.max_runs_p)
+    if operators:
+        whose = "All that score low are of one operator, {operators}"
+        whose = whose if are_all else "Most that score low are of operators of whom none is typical ({operators})"
+        sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within"
+        doubts.append(Doubt(f"{sentence} operators (--session operator).", operators=operators))
     share, part = share_of_part(scoring, scores, unlike)
     if share > limits.max_part_share:
         doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", part=part))

@@ -7,18 +7,20 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import FINDINGS
+from rpil.inference.operators import trust_by_operator
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
+from rpil.results.demonstrators import Demonstrator, known_demonstrators, rank_demonstrators
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
+from rpil.results.shown import shown_proba
 from rpil.results.step_weights import step_weight
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict, Words
@@ -67,7 +69,7 @@ class Judged(Protocol):
     @property
     def from_demonstrator(self) -> Float[Array, " M"]: ...
     @property
-    def expert_proba(self) -> Float[Array, " M"]: ...
+    def demonstrators(self) -> tuple[Demonstrator, ...]: ...
     @property
     def lengths(self) -> Int[Array, " M"]: ...
     @property
@@ -100,9 +102,11 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not known.once(audit.copy_of).any:
         return audit
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
-    from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
+    who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
+    from_demonstrator, trust = trust_by_operator(who, found.log_odds, known, audit.copy_of, prior)
     log_odds = found.log_odds + from_demonstrator
-    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
+    words = found.words * (np.sign(log_odds) == found.words)
+    proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
     log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
     step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
@@ -117,6 +121,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         step_weight=step_weight(audit.lengths, proba, audit.reliability, step, audit.settings),
         identifiable=True,
         competing=(),
+        demonstrators=rank_demonstrators(who, trust, audit.ids),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
