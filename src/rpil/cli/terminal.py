@@ -111,7 +111,8 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     _print_reasons(audit, shown[:N_WORST])
     click.echo("\n" + audit.words.meaning(audit.expert_proba) + "\n")
     if audit.demonstrators:
-        _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
+        least_first = audit.demonstrators[:: -1 if audit.demonstrators[0].trust else 1]
+        _print_demonstrators(least_first[: None if all_rows else MAX_DEMONSTRATORS], audit)
     wrong = [f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting]
     print_lines([verdict_sentence(audit), *wrong, *audit.notes])
 
@@ -121,11 +122,13 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 
     Doubtful are those that stay open although the finding gives words, unless they score as high as the typical ones.
     """
+    from scipy.special import expit
+
     from rpil.inference.findings import DECIDED
 
     order = audit.ranking()[::-1].tolist()
     doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
-    doubtful = [m for m in doubtful if audit.log_odds[m] < 0 or not audit.is_sure[m]]
+    doubtful = [m for m in doubtful if expit(audit.log_odds[m]) < audit.settings.min_proba(audit.anchor)]
     shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
     shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
     return [m for m in order if m in shown]
@@ -136,12 +139,12 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 
     from rpil.results.words import SIDES
 
-    groups = {name: letter for letter, members in _groups(audit).items() for name in members}
+    groups = {name: letter for letter, members in audit.groups.items() for name in members}
     sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
     proba = {m: f"{audit.expert_proba[m]:.3f}" for m in shown if audit.has_proba(m)}
     columns: Columns = {
-        "place": [f"{audit.ranks[m]:,}" for m in shown],
         "id": [printable(audit.ids[m]) for m in shown],
+        "place": [f"{audit.ranks[m]:,}" for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
         **{name: [f"{part[m]:+,.2f}" for m in shown] for name, part in {"log-odds": audit.log_odds, **sums}.items()},
         **({audit.words.probability: [proba.get(m, "") for m in shown]} if proba else {}),
@@ -233,7 +236,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     from rpil.results.answering import NEXT_STEPS
 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
-    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
+    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in audit.groups.items()]
     lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
     if audit.finding == "nothing could be learned":
         return "\n".join(lines)
@@ -269,11 +272,6 @@ def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: b
         f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
     ]
-
-
-def _groups(audit: Audit) -> dict[str, tuple[Hashable, ...]]:
-    """The competing groups by their letters."""
-    return dict(zip("AB", audit.competing, strict=False))
 
 
 def join_ids(ids: Sequence[Hashable], separator: str = ", ") -> str:

@@ -39,10 +39,7 @@ class Demonstrators:
     def note(self) -> str:
         """How the demonstrators are used, or why they are not, in one sentence; empty where they were not given."""
         if self.informative:
-            return (
-                "Without answers demonstrators change no log-odds; with answers the log-odds of a demonstration include "
-                "evidence from the other demonstrations of its demonstrator."
-            )
+            return "With answers, log-odds include evidence from the other demonstrations of the same demonstrator."
         if not self.names:
             return ""
         if len(self.names) < len(self.index):

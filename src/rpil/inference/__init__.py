@@ -7,7 +7,6 @@
     scores           scores of demonstrations, their variances and their groups
     parts            the parts of a continuous action that are judged, and their scales
     rivals           a second group of demonstrations with a policy of its own
-    operators        what the operators of demonstrations say, with answers and without
     claims           what the scores support without answers: words, doubts, the pair of the question
     channels         numbers that describe a demonstration, from which answers learn
     answers          what labels, pairs and outcomes say: a Bayesian logistic regression

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.stats import norm, spearmanr
 
 from rpil.data.copies import Copies
+from rpil.data.demonstrators import Demonstrators
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.operators import operators_apart
 from rpil.inference.rivals import Lower, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
@@ -205,10 +205,8 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
         doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
-    are_all, operators = operators_apart(data.demonstrators, split.words, limits.max_runs_p)
+    whose, operators = operators_apart(data.demonstrators, split.words, limits.max_runs_p)
     if operators:
-        whose = "All that score low are of one operator, {operators}"
-        whose = whose if are_all else "Most that score low are of operators of whom none is typical ({operators})"
         sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within"
         doubts.append(Doubt(f"{sentence} operators (--session operator).", operators=operators))
     share, part = share_of_part(scoring, scores, unlike)
@@ -233,6 +231,25 @@ def runs_p(member: Bool[Array, " M"]) -> float:
     mean = 1 + 2 * a * b / n
     variance = max((mean - 1) * (mean - 2) / (n - 1), 1e-12)
     return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
+
+
+def operators_apart(
+    demonstrators: Demonstrators, words: Int[Array, " M"], max_chance: float
+) -> tuple[str, tuple[Hashable, ...]]:
+    """The one operator of all unlike demonstrations, two at least; or those of most, of whom none is typical, although
+    by chance one would be: (1 - share of typical ones) ** demonstrations < `max_chance`. And who they are in words."""
+    unlike, typical = words < 0, words > 0
+    if not demonstrators.informative or unlike.sum() < 2:
+        return "", ()
+    n_unlike = demonstrators.indicator @ unlike
+    if n_unlike.max() == unlike.sum():
+        return "All that score low are of one operator, {operators}", (demonstrators.names[int(n_unlike.argmax())],)
+    chance = (1 - typical.mean()) ** demonstrators.counts
+    apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < max_chance)
+    if 2 * n_unlike[apart].sum() <= unlike.sum():
+        return "", ()
+    names = tuple(demonstrators.names[u] for u in np.flatnonzero(apart))
+    return "Most that score low are of operators of whom none is typical ({operators})", names
 
 
 def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:

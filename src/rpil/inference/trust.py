@@ -21,11 +21,11 @@ from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
-from rpil.inference.operators import trust_by_operator
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, step_trust
 from rpil.inference.trimming import fit_trimmed
+from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -172,14 +172,15 @@ def conclude(
     """
     scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
     from_actions = scores.log_odds(settings)
-    from_answers, answered = np.zeros(len(words)), None
+    from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
+    answered = None
     if answers.once(evidence.copy_of).any:
         answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
         from_answers = answered.log_odds - from_actions
-        words = answered.words
-    from_demonstrator, trust = trust_by_operator(
-        data.demonstrators, from_actions + from_answers, answers, evidence.copy_of, settings.demonstrators
-    )
+        words, labels = answered.words, answers.shared(evidence.copy_of).labels
+        from_demonstrator, trust = trust_by_demonstrator(
+            data.demonstrators, answered.log_odds, labels, evidence.copy_of, settings.demonstrators
+        )
     total = from_actions + from_demonstrator + from_answers
     words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two

@@ -7,20 +7,20 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
+from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
-from rpil.inference.findings import FINDINGS
-from rpil.inference.operators import trust_by_operator
+from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.step_trust import step_proba
+from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.demonstrators import Demonstrator, known_demonstrators, rank_demonstrators
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
-from rpil.results.shown import shown_proba
 from rpil.results.step_weights import step_weight
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict, Words
@@ -103,7 +103,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         return audit
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
-    from_demonstrator, trust = trust_by_operator(who, found.log_odds, known, audit.copy_of, prior)
+    said = known.shared(audit.copy_of).labels
+    from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = found.log_odds + from_demonstrator
     words = found.words * (np.sign(log_odds) == found.words)
     proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
@@ -149,6 +150,18 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id
     old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
     compared = match_pairs([*old, *more, *pairs], audit.ids)
     return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
+
+
+def shown_proba(
+    log_odds: Float[Array, " M"], words: Int[Array, " M"], finding: str, min_proba: float
+) -> Float[Array, " M"]:
+    """P of each demonstration, which claims no more than the words: 1/2 where the `finding` gives none; where the
+    demonstration has none (0), strictly between 1 - `min_proba` and `min_proba`, from which words are given."""
+    if finding not in DECIDED:
+        return np.full(len(log_odds), 0.5)
+    proba = expit(log_odds)
+    bounded = np.clip(proba, np.nextafter(1 - min_proba, 1), np.nextafter(min_proba, 0))
+    return np.asarray(np.where(words == 0, bounded, proba))
 
 
 def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:

@@ -127,8 +127,9 @@ class Audit(AuditResult):
         """A data frame with a row for each demonstration, in the order of the data.
 
         The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, rank (the place in the
-        ranking, 1 the most trusted), expert_proba (the probability that `words` names), log_odds and its parts, reliability, n_steps, facts, and the reason;
-        demonstrator where demonstrators were given, and session where sessions are known.
+        ranking, 1 the most trusted), expert_proba (the probability that `words` names), log_odds and its parts,
+        reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session where
+        sessions are known.
 
         Parameters
         ----------

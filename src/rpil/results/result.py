@@ -21,11 +21,11 @@ from rpil.data.run import run_id
 from rpil.inference.answers import Answers
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.step_trust import step_proba
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
-from rpil.results.demonstrators import Demonstrator, Interval, style
-from rpil.results.facts import Fact, known_facts
+from rpil.results.demonstrators import Demonstrator, Interval
+from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.provenance import Provenance
 from rpil.results.reasons import MAX_LOG_RATIO, GivenLabel, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
@@ -99,14 +99,14 @@ class AuditResult:
         typical = float(np.median(trusted)) if len(trusted) else math.nan
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         labels, has_outcome = self.labels, np.isfinite(self._answers_of_copies().outcome).tolist()
-        is_sure = self.is_sure
+        min_log_odds = logit(self.settings.min_proba(self.anchor))
         grounds = (
             Grounds(
                 finding=self.finding,
                 words=self.words,
                 verdict=self.verdicts[m],
                 log_odds=float(self.log_odds[m]),
-                is_sure=bool(is_sure[m]),
+                is_sure=bool(abs(self.log_odds[m]) >= min_log_odds),
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
                 label=labels[m],
@@ -169,14 +169,7 @@ class AuditResult:
     @cached_property
     def ranks(self) -> Int[Array, " M"]:
         """The place of each demonstration in the ranking, from 1, the most trusted, on."""
-        ranks = np.empty(len(self.ids), dtype=np.int64)
-        ranks[self.ranking()] = np.arange(1, len(self.ids) + 1)
-        return ranks
-
-    @property
-    def is_sure(self) -> Bool[Array, " M"]:
-        """Whether the log-odds of each demonstration are those from which a word may be given."""
-        return np.asarray(np.abs(self.log_odds) >= logit(self.settings.min_proba(self.anchor)))
+        return np.argsort(self.ranking()) + 1
 
     def has_proba(self, index: int) -> bool:
         """Whether `expert_proba` of a demonstration may be shown: it has a word, or an adversary was named. Else its
@@ -190,8 +183,8 @@ class AuditResult:
         return f"place {self.ranks[index]:,} of {len(self.ids):,}"
 
     def style(self, who: Demonstrator) -> str:
-        """The style of a demonstrator in words, see `rpil.results.demonstrators.style`."""
-        return style(self.lengths, self.facts, [self.index(name) for name in who.demonstrations])
+        """The style of a demonstrator in words."""
+        return style_in_words(self.facts, self.lengths, [self.index(name) for name in who.demonstrations])
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:

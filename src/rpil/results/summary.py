@@ -13,14 +13,13 @@ from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
 from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.answering import doubts_of_answers, verdicts_of
+from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
 from rpil.results.demonstrators import Interval, rank_demonstrators
 from rpil.results.facts import ranks_beside
 from rpil.results.groups import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
-from rpil.results.shown import shown_proba
 from rpil.results.step_weights import step_weight
 from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Anchor

@@ -57,9 +57,9 @@ def write_verdicts(
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
-    expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and
-    so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and
-    the provenance among its metadata too.
+    expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in nats, reliability,
+    demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the
+    run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
     Parameters
     ----------
