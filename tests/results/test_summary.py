@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
-from audits import make_audit
 from problems import make, pooled_state
-from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.claims import Doubt
@@ -22,7 +20,6 @@ from rpil.results.step_weights import is_anyone_trusted, step_weight, typical_re
 from rpil.results.summary import (
     audit_from_mixture,
     doubt_sentence,
-    rank_demonstrators,
 )
 
 SHARE = Interval(0.3, 0.2, 0.4)
@@ -145,16 +142,3 @@ def test_someone_is_trusted_from_one_expected_step(proba, trusted):
     expert_proba = np.full(5, proba)  # times 15 steps
     assert is_anyone_trusted(expert_proba, LENGTHS) is trusted
     assert typical_reliability(np.full(5, 0.7), expert_proba, LENGTHS) == (0.7 if trusted else 1.0)
-
-
-def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
-    demonstrators = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
-    trust = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
-    bob, ann = rank_demonstrators(demonstrators, trust, IDS)
-    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
-    assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
-    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
-    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
-    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
-    assert bob.trust == Interval(0.8, 0.7, 0.9)
-    assert rank_demonstrators(Demonstrators(), trust, IDS) == ()
