@@ -98,7 +98,7 @@ def test_parts_of_the_log_odds_add_up(folder):
     without = ok(*told).stdout
     assert re.search(r"^demonstrator +demonstrations +typical +open +unlike +style *$", without, re.MULTILINE)
     assert re.search(r"^c +3 +0 +0 +3 +\d\.\d\d of the median length", without, re.MULTILINE)
-    assert "trust" not in without
+    assert not re.search(r"^demonstrator +trust", without, re.MULTILINE)
     assert "--session operator" in without
 
 

@@ -43,7 +43,7 @@ def test_short_demonstration_is_shrunk_to_its_demonstrator(fitted):
     assert audit.verdict_counts(ann.demonstrations)["bad"] == audit.verdict_counts(bob.demonstrations)["good"] == 0
     assert audit.verdict_counts(bob.demonstrations)["bad"] >= 5
     assert ann.trust.low > bob.trust.high
-    assert any("other demonstrations of its demonstrator" in said for said in audit.assumptions)
+    assert any("other demonstrations of the same demonstrator" in said for said in audit.assumptions)
     told = json.loads(json.dumps(audit.to_dict(), allow_nan=False))["demonstrators"]
     assert told[0]["name"] == "Ann"
     assert told[0]["trust"].keys() == {"mean", "low", "high"}

@@ -88,7 +88,7 @@ def test_operators_without_answers_change_no_log_odds(seed):
 
 
 def test_operators_are_known_where_demonstrations_are_copies():
-    toy, data, one, _ = world(0)
+    toy, _, one, _ = world(0)
     rows = np.arange(toy.offsets[0], toy.offsets[1])
     offsets = np.append(toy.offsets, toy.offsets[-1] + len(rows))
     copied = Demonstrations.from_arrays(

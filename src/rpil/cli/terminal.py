@@ -32,6 +32,7 @@ SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 MAX_ROWS = 26  # of the ranking, and of the demonstrators with their titles, unless all are asked for
 MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
+NO_PROBABILITY = "Demonstrations without a word have a place in the ranking, and no probability."
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
 
@@ -109,7 +110,8 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
     _print_reasons(audit, shown[:N_WORST])
-    click.echo("\n" + audit.words.meaning(audit.expert_proba) + "\n")
+    is_known = any(map(audit.has_proba, range(len(audit.ids))))
+    click.echo(f"\n{audit.words.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
     if audit.demonstrators:
         least_first = audit.demonstrators[:: -1 if audit.demonstrators[0].trust else 1]
         _print_demonstrators(least_first[: None if all_rows else MAX_DEMONSTRATORS], audit)
