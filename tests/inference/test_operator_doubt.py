@@ -11,7 +11,7 @@ from hand_made import same_actions, scores_of, scoring_of
 from problems import make
 from rpil import RPIL, Demonstrations
 from rpil.data.demonstrators import Demonstrators
-from rpil.inference.claims import claim, operators_apart
+from rpil.inference.claims import claim, doubts_of_operators
 from rpil.inference.settings import JudgeSettings
 
 SCORE = np.array([1.0] * 6 + [0.0] * 4)
@@ -19,9 +19,10 @@ SETTINGS = JudgeSettings()
 
 
 def apart(names, words, max_chance=0.01):
-    """The operators apart, and the beginning of the sentence about them."""
-    said, operators = operators_apart(Demonstrators.from_names(names), np.asarray(words), max_chance)
-    return said.split()[0] if said else "", operators
+    """The operators of a doubt, and the beginning of its sentence."""
+    limits = replace(SETTINGS.claims, max_runs_p=max_chance)
+    doubts = doubts_of_operators(Demonstrators.from_names(names), np.asarray(words), limits)
+    return (doubts[0].sentence.split()[0], doubts[0].operators) if doubts else ("", ())
 
 
 @pytest.mark.parametrize(

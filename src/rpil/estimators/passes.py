@@ -77,7 +77,6 @@ class SampledFit:
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)
-        data = replace(data, demonstrators=task.demonstrators.select(indices))
         order = None if task.order is None else task.order[indices]
         engine = self.engine
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(

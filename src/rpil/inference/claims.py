@@ -205,10 +205,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
         doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
-    whose, operators = operators_apart(data.demonstrators, split.words, limits.max_runs_p)
-    if operators:
-        sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within"
-        doubts.append(Doubt(f"{sentence} operators (--session operator).", operators=operators))
+    doubts += doubts_of_operators(data.demonstrators, split.words, limits)
     share, part = share_of_part(scoring, scores, unlike)
     if share > limits.max_part_share:
         doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", part=part))
@@ -233,23 +230,23 @@ def runs_p(member: Bool[Array, " M"]) -> float:
     return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
 
 
-def operators_apart(
-    demonstrators: Demonstrators, words: Int[Array, " M"], max_chance: float
-) -> tuple[str, tuple[Hashable, ...]]:
-    """The one operator of all unlike demonstrations, two at least; or those of most, of whom none is typical, although
-    by chance one would be: (1 - share of typical ones) ** demonstrations < `max_chance`. And who they are in words."""
+def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
+    """A doubt where all unlike demonstrations, two at least, are of one operator; or most are of operators of whom none
+    is typical, although by chance one would be: (1 - share of typical ones) ** demonstrations < `max_runs_p`."""
     unlike, typical = words < 0, words > 0
     if not demonstrators.informative or unlike.sum() < 2:
-        return "", ()
+        return []
     n_unlike = demonstrators.indicator @ unlike
-    if n_unlike.max() == unlike.sum():
-        return "All that score low are of one operator, {operators}", (demonstrators.names[int(n_unlike.argmax())],)
     chance = (1 - typical.mean()) ** demonstrators.counts
-    apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < max_chance)
+    apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < limits.max_runs_p)
+    whose = "Most that score low are of operators of whom none is typical ({operators})"
+    if n_unlike.max() == unlike.sum():
+        apart, whose = n_unlike > 0, "All that score low are of one operator, {operators}"
     if 2 * n_unlike[apart].sum() <= unlike.sum():
-        return "", ()
+        return []
+    sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within operators"
     names = tuple(demonstrators.names[u] for u in np.flatnonzero(apart))
-    return "Most that score low are of operators of whom none is typical ({operators})", names
+    return [Doubt(f"{sentence} (--session operator).", operators=names)]
 
 
 def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:
