@@ -7,8 +7,9 @@
 
 Kinds of data: `recorded` sets with good and bad demonstrations; the good `half` of each alone; `walks`, made with one
 law that is not linear; the paper's cells (`paper`) and the `grid` of simulated kinds; `changes` of recorded sets that
-are not behaviour, and a random half of the demonstrations; `people`, who are named, of whole demonstrations and pieces
-of them; worlds of a `point mass`. The truth `is_good` scores and is never read by the audit.
+are not behaviour, and a random half of the demonstrations; `people`, recorded sets whose
+operators are known, not named and named; worlds of a `point mass`. The truth `is_good` scores and is never read by the
+audit.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from provenance import line, provenance
 from rpil import RPIL, Settings
 from worlds import Array, World
 from worlds.point_mass import ALL_DIFFER, BAD, GOOD, SIZES, point_mass
-from worlds.recorded import AS_IT_IS, CHANGES, changed, pieces, read, recorded_sets
+from worlds.recorded import AS_IT_IS, CHANGES, changed, read, recorded_sets
 from worlds.simulated import PAPER, grid, of_grid, of_paper, walks
 
 Row = dict[str, Any]
@@ -40,8 +41,6 @@ KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "poi
 P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 """Edges of the bins of P(typical) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
-PIECE = 10
-"""Steps of a piece."""
 HEAD = (
     "| kind | sets | unlike: bad, good | typical: good, bad | sets with a good one unlike | share with a word |",
     "|---|---|---|---|---|---|",
@@ -103,9 +102,8 @@ def jobs(folder: Path | None, draws: int, seeds: int) -> Iterator[Job]:
                 seed = int(change[-1]) if change.startswith("seed") else 0
                 yield Job("changes", f"{name}: {change}", partial(changed, path, change), seed)
         if 1 < len(set(people := read(path).people)) < len(people):
-            of_people = (("whole", partial(read, path)), (f"{PIECE} steps", partial(pieces, path, PIECE, 0)))
-            for (what, make), told in product(of_people, (False, True)):
-                yield Job("people", f"{name}, {what}, {'known' if told else 'unknown'}", make, people=told)
+            for told in (False, True):
+                yield Job("people", f"{'named' if told else 'not named'}: {name}", partial(read, path), people=told)
     for seed in range(draws):
         yield Job("walks", f"walks {seed}", partial(walks, seed))
     for (env, kind), seed in product(PAPER, range(draws)):
@@ -165,7 +163,9 @@ def report(rows: list[Row]) -> list[str]:
         parts[0] += counted(f"paper: {cell}", [row for row in of_kind["paper"] if row["name"].startswith(cell)])
     parts[0] += counted("grid", of_kind["grid"])
     parts += [cells_right(of_kind["grid"]), pairs_asked(of_kind["recorded"]), good_by_proba(of_kind["recorded"])]
-    parts += [changes(of_kind["changes"]), people(of_kind["people"]), point_masses(of_kind["point mass"])]
+    for told in ("not named", "named"):
+        parts[0] += counted(f"operators {told}", [row for row in of_kind["people"] if row["name"].startswith(told)])
+    parts += [changes(of_kind["changes"]), point_masses(of_kind["point mass"])]
     parts.append([text for row in rows for text in described(row)])
     return [text for part in parts if part for text in ("", *part)][1:]
 
@@ -192,10 +192,12 @@ def pairs_asked(rows: list[Row]) -> list[str]:
 
 
 def good_by_proba(rows: list[Row]) -> list[str]:
-    """How many demonstrations of recorded sets with such a P(typical) are good; those of middling quality are left out.
+    """How many demonstrations with such a P(typical) are good, of the recorded sets with words: in the others P is 1/2.
+    Those of middling quality are left out.
 
     `rpil.results.words` quotes the last line.
     """
+    rows = [row for row in rows if any(row["words"])]
     if not rows:
         return []
     good, proba = (np.concatenate([row[name] for row in rows]) for name in ("good", "proba"))
@@ -212,7 +214,7 @@ def good_by_proba(rows: list[Row]) -> list[str]:
     if len(most) and len(least):
         text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, "
         text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
-        lines += ["", f"In {len(rows)} recorded sets {text}."]
+        lines += ["", f"In {len(rows)} recorded sets with words {text}."]
     return lines
 
 
@@ -272,21 +274,6 @@ def changes(rows: list[Row]) -> list[str]:
         gone = sum(old != 0 and new == 0 for old, new in pairs)
         lines.append(f"| {change} | {given} | {turned} | {gone} |")
     return lines
-
-
-def people(rows: list[Row]) -> list[str]:
-    """What it helps to name the demonstrators."""
-    values = {row["name"]: auroc(np.array(row["good"]), np.array(row["log_odds"])) for row in rows}
-    lines = ["| demonstrators | sets | AUROC, unknown | known | gain |", "|---|---|---|---|---|"]
-    for what in ("whole", f"{PIECE} steps"):
-        sets = [name.removesuffix(", known") for name in values if name.endswith(f"{what}, known")]
-        unknown, known = (np.array([values[f"{name}, {told}"] for name in sets]) for told in ("unknown", "known"))
-        gain = known - unknown
-        error = f" (standard error {gain.std(ddof=1) / np.sqrt(len(gain)):.3f})" if len(gain) > 1 else ""
-        if sets:
-            text = f"| {what} | {len(sets)} | {unknown.mean():.3f} | {known.mean():.3f} |"
-            lines.append(f"{text} {gain.mean():+.3f}{error} |")
-    return lines if len(lines) > 2 else []
 
 
 def point_masses(rows: list[Row]) -> list[str]:

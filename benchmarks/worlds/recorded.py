@@ -127,16 +127,3 @@ CHANGES = {
     "states rotated": rotated,
     "a random half": halved,
 }
-
-
-# ---- pieces ----------------------------------------------------------------------------------------------------------
-
-
-def pieces(path: Path, steps: int, seed: int) -> World:
-    """`steps` steps in a row of each demonstration, or all of a shorter one; where they begin is drawn."""
-    world = read(path)
-    given, rng = world.demonstrations, np.random.default_rng(seed)
-    first = given.offsets[:-1] + rng.integers(np.maximum(given.lengths - steps, 0) + 1)
-    rows = np.concatenate([np.arange(a, a + n) for a, n in zip(first, np.minimum(given.lengths, steps), strict=True)])
-    cut = Demonstrations.from_groups(given.observations[rows], given.actions[rows], given.groups[rows])
-    return World(cut, world.is_good, world.quality, world.people)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from claims import Job, audited, good_by_proba, people, point_masses, report
+from claims import Job, audited, good_by_proba, point_masses, report
 from rpil.results.words import WORDS
 from worlds.recorded import CHANGES, changed
 from worlds.simulated import PAPER, of_paper
@@ -50,8 +50,8 @@ def test_the_draws_that_are_known_to_fail_get_no_worse(kind, seed, most_typical,
     assert unlike <= most_unlike  # good ones called unlike
 
 
-def row(proba, good):
-    return {"kind": "recorded", "proba": proba, "good": good}
+def row(proba, good, words=(1, 0, -1)):
+    return {"kind": "recorded", "proba": proba, "good": good, "words": words}
 
 
 def test_good_ones_are_counted_by_p():
@@ -67,9 +67,10 @@ def test_good_ones_are_counted_by_p():
     assert "| 0.9 to 0.99 | 2 | 1 | 50% | 1 |" in lines
     assert "| 0.99 to 1 | 3 | 2 | 67% | 2 |" in lines
     assert lines[-1] == (
-        "In 2 recorded sets 60% of the demonstrations with P(typical) of .9 or more were good, 33% of those with .1 or "
-        "less, and 50% of all."
+        "In 2 recorded sets with words 60% of the demonstrations with P(typical) of .9 or more were good, 33% of those "
+        "with .1 or less, and 50% of all."
     )
+    assert good_by_proba([*rows, row([0.5], [1], [0])]) == lines  # a set without words is left out
     assert good_by_proba([]) == []
 
 
@@ -103,19 +104,6 @@ def test_words_are_counted_by_kind():
     assert not any("- changes" in text for text in lines)
 
 
-def test_named_demonstrators_are_compared_with_unnamed_ones():
-    def rows_of(name, unknown, known):
-        good = [1, 1, 0, 0]
-        return [
-            told("people", f"{name}, 10 steps, {what}", good, [0] * 4, log_odds)
-            for what, log_odds in (("unknown", unknown), ("known", known))
-        ]
-
-    rows = rows_of("one", [4, 1, 2, 0], [4, 3, 2, 1]) + rows_of("two", [4, 3, 2, 1], [4, 3, 2, 1])
-    assert people(rows)[-1] == "| 10 steps | 2 | 0.875 | 1.000 | +0.125 (standard error 0.125) |"
-    assert people([]) == []
-
-
 def test_a_row_for_each_kind_of_operator():
     rows = [told("point mass", "stuck, discrete, 1 of 3, 0", [1, 1, 0], [1, 0, -1])]
     rows.append(told("point mass", "calm, discrete, 1 of 3, 0", [1, 1, 1], [0, -1, 0]))
@@ -128,7 +116,7 @@ def test_a_row_for_each_kind_of_operator():
 
 def test_what_an_audit_says_of_p_is_in_the_results():
     sentence = WORDS["none"].experience.removesuffix(" (docs/results.md).")
-    assert sentence.startswith("In 29 recorded sets")
+    assert sentence.startswith("In 11 recorded sets with words")
     assert [words.experience for anchor, words in WORDS.items() if anchor != "none"] == ["", ""]
     assert sentence in RESULTS.read_text(encoding="utf-8")
 

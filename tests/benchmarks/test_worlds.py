@@ -1,4 +1,4 @@
-"""Worlds: recorded files, changes and pieces of them, simulated cells, and the point mass."""
+"""Worlds: recorded files, changes of them, simulated cells, and the point mass."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from rpil.data.errors import DataError
 from worlds import World, recorded
 from worlds.point_mass import BAD, NORMAL, drive, point_mass
-from worlds.recorded import CHANGES, changed, npz_files, pieces, read, recorded_sets
+from worlds.recorded import CHANGES, changed, npz_files, read, recorded_sets
 
 
 def save(folder: Path, name: str = "some", leave_out: tuple[str, ...] = (), **other) -> Path:
@@ -104,27 +104,6 @@ def test_changes_by_hand():
     copied, _, again = recorded.copied(states, actions, ids, rng)
     assert again.tolist() == [*ids, *range(4, 34, 3)]  # 1 by the number of demonstrations, 3
     assert (copied[6:] == states[2]).all()
-
-
-def test_pieces_are_consecutive_steps(tmp_path):
-    rows = np.repeat(np.arange(3), [5, 25, 30])
-    path = save(
-        tmp_path,
-        observations=np.arange(60.0)[:, None],
-        actions=np.arange(60) % 3,
-        episode_ids=rows,
-        is_good=np.array([1, 0, 1]),
-        episode_quality=np.ones(3),
-        demonstrator_ids=np.array(["a", "b", "b"]),
-    )
-    found = pieces(path, 10, 0)
-    assert found.demonstrations.lengths.tolist() == [5, 10, 10]
-    assert found.people == ("a", "b", "b")
-    for (states, actions), low, high in zip(found.demonstrations, (0, 5, 30), (5, 30, 60), strict=True):
-        assert (np.diff(states[:, 0]) == 1).all()
-        assert low <= states[0, 0] <= states[-1, 0] < high
-        np.testing.assert_array_equal(actions, states[:, 0] % 3)
-    assert pieces(path, 10, 1).demonstrations.observations[5, 0] != found.demonstrations.observations[5, 0]
 
 
 def test_a_world_knows_who_is_good():

@@ -54,10 +54,19 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
     result = ok("audit", folder / "good.parquet")
     titles, rows = printed_ranking(result)
     assert f"\nSome are unlike: {FINDINGS['some are unlike']}\n" in result.stdout
-    assert titles[:6] == ["id", "steps", "log-odds", "P(typical)", "reliability", "verdict"]  # actions are all there is
+    assert titles[:7] == [
+        "id",
+        "place",
+        "steps",
+        "log-odds",
+        "P(typical)",
+        "reliability",
+        "verdict",
+    ]  # by actions alone
     assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
-    assert [row[5] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
-    odds = [float(row[2]) for row in rows]
+    assert [int(row[1]) for row in rows] == [*range(12, 0, -1)]
+    assert [row[6] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
+    odds = [float(row[3]) for row in rows]
     assert odds == sorted(odds)
     assert result.stdout.count(f"{WORDS['none'].explanation} {WORDS['none'].experience}\n") == 1
     headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
@@ -71,20 +80,26 @@ def test_audit_prints_finding_ranking_and_next_step(folder):
 def test_parts_of_the_log_odds_add_up(folder):
     Path("labels.csv").write_text("id,label\n3,good\n9,bad\n")
     titles, rows = printed_ranking(ok("audit", folder / "good.parquet", "--labels", "labels.csv"))
-    assert titles[2:6] == ["log-odds", "= actions", "+ label", "P(good)"]
+    assert titles[3:7] == ["log-odds", "= actions", "+ label", "P(good)"]
     for row in rows:
-        total, actions, label = map(float, row[2:5])
+        total, actions, label = map(float, row[3:6])
         assert total == pytest.approx(actions + label, abs=0.011)
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(12))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
-    result = ok("audit", folder / "good.parquet", "--demonstrators", "who.csv")
+    told = "audit", folder / "good.parquet", "--demonstrators", "who.csv"
+    result = ok(*told, "--labels", "labels.csv")
     titles, rows = printed_ranking(result)
-    assert titles[2:6] == ["log-odds", "= actions", "+ demonstrator", "P(typical)"]
+    assert titles[3:8] == ["log-odds", "= actions", "+ demonstrator", "+ label", "P(good)"]
     for row in rows:
-        total, actions, lent = map(float, row[2:5])
-        assert total == pytest.approx(actions + lent, abs=0.011)
-        assert (lent > 0) == (int(row[0]) < 6)
+        total, *parts = map(float, row[3:7])
+        assert total == pytest.approx(sum(parts), abs=0.021)
+        assert (parts[1] > 0) == (int(row[0]) < 6) or int(row[0]) in (3, 9)
     assert re.search(r"^demonstrator +trust", result.stdout, re.MULTILINE)
+    without = ok(*told).stdout
+    assert re.search(r"^demonstrator +demonstrations +typical +open +unlike +style *$", without, re.MULTILINE)
+    assert re.search(r"^c +3 +0 +0 +3 +\d\.\d\d of the median length", without, re.MULTILINE)
+    assert not re.search(r"^demonstrator +trust", without, re.MULTILINE)
+    assert "--session operator" in without
 
 
 def test_audit_without_groups_prints_no_verdicts():
@@ -97,8 +112,10 @@ def test_audit_without_groups_prints_no_verdicts():
     assert "\n20 demonstrations (1,200 steps) are ranked; all are open.\n" in result.stdout
     assert "can be trusted" not in result.stdout
     assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
-    assert {row[5] for row in printed_ranking(result)[1]} == {"open"}
-    assert len({row[3] for row in printed_ranking(result)[1]}) > 5  # the probability is graded
+    titles, rows = printed_ranking(result)
+    assert "P(typical)" not in titles  # a place, and no probability, where there is no word
+    assert {row[titles.index("verdict")] for row in rows} == {"open"}
+    assert [row[1] for row in rows] == [str(place) for place in range(20, 0, -1)]
 
 
 def test_audit_prints_json(folder):
@@ -125,7 +142,7 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "verdict": str, "label": str, "reason": str, "worst_steps": list, "facts": dict,
+            "rank": int, "verdict": str, "label": str, "reason": str, "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")

@@ -61,7 +61,7 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
     assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
     assert "Now: 0 good, 24 open, 0 bad.\nNow called open: 0, 1, " in out
     assert "One answer is not enough" in out
-    assert re.search(r"P\(good\) moved most: \d+ [01]\.\d\d to [01]\.\d\d, ", out)
+    assert re.search(r"Places of 24 that changed most: \d+ from \d+ to \d+, ", out)
     assert out.splitlines()[-2:] == [
         "2 answers of this run in labels.csv.",
         f"Then run: rpil audit {data} --observations x,v --labels labels.csv",

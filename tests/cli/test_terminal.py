@@ -75,10 +75,9 @@ def test_the_worst_and_the_most_doubtful_are_shown(many):
     assert terminal.worst_and_doubtful(certain, 30) == [*range(30)]
     unknown = dataclasses.replace(many, verdicts=("open",) * 5000, finding="nobody stands out")
     assert terminal.worst_and_doubtful(unknown, 30) == [*range(30)]
-    high = dataclasses.replace(many, verdicts=("unlike",) * 20 + ("open",) * 4980, log_odds=np.linspace(-9, 900, 5000))
-    assert terminal.worst_and_doubtful(
-        dataclasses.replace(high, expert_proba=np.repeat([0.01, 1], [20, 4980])), 30
-    ) == [*range(30)]
+    log_odds = np.repeat([-9.0, 9.0], [20, 4980]) + np.linspace(0, 1, 5000)
+    high = dataclasses.replace(many, verdicts=("unlike",) * 20 + ("open",) * 4980, log_odds=log_odds)
+    assert terminal.worst_and_doubtful(high, 30) == [*range(30)]
 
 
 def test_the_worst_are_given_with_their_reasons(monkeypatch, capsys):

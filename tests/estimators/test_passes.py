@@ -120,15 +120,23 @@ def test_labels_outside_the_sample_are_used(maker):
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_demonstrators_change_log_odds_of_large_data(maker):
+def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_odds_with_them(maker):
     toy, data = demonstrations("noisy", maker=maker)
-    names = [f"{'good' if is_good else 'bad'} {m % 4}" for m, is_good in enumerate(toy.is_good)]
-    model, other = both(data, fit={"demonstrators": names})
-    assert_alike(model, other, 0.2)
+    names = [f"{'good' if is_good else 'bad'} {m % 2}" for m, is_good in enumerate(toy.is_good)]
+    told = {"demonstrators": names}
+    for model in both(data, fit=told):
+        assert model.audit_.finding == "in doubt"
+        assert "of operators of whom none is typical (bad" in model.audit_.doubts[0]
+        assert not model.audit_.from_demonstrator.any()
+        assert {who.trust for who in model.audit_.demonstrators} == {None}
+    model, other = both(
+        data, fit=told | {"labels": dict.fromkeys(data.ids[:2], "good") | dict.fromkeys(data.ids[-2:], "bad")}
+    )
+    assert_alike(model, other, 0.2, 0.95)
     lent = model.audit_.from_demonstrator
-    assert lent[toy.is_good].min() > 0 > lent[~toy.is_good].max()
+    assert lent[2:80].min() > 0 > lent[80:-2].max()
     found = {who.name: who.trust.mean for who in model.audit_.demonstrators}
-    assert min(found[f"good {k}"] for k in range(4)) > max(found[f"bad {k}"] for k in range(4))
+    assert min(found[f"good {k}"] for k in range(2)) > max(found[f"bad {k}"] for k in range(2))
 
 
 @pytest.mark.parametrize(("maker", "kind"), [(make, "noisy"), (make_continuous, "random")])

@@ -86,25 +86,13 @@ def operated(names):
     return replace(same_actions(10), demonstrators=Demonstrators.from_names(names))
 
 
-def test_operators_withdraw_words_and_give_none():
-    data = operated(["a"] * 5 + ["b"] * 5)
-    found, _, _ = concluded(data=data)
-    posterior = demonstrator_posterior(
-        data.demonstrators, found.from_actions, np.zeros(10, dtype=int), SETTINGS.demonstrators
-    )
-    np.testing.assert_allclose(found.from_demonstrator, posterior.log_odds)
-    np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
-    np.testing.assert_allclose(found.log_odds, found.from_actions + posterior.log_odds)
-    np.testing.assert_array_equal(found.words, np.where(np.sign(found.log_odds) == WORDS, WORDS, 0))
-
-
-def test_an_operator_withdraws_what_is_hardly_said():
-    score = SCORE.copy()
-    score[[6, 7]] = 0.495, 0.4  # nearly as high as those of the operator, and not
-    found, _, _ = concluded(data=operated(["a"] * 8 + ["b"] * 2), score=score)
-    assert found.from_actions[6] < 0 < found.log_odds[6]
-    assert found.words.tolist() == [1] * 6 + [0, -1, -1, -1]
-    assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 0.999))
+def test_without_answers_operators_change_nothing_and_have_no_trust():
+    found, alone = concluded(data=operated(["a"] * 5 + ["b"] * 5))[0], concluded()[0]
+    np.testing.assert_array_equal(found.log_odds, alone.log_odds)
+    np.testing.assert_array_equal(found.words, alone.words)
+    assert not found.from_demonstrator.any()
+    assert found.demonstrator_trust.shape == (0, 3)
+    assert found.expert_share == alone.expert_share
 
 
 def test_answers_count_before_operators():
@@ -115,22 +103,17 @@ def test_answers_count_before_operators():
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds + of_operator)
-
-
-def test_copies_count_once_for_their_operator():
-    """The last two are copies of the first two, one by its operator and one by another."""
-    copy_of = np.array([*range(8), 0, 1])
-    found, _, _ = concluded(data=operated(["a"] * 5 + ["b"] * 3 + ["a", "b"]), copy_of=copy_of)
-    kept = [*range(8), 9]
-    posterior = demonstrator_posterior(
-        Demonstrators.from_names(["a"] * 5 + ["b"] * 4),
-        found.from_actions[kept],
-        np.zeros(9, dtype=int),
-        SETTINGS.demonstrators,
-    )
-    np.testing.assert_allclose(found.from_demonstrator[kept], posterior.log_odds)
-    assert found.from_demonstrator[8] == found.from_demonstrator[0]
     np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
+
+
+def test_an_operator_withdraws_what_answers_hardly_say():
+    alone = concluded(TOLD)[0]
+    said = np.flatnonzero((alone.words > 0) & (np.array(TOLD) == 0))
+    among_bad = ["b" if m >= 6 or m in said[:1] else "a" for m in range(10)]
+    found, _, _ = concluded(TOLD, data=operated(among_bad))
+    assert found.from_demonstrator[said[0]] < 0 < found.from_demonstrator[said[1]]
+    np.testing.assert_array_equal(found.words, np.where(np.sign(found.log_odds) == alone.words, alone.words, 0))
+    assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 1.0))
 
 
 # The training group.

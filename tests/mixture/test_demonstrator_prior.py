@@ -10,7 +10,7 @@ import pytest
 from scipy.special import log_expit, logsumexp
 
 from rpil.data.demonstrators import Demonstrators
-from rpil.mixture.demonstrator_prior import demonstrator_posterior
+from rpil.mixture.demonstrator_prior import demonstrator_posterior, trust_by_demonstrator
 from rpil.mixture.settings import DemonstratorSettings
 
 SPREADS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
@@ -81,3 +81,31 @@ def test_infinite_log_ratios_give_no_nan():
         demonstrators, ratio = Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0])
         posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(3, dtype=int), DemonstratorSettings())
     assert not np.isnan(np.concatenate([posterior.log_odds, posterior.weight.ravel()])).any()
+
+
+def test_copies_count_once_for_each_demonstrator_who_gave_them():
+    """The last two are copies of the first two, one by its demonstrator and one by another."""
+    ratio, settings = np.array([3.0, 1.0, 2.0, -1.0, -4.0, -2.0, 3.0, 1.0]), DemonstratorSettings()
+    names, copy_of, labels = "aaabbbab", np.array([0, 1, 2, 3, 4, 5, 0, 1]), np.zeros(8, dtype=int)
+    found, trust = trust_by_demonstrator(Demonstrators.from_names(names), ratio, labels, copy_of, settings)
+    once = [0, 1, 2, 3, 4, 5, 7]
+    by_hand = demonstrator_posterior(Demonstrators.from_names("aaabbbb"), ratio[once], labels[once], settings)
+    np.testing.assert_allclose(found[once], by_hand.log_odds)
+    assert found[6] == found[0]
+    np.testing.assert_allclose(trust, by_hand.intervals())
+
+
+def test_a_label_says_what_its_own_demonstration_is():
+    names, labels = Demonstrators.from_names("aaabbb"), np.array([0, 1, 0, -1, 0, 0])
+    found, _ = trust_by_demonstrator(names, np.zeros(6), labels, np.arange(6), DemonstratorSettings())
+    assert found[[1, 3]].tolist() == [0.0, 0.0]
+    assert found[0] > 0.1 > -0.1 > found[4]
+
+
+def test_demonstrators_without_information_change_nothing():
+    for names in (Demonstrators(), Demonstrators.from_names("aaaa"), Demonstrators.from_names("abcd")):
+        found, trust = trust_by_demonstrator(
+            names, np.ones(4), np.zeros(4, dtype=int), np.arange(4), DemonstratorSettings()
+        )
+        assert not found.any()
+        assert trust.shape == (0, 3)

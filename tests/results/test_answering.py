@@ -12,7 +12,7 @@ from problems import make, one_sentence
 from rpil import RPIL, DataError, Demonstrations, Settings, load, save
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.results.answering import NEXT_STEPS, NOT_USED, question
+from rpil.results.answering import NEXT_STEPS, NOT_USED, question, shown_proba
 from rpil.results.record import Audit
 from rpil.results.words import WORDS
 
@@ -228,3 +228,16 @@ def test_weights_of_steps_follow_the_answers(audit):
         assert answered.step_weight[answered.steps(audit.index(name))].max() < 0.2
     nobody = replace(audit, expert_proba=np.zeros(len(audit.ids))).answered(LABELS)
     assert np.isfinite(nobody.step_weight).all()
+
+
+def test_a_probability_claims_no_more_than_the_words():
+    log_odds, words = np.array([5.0, 5.0, 1.0, -0.5, -7.0, -7.0]), np.array([1, 0, 0, -1, 0, -1])
+    proba = shown_proba(log_odds, words, "some are unlike", 0.9)
+    by_hand = 1 / (1 + np.exp(-log_odds))
+    np.testing.assert_allclose(proba, [by_hand[0], 0.9, by_hand[2], by_hand[3], 0.1, by_hand[5]])
+    assert proba[1] < 0.9  # so that none without a word is among those of .9 or more
+    assert proba[4] > 1 - 0.9
+    np.testing.assert_array_equal(shown_proba(log_odds, words, "answered", 0.9), proba)
+    assert shown_proba(log_odds, words, "answered", 0.8)[1] == pytest.approx(0.8)
+    for finding in ("two groups", "in doubt", "nobody stands out", "nothing could be learned"):
+        assert shown_proba(log_odds, words * 0, finding, 0.9).tolist() == [0.5] * 6

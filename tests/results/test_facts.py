@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.inference.channels import CHANNELS, normal_scores
-from rpil.results.facts import RANKS, in_words, known_facts, ranks_beside
+from rpil.results.facts import RANKS, in_words, known_facts, ranks_beside, style_in_words
 
 UNKNOWN = np.empty((4, 0))
 
@@ -57,3 +57,20 @@ def test_facts_in_words():
     ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50, unusual end 0.50"
     assert in_words(found, 2) == f"{ranks}, session tue\\x1b, number 3 of 4 in order"
     assert in_words({}, 0) == ""
+
+
+def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
+    lengths = np.array([20, 40, 50, 100])
+    facts = {"pauses": (0.1, 0.2, 0.5, 0.9), "smoothness": (0.5, 0.36, 0.6, 0.9), "length": (0.1, 0.4, 0.6, 0.9)}
+    assert style_in_words(facts, lengths, [0]) == "0.44 of the median length, fewer pauses"
+    assert style_in_words(facts, lengths, [2]) == "1.11 of the median length"
+    assert style_in_words(facts, lengths, [2, 3]) == "1.67 of the median length, more pauses, smoother"
+    assert style_in_words({}, lengths, [0, 1, 2, 3]) == "1.00 of the median length"
+
+
+def test_the_words_of_a_style_follow_what_is_measured():
+    moved = columns(motion=[1.0, 2.0, 3.0, 4.0], smoothness=[1.0, 2.0, 3.0, 4.0], short_path=[1.0, 2.0, 3.0, 4.0])
+    found = known_facts(moved, {}, (), None)
+    assert style_in_words(found, np.full(4, 7), [0]) == (
+        "1.00 of the median length, more pauses, less smooth, longer path"
+    )

@@ -10,6 +10,7 @@ import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
+from rpil.results.demonstrators import Demonstrator, Interval
 
 
 def test_worst_steps_are_the_most_negative_and_never_positive():
@@ -34,6 +35,7 @@ def test_to_dict_has_the_documented_keys_and_is_json():
         "n_steps",
         "log_odds",
         "evidence",
+        "rank",
         "expert_proba",
         "reliability",
         "verdict",
@@ -42,6 +44,7 @@ def test_to_dict_has_the_documented_keys_and_is_json():
     } | {"label"}
     assert all(set(entry) == keys | {"facts"} for entry in content["demonstrations"])
     assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
+    assert [entry["rank"] for entry in content["demonstrations"]] == [1, 2, 3, 4, 5]
     assert content["groups"] == []
     assert (content["n_demonstrations"], content["n_steps"]) == (5, 15)
     assert [entry["n_steps"] for entry in content["demonstrations"]] == [1, 3, 2, 5, 4]
@@ -59,3 +62,29 @@ def test_a_copy_of_what_is_labelled_has_its_reason():
     copied = replace(made, copy_of=np.array([0, 0, *range(2, 8)]))
     assert copied.reasons[1].startswith("Labelled good")
     assert not made.reasons[1].startswith("Labelled good")
+
+
+def test_a_demonstration_without_a_word_has_a_place_and_no_probability():
+    log_odds = np.array([3.0, 1.0, -4.0, 2.0])
+    words = ("typical", "open", "unlike", "open")
+    audit = make_audit(words, log_odds=log_odds, expert_proba=np.array([0.95, 0.7, 0.02, 0.88]))
+    assert audit.ranks.tolist() == [1, 3, 4, 2]
+    assert [audit.place(m) for m in range(4)] == [
+        "P(typical) 0.95", "place 3 of 4", "P(typical) 0.02", "place 2 of 4"
+    ]  # fmt: skip
+    named = replace(audit, anchor="named adversary", verdicts=("expert", "open", "adversary", "open"))
+    assert named.place(1) == "P(expert) 0.70"
+
+
+def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_it_is_known():
+    ann, bob = Demonstrator("Ann", Interval(0.8, 0.7, 0.9), (0, 1)), Demonstrator("Bob", None, (2, 3))
+    audit = make_audit(("typical", "open", "unlike", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))
+    first, second = json.loads(json.dumps(audit.to_dict()))["demonstrators"]
+    assert first["trust"] == {"mean": 0.8, "low": 0.7, "high": 0.9}
+    assert second == {
+        "name": "Bob",
+        "trust": None,
+        "n_demonstrations": 2,
+        "style": "1.40 of the median length",
+        "verdicts": {"typical": 0, "open": 1, "unlike": 1},
+    }

@@ -54,7 +54,7 @@ def test_who_is_unlike_weighs_less_and_all_others_the_same():
 def test_else_all_demonstrations_weigh_the_same_and_the_reason_is_said(changes):
     audit = shared(replace(make_audit(), **changes))
     np.testing.assert_allclose(in_mean(audit), 1.0)
-    assert (np.ptp(audit.step_weight) > 0.5) is audit.identifiable
+    assert bool(np.ptp(audit.step_weight) > 0.5) is audit.identifiable
     reason = "a policy of their own" if len(changes) == 1 else f'"{changes["finding"]}"'
     assert reason in why_equal(audit)
 

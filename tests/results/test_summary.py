@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logit
 
-from audits import make_audit
 from problems import make, pooled_state
-from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.claims import Doubt
@@ -20,7 +18,6 @@ from rpil.results.settings import AuditSettings
 from rpil.results.summary import (
     audit_from_mixture,
     doubt_sentence,
-    rank_demonstrators,
 )
 
 SHARE = Interval(0.3, 0.2, 0.4)
@@ -99,16 +96,3 @@ def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
     assert doubt_sentence(several, IDS, named) == "a to c, e, d, b."
     many = replace(several, runs=(np.array([0]),) * 11)
     assert doubt_sentence(many, IDS, named) == f"{'a, ' * 10}...."
-
-
-def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
-    demonstrators = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
-    trust = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
-    bob, ann = rank_demonstrators(demonstrators, trust, IDS)
-    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
-    assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
-    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
-    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
-    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
-    assert bob.trust == Interval(0.8, 0.7, 0.9)
-    assert rank_demonstrators(Demonstrators(), trust, IDS) == ()

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label",
+    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label",
     "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
@@ -40,6 +40,7 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
     assert [row["id"] for row in rows] == [f"{quote}=1" if name == "=1" else name for name in audit.ids]
     assert [row["verdict"] for row in rows] == list(audit.verdicts)
     assert {row["label"] or "" for row in rows} == {""}
+    assert [row["rank"] for row in rows] == audit.ranks.tolist()
     assert [row["expert_proba"] for row in rows] == audit.expert_proba.tolist()
     assert [row["log_odds"] for row in rows] == audit.log_odds.tolist()
     assert [row["reliability"] for row in rows] == audit.reliability.tolist()

@@ -30,7 +30,10 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     assert columns["reason"] == list(audit.reasons)
     assert columns["n_steps"] == audit.lengths.tolist()
     np.testing.assert_allclose(columns["log_odds"], audit.log_odds, rtol=1e-5)
-    np.testing.assert_allclose(columns["p"], audit.expert_proba, atol=1e-9)
+    assert columns["p"][5] is None  # it has no word
+    known = [m for m in range(10) if m != 5]
+    np.testing.assert_allclose([columns["p"][m] for m in known], audit.expert_proba[known], atol=1e-9)
+    assert columns["rank"] == audit.ranks.tolist()
     np.testing.assert_allclose(np.transpose([columns["low"], columns["high"]]), audit.reliability_interval, atol=1e-9)
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
     assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
@@ -104,6 +107,9 @@ def test_groups_and_demonstrators():
     assert (found["notes"], found["differ"]) == (["A note."], [note])
     assert found["demonstrators"][0]["counts"] == {"typical": 0, "open": 6, "unlike": 0}
     assert found["demonstrators"][0]["mean"] == 0.8
+    assert found["demonstrators"][0]["style"].endswith(" of the median length")
+    without = replace(who, trust=None)
+    assert view(make_audit(ids=ids, demonstrators=(without,)))["demonstrators"][0]["mean"] is None
 
 
 def test_those_most_worth_a_look_are_drawn():

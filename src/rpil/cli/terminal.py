@@ -32,6 +32,7 @@ SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 MAX_ROWS = 26  # of the ranking, and of the demonstrators with their titles, unless all are asked for
 MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
+NO_PROBABILITY = "Demonstrations without a word have a place in the ranking, and no probability."
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
 
@@ -109,9 +110,11 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
     _print_reasons(audit, shown[:N_WORST])
-    click.echo("\n" + audit.words.meaning(audit.expert_proba) + "\n")
+    is_known = any(map(audit.has_proba, range(len(audit.ids))))
+    click.echo(f"\n{audit.words.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
     if audit.demonstrators:
-        _print_demonstrators(audit.demonstrators[::-1][: None if all_rows else MAX_DEMONSTRATORS], audit)
+        least_first = audit.demonstrators[:: -1 if audit.demonstrators[0].trust else 1]
+        _print_demonstrators(least_first[: None if all_rows else MAX_DEMONSTRATORS], audit)
     wrong = [f"{printable(name)}: its label contradicts the other answers; look again." for name in audit.contradicting]
     print_lines([verdict_sentence(audit), *wrong, *audit.notes])
 
@@ -121,11 +124,13 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 
     Doubtful are those that stay open although the finding gives words, unless they score as high as the typical ones.
     """
+    from scipy.special import expit
+
     from rpil.inference.findings import DECIDED
 
     order = audit.ranking()[::-1].tolist()
     doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
-    doubtful = [m for m in doubtful if audit.expert_proba[m] < audit.settings.min_proba(audit.anchor)]
+    doubtful = [m for m in doubtful if expit(audit.log_odds[m]) < audit.settings.min_proba(audit.anchor)]
     shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
     shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
     return [m for m in order if m in shown]
@@ -136,13 +141,15 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
 
     from rpil.results.words import SIDES
 
-    groups = {name: letter for letter, members in _groups(audit).items() for name in members}
+    groups = {name: letter for letter, members in audit.groups.items() for name in members}
     sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
+    proba = {m: f"{audit.expert_proba[m]:.3f}" for m in shown if audit.has_proba(m)}
     columns: Columns = {
         "id": [printable(audit.ids[m]) for m in shown],
+        "place": [f"{audit.ranks[m]:,}" for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
         **{name: [f"{part[m]:+,.2f}" for m in shown] for name, part in {"log-odds": audit.log_odds, **sums}.items()},
-        audit.words.probability: [f"{audit.expert_proba[m]:.3f}" for m in shown],
+        **({audit.words.probability: [proba.get(m, "") for m in shown]} if proba else {}),
         "reliability": [f"{audit.reliability[m]:.2f}" for m in shown],
         "verdict": [Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
         "worst steps": [" ".join(map(str, audit.worst_steps(m))) for m in shown],
@@ -163,16 +170,18 @@ def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     counts = [audit.verdict_counts(row.demonstrations) for row in shown]
     columns: Columns = {
         "demonstrator": [printable(row.name) for row in shown],
-        "trust": [f"{row.trust.mean:.2f}" for row in shown],
-        "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown],
+        "trust": [f"{row.trust.mean:.2f}" for row in shown if row.trust],
+        "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown if row.trust],
         "demonstrations": [f"{len(row.demonstrations):,}" for row in shown],
         **{word: [f"{count[word]:,}" for count in counts] for word in audit.verdict_counts()},
+        "style": [audit.style(row) for row in shown],
     }
-    _print_table(columns, ["95 %"], len(audit.demonstrators), "demonstrators")
-    click.echo("")
+    columns = {title: cells for title, cells in columns.items() if cells}  # without answers there is no trust
+    _print_table(columns, ["95 %", "style"], len(audit.demonstrators), "demonstrators")
+    click.echo("" if "trust" in columns else "To judge within each of them: --session operator, their column.\n")
 
 
-LEFT = "id", "demonstrator", "verdict", "worst steps", "group"
+LEFT = "id", "demonstrator", "verdict", "worst steps", "group", "style"
 """Columns of words; the others are numbers."""
 
 
@@ -229,7 +238,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     from rpil.results.answering import NEXT_STEPS
 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
-    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in _groups(audit).items()]
+    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in audit.groups.items()]
     lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
     if audit.finding == "nothing could be learned":
         return "\n".join(lines)
@@ -265,11 +274,6 @@ def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: b
         f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
     ]
-
-
-def _groups(audit: Audit) -> dict[str, tuple[Hashable, ...]]:
-    """The competing groups by their letters."""
-    return dict(zip("AB", audit.competing, strict=False))
 
 
 def join_ids(ids: Sequence[Hashable], separator: str = ", ") -> str:

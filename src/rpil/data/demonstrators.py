@@ -39,12 +39,16 @@ class Demonstrators:
     def note(self) -> str:
         """How the demonstrators are used, or why they are not, in one sentence; empty where they were not given."""
         if self.informative:
-            return "The log-odds of a demonstration include evidence from the other demonstrations of its demonstrator."
+            return "With answers, log-odds include evidence from the other demonstrations of the same demonstrator."
         if not self.names:
             return ""
         if len(self.names) < len(self.index):
             return f"One demonstrator, {self.names[0]!r}, gave all demonstrations, so demonstrators are not used."
         return "No demonstrator gave two demonstrations, so demonstrators are not used."
+
+    def select(self, demonstrations: Array) -> Demonstrators:
+        """The demonstrators of the demonstrations with these numbers."""
+        return Demonstrators.from_names([self.names[u] for u in self.index[demonstrations]]) if self.names else self
 
     @cached_property
     def indicator(self) -> Array:

@@ -257,6 +257,7 @@ class FullFit:
         different = demonstrations.select(copies.judged)
         features = options.judge_features(different)
         data = options.judged(task.data(different, features, self._single(demonstrations)))
+        data = replace(data, demonstrators=task.demonstrators.select(copies.judged))
         order = None if task.order is None else task.order[copies.judged]
         return JudgeInput(different, data, features, Answers.of_labels(data.labels), order, copies=copies)
 

@@ -14,12 +14,14 @@ Nothing here says who is good.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm, spearmanr
 
 from rpil.data.copies import Copies
+from rpil.data.demonstrators import Demonstrators
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
 from rpil.inference.rivals import Lower, OwnPolicy, is_learnable, look_below
@@ -38,6 +40,8 @@ class Doubt:
     """The demonstrations of which it speaks, in runs that follow one another in the stated order."""
     part: int | None = None
     """The part of the action of which it speaks, for which {part} stands."""
+    operators: tuple[Hashable, ...] = ()
+    """The operators of whom it speaks, for whom {operators} stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +215,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
         doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
+    doubts += doubts_of_operators(data.demonstrators, split.words, limits)
     share, part = share_of_part(scoring, scores, unlike)
     if share > limits.max_part_share:
         doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", part=part))
@@ -233,6 +238,25 @@ def runs_p(member: Bool[Array, " M"]) -> float:
     mean = 1 + 2 * a * b / n
     variance = max((mean - 1) * (mean - 2) / (n - 1), 1e-12)
     return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
+
+
+def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
+    """A doubt where all unlike demonstrations, two at least, are of one operator; or most are of operators of whom none
+    is typical, although by chance one would be: (1 - share of typical ones) ** demonstrations < `max_runs_p`."""
+    unlike, typical = words < 0, words > 0
+    if not demonstrators.informative or unlike.sum() < 2:
+        return []
+    n_unlike = demonstrators.indicator @ unlike
+    chance = (1 - typical.mean()) ** demonstrators.counts
+    apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < limits.max_runs_p)
+    whose = "Most that score low are of operators of whom none is typical ({operators})"
+    if n_unlike.max() == unlike.sum():
+        apart, whose = n_unlike > 0, "All that score low are of one operator, {operators}"
+    if 2 * n_unlike[apart].sum() <= unlike.sum():
+        return []
+    sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within operators"
+    names = tuple(demonstrators.names[u] for u in np.flatnonzero(apart))
+    return [Doubt(f"{sentence} (--session operator).", operators=names)]
 
 
 def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.copies import Copies
-from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of
 from rpil.inference.answers import Answers
@@ -27,7 +26,7 @@ from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
 from rpil.inference.trimming import fit_trimmed
-from rpil.mixture.demonstrator_prior import demonstrator_posterior
+from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -41,8 +40,8 @@ class Judgement:
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
     from_answers: Float[Array, " M"]
-    """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator, and
-    by the answers."""
+    """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator
+    (where there are answers), and by the answers."""
     scores: Scores
     columns: Float[Array, "M D"]
     """From which answers learn, see `rpil.inference.answered.columns_of`."""
@@ -62,7 +61,7 @@ class Judgement:
     training_group: Bool[Array, " S"]
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
-    """Mean P of the demonstrations of each demonstrator and its 95 % interval."""
+    """Mean P of the demonstrations of each demonstrator and its 95 % interval; empty without answers."""
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
     beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
@@ -182,19 +181,10 @@ def conclude(
     if answers.once(evidence.copy_of).any:
         answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
         from_answers = answered.log_odds - from_actions
-        words = answered.words
-    if data.demonstrators.informative:
-        index, labels = data.demonstrators.index, answers.shared(evidence.copy_of).labels
-        # Copies are one demonstration of each demonstrator who gave them.
-        key = evidence.copy_of * (1 + index.max()) + index
-        _, once, place = np.unique(key, return_index=True, return_inverse=True)
-        posterior = demonstrator_posterior(
-            Demonstrators(index[once], data.demonstrators.names),
-            (from_actions + from_answers)[once],
-            labels[once],
-            settings.demonstrators,
+        words, labels = answered.words, answers.shared(evidence.copy_of).labels
+        from_demonstrator, trust = trust_by_demonstrator(
+            data.demonstrators, answered.log_odds, labels, evidence.copy_of, settings.demonstrators
         )
-        from_demonstrator, trust = np.where(labels, 0.0, posterior.log_odds[place]), posterior.intervals()
     total = from_actions + from_demonstrator + from_answers
     words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two

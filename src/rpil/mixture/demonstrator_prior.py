@@ -70,3 +70,22 @@ def demonstrator_posterior(
     flat = joint.reshape(len(counts), -1)
     weight = np.exp(flat - logsumexp(flat, 1)[:, None])
     return DemonstratorPosterior(odds, np.exp(log_expert).ravel(), weight)
+
+
+def trust_by_demonstrator(
+    demonstrators: Demonstrators,
+    log_odds: Float[Array, " M"],
+    labels: Int[Array, " M"],
+    copy_of: Int[Array, " M"],
+    settings: DemonstratorSettings,
+) -> tuple[Float[Array, " M"], Float[Array, "U 3"]]:
+    """The log-odds of each demonstration by the others of its demonstrator, 0 where it has a label, and the trust in
+    each demonstrator, see `DemonstratorPosterior.intervals`. Zeros and nothing where they carry no information."""
+    if not demonstrators.informative:
+        return np.zeros(len(log_odds)), np.empty((0, 3))
+    # Copies are one demonstration of each demonstrator who gave them.
+    key = copy_of * len(demonstrators.names) + demonstrators.index
+    _, once, place = np.unique(key, return_index=True, return_inverse=True)
+    different = Demonstrators(demonstrators.index[once], demonstrators.names)
+    posterior = demonstrator_posterior(different, log_odds[once], labels[once], settings)
+    return np.where(labels, 0.0, posterior.log_odds[place]), posterior.intervals()

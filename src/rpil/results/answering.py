@@ -13,8 +13,10 @@ from rpil.data.errors import DataError
 from rpil.data.id_values import match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
-from rpil.inference.findings import FINDINGS
+from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
+from rpil.results.demonstrators import Demonstrator, known_demonstrators, rank_demonstrators
 from rpil.results.groups import SECOND_WAY, TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
@@ -68,7 +70,7 @@ class Judged(Protocol):
     @property
     def from_demonstrator(self) -> Float[Array, " M"]: ...
     @property
-    def expert_proba(self) -> Float[Array, " M"]: ...
+    def demonstrators(self) -> tuple[Demonstrator, ...]: ...
     @property
     def lengths(self) -> Int[Array, " M"]: ...
     @property
@@ -107,9 +109,12 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     if not known.once(audit.copy_of).any:
         return audit
     found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
-    from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
+    who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
+    said = known.shared(audit.copy_of).labels
+    from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = found.log_odds + from_demonstrator
-    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
+    words = found.words * (np.sign(log_odds) == found.words)
+    proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
     is_decided = found.count >= MIN_ANSWERS
     answered = replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
@@ -122,6 +127,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         verdicts=verdicts_of(words, "answers"),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
+        demonstrators=rank_demonstrators(who, trust, audit.ids),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
@@ -155,6 +161,18 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id
     old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
     compared = match_pairs([*old, *more, *pairs], audit.ids)
     return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
+
+
+def shown_proba(
+    log_odds: Float[Array, " M"], words: Int[Array, " M"], finding: str, min_proba: float
+) -> Float[Array, " M"]:
+    """P of each demonstration, which claims no more than the words: 1/2 where the `finding` gives none; where the
+    demonstration has none (0), strictly between 1 - `min_proba` and `min_proba`, from which words are given."""
+    if finding not in DECIDED:
+        return np.full(len(log_odds), 0.5)
+    proba = expit(log_odds)
+    bounded = np.clip(proba, np.nextafter(1 - min_proba, 1), np.nextafter(min_proba, 0))
+    return np.asarray(np.where(words == 0, bounded, proba))
 
 
 def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:

@@ -14,7 +14,7 @@ from scipy.stats import norm, rankdata
 
 from rpil.inference.channels import CHANNELS
 from rpil.inference.facts import DYNAMICS, TIME_LIMIT
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array, Float, Int
 from rpil.results.text import printable
 
 RANKS: Mapping[str, tuple[str, int]] = {
@@ -25,6 +25,16 @@ RANKS: Mapping[str, tuple[str, int]] = {
     "unusual end": ("common end", -1),
 }
 """Each fact that is a rank: the channel that it is read from, and whether it grows or falls with it."""
+
+STYLES = {
+    "pauses": ("fewer pauses", "more pauses"),
+    "smoothness": ("less smooth", "smoother"),
+    "path": ("shorter path", "longer path"),
+}
+"""The ranks that describe a style, and the words for low and for high ones."""
+
+MIN_STYLE = 0.15
+"""Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
 
 Fact = float | int | str
 
@@ -72,4 +82,13 @@ def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:
     parts += ["time limit reached"] if TIME_LIMIT in facts and facts[TIME_LIMIT][m] else []
     parts += [f"session {printable(facts['session'][m])}"] if "session" in facts else []
     parts += [f"number {facts['order'][m]:,} of {len(facts['order']):,} in order"] if "order" in facts else []
+    return ", ".join(parts)
+
+
+def style_in_words(facts: Mapping[str, Sequence[Fact]], lengths: Int[Array, " M"], own: Sequence[int]) -> str:
+    """How the demonstrations `own` differ from all of these `lengths`: in their median length, and in `STYLES`."""
+    parts = [f"{np.median(lengths[list(own)]) / np.median(lengths):.2f} of the median length"]
+    for name in (name for name in STYLES if name in facts):
+        above = float(np.median([facts[name][m] for m in own])) - 0.5
+        parts += [STYLES[name][above > 0]] if abs(above) >= MIN_STYLE else []
     return ", ".join(parts)

@@ -26,8 +26,7 @@ def overview_text(audit: AuditResult) -> str:
     width = max(map(len, names))
     lines.append(f"The lowest {len(lowest)} by log-odds, of {len(audit.ids):,}:")
     for m, name in zip(lowest, names, strict=True):
-        chance = f"{audit.words.probability} {audit.expert_proba[m]:.2f}"
-        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {chance}, log-odds {audit.log_odds[m]:+.1f}")
+        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {audit.place(m)}, log-odds {audit.log_odds[m]:+.1f}")
     return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
 
 

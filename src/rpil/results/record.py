@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.overview import overview_text
 from rpil.results.plots import AuditPlots
 from rpil.results.restored import restored
-from rpil.results.result import AuditResult, Demonstrator, Interval
+from rpil.results.result import AuditResult
 from rpil.results.verdict_table import verdict_columns
 
 __all__ = ["Audit", "Demonstrator", "Interval"]
@@ -51,10 +52,11 @@ class Audit(AuditResult):
         log P - log(1 - P), in nats, where P is the probability that `words` names; the sum of `evidence`.
     from_actions, from_demonstrator, from_label : (M,) arrays
         The parts of `log_odds`, in nats: from the actions of the demonstration itself, from the other demonstrations of
-        its demonstrator, and from its label.
+        its demonstrator (where there are answers), and from its label.
     expert_proba : (M,) array
-        The probability that `words` names and explains: ``sigmoid(log_odds)``, or 0.5 where the finding is "two
-        groups" or "nothing could be learned" and nothing was answered.
+        The probability that `words` names and explains, which claims no more than the words: ``sigmoid(log_odds)``
+        where a demonstration has a word or an adversary was named; without a word, this within .1 and .9
+        (``settings.min_proba``); and 0.5 where the finding gives no words.
     reliability : (M,) array
         Share of the steps of the demonstration that are like those of the trusted: posterior mean.
     reliability_interval : (M, 2) array
@@ -85,7 +87,7 @@ class Audit(AuditResult):
     assumptions : tuple of str
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
-        The most trusted first; empty where demonstrators were not given.
+        With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
     answers : Answers
         The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
@@ -130,9 +132,10 @@ class Audit(AuditResult):
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of the data.
 
-        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, expert_proba (the
-        probability that `words` names), log_odds and its parts, reliability, n_steps, facts, and the reason;
-        demonstrator where demonstrators were given, and session where sessions are known.
+        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, rank (the place in the
+        ranking, 1 the most trusted), expert_proba (the probability that `words` names), log_odds and its parts,
+        reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session where
+        sessions are known.
 
         Parameters
         ----------

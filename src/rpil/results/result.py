@@ -12,8 +12,9 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.special import expit, logit
 
-from rpil.data.archive import NOT_STORED, stored
+from rpil.data.archive import NOT_STORED
 from rpil.data.errors import DataError
 from rpil.data.plain import to_plain
 from rpil.data.run import run_id
@@ -23,7 +24,8 @@ from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
-from rpil.results.facts import Fact, known_facts
+from rpil.results.demonstrators import Demonstrator, Interval
+from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.provenance import Provenance
 from rpil.results.reasons import MAX_LOG_RATIO, GivenLabel, Grounds, worst_stretch
 from rpil.results.settings import AuditSettings
@@ -32,28 +34,6 @@ from rpil.results.words import SIDES, WORDS, Verdict, Words
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-
-@stored()
-@dataclass(frozen=True)
-class Interval:
-    """A mean with a 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
-
-
-@stored()
-@dataclass(frozen=True)
-class Demonstrator:
-    """Trust in a demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their words."""
-
-    name: Hashable
-    trust: Interval
-    """The mean of `Audit.expert_proba` that is expected of another demonstration of this demonstrator."""
-    demonstrations: tuple[Hashable, ...]
-    """Their ids."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,14 +100,14 @@ class AuditResult:
         typical = float(np.median(trusted)) if len(trusted) else math.nan
         letters = {name: letter for letter, group in self.groups.items() for name in group}
         labels, has_outcome = self.labels, np.isfinite(self._answers_of_copies().outcome).tolist()
-        min_proba = self.settings.min_proba(self.anchor)
+        min_log_odds = logit(self.settings.min_proba(self.anchor))
         grounds = (
             Grounds(
                 finding=self.finding,
                 words=self.words,
                 verdict=self.verdicts[m],
                 log_odds=float(self.log_odds[m]),
-                is_sure=max(p := float(self.expert_proba[m]), 1 - p) >= min_proba,
+                is_sure=bool(abs(self.log_odds[m]) >= min_log_odds),
                 from_actions=float(self.from_actions[m]),
                 from_demonstrator=float(self.from_demonstrator[m]),
                 label=labels[m],
@@ -188,6 +168,26 @@ class AuditResult:
         return np.argsort(-self.log_odds, kind="stable")
 
     @cached_property
+    def ranks(self) -> Int[Array, " M"]:
+        """The place of each demonstration in the ranking, from 1, the most trusted, on."""
+        return np.argsort(self.ranking()) + 1
+
+    def has_proba(self, index: int) -> bool:
+        """Whether `expert_proba` of a demonstration may be shown: it has a word, or an adversary was named. Else its
+        place in the ranking is."""
+        return self.anchor == "named adversary" or SIDES[self.verdicts[index]] != "open"
+
+    def place(self, index: int) -> str:
+        """The probability of a demonstration where it has a word, or else its place in the ranking, as text."""
+        if self.has_proba(index):
+            return f"{self.words.probability} {self.expert_proba[index]:.2f}"
+        return f"place {self.ranks[index]:,} of {len(self.ids):,}"
+
+    def style(self, who: Demonstrator) -> str:
+        """The style of a demonstrator in words."""
+        return style_in_words(self.facts, self.lengths, [self.index(name) for name in who.demonstrations])
+
+    @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
         """Facts about each demonstration by name, which change no word; see `rpil.results.facts.known_facts`."""
         return known_facts(self.columns, self.beside, self.sessions, self.order)
@@ -223,7 +223,7 @@ class AuditResult:
             If an id or a label is unknown, or answers contradict each other.
         """
         found = answering.with_answers(self, labels or {}, pairs)
-        share = Interval(*expert_share_interval(found.expert_proba, 1.0))
+        share = Interval(*expert_share_interval(expit(found.log_odds), 1.0))
         return found if found is self else replace(found, prior=share)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
@@ -267,7 +267,7 @@ class AuditResult:
         With `arrays`, "audit" holds all fields too, also those of the steps, from which `Audit.from_dict` makes the
         audit again.
         """
-        facts, labels = self.facts, self.labels
+        facts, labels, ranks = self.facts, self.labels, self.ranks
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -289,6 +289,7 @@ class AuditResult:
                     "n_steps": int(self.lengths[m]),
                     "log_odds": float(self.log_odds[m]),
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
+                    "rank": int(ranks[m]),
                     "expert_proba": float(self.expert_proba[m]),
                     "reliability": float(self.reliability[m]),
                     "verdict": self.verdicts[m],
@@ -300,7 +301,8 @@ class AuditResult:
                 for m in self.ranking().tolist()
             ],
             "demonstrators": [
-                {"name": who.name, "trust": asdict(who.trust), "n_demonstrations": len(who.demonstrations)}
+                {"name": who.name, "trust": asdict(who.trust) if who.trust else None}
+                | {"n_demonstrations": len(who.demonstrations), "style": self.style(who)}
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],

@@ -213,7 +213,9 @@ def _shape(view: View) -> Shape:
         "demonstrations": _columns(columns, len(steps), words, bool(view.get("whole_ids"))),
         "whole_ids": _flag,
         "n_review": _below(len(steps) + 1),
-        "demonstrators": _Each({**interval, "name": _text, "n": _STEP, "counts": counted}),
+        "demonstrators": _Each(
+            {**dict.fromkeys(interval, _optional(_share)), "name": _text, "n": _STEP, "counts": counted, "style": _text}
+        ),
         "faults": _faults(faults, member),
         "fps": _optional(_positive),
         "lerobot": _flag,
@@ -232,7 +234,9 @@ def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape
         "id": _Each(_matching(r"-?\d{1,20}" if whole else ".{1,1000}"), every),
         "verdict": _Each(_among(words), every),
         "log_odds": numbers,
-        **dict.fromkeys(("p", "reliability", "low", "high"), shares),
+        **dict.fromkeys(("reliability", "low", "high"), shares),
+        "p": _Each(_optional(_share), every),
+        "rank": _Each(_below(size + 1), every),
         "n_steps": _Each(_positive, every),
         **dict.fromkeys(("reason", "task", "demonstrator", "session"), texts),
         "evidence": _Named(numbers),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
+from rpil.mixture.settings import DemonstratorSettings
 
 
 @stored()
@@ -24,6 +25,8 @@ class AuditSettings:
     """Of the steps of an audit after answers; a fit puts those of the judge here."""
     claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
     """Of words without answers; a fit puts those of the judge here."""
+    demonstrators: DemonstratorSettings = field(default=DemonstratorSettings(), metadata=NOT_STORED)
+    """Of demonstrators after answers; a fit puts those of the judge here."""
 
     def min_proba(self, anchor: str) -> float:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
@@ -33,4 +36,6 @@ class AuditSettings:
 
     def of(self, judge: JudgeSettings) -> AuditSettings:
         """The settings of an audit that answers, uses words and weighs steps as the judge does."""
-        return replace(self, answers=judge.answers, claims=judge.claims, steps=judge.steps)
+        return replace(
+            self, answers=judge.answers, claims=judge.claims, demonstrators=judge.demonstrators, steps=judge.steps
+        )

@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.demonstrators import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
 from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.answering import doubts_of_answers, verdicts_of
+from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
+from rpil.results.demonstrators import Interval, rank_demonstrators
 from rpil.results.facts import ranks_beside
 from rpil.results.groups import SECOND_WAY, groups_differ
 from rpil.results.record import Audit
-from rpil.results.result import MAX_LOG_ODDS, Demonstrator, Interval
+from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import MIN_ANSWERS, weights_of
-from rpil.results.text import printable
+from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Anchor
 
 MAX_RUNS = 10
@@ -39,9 +39,7 @@ def audit_from_judgement(
     is_decided = known is not None and known.count >= MIN_ANSWERS
     groups = None if is_decided else claims.groups
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    proba = expit(log_odds)
-    if finding in ("two groups", "nothing could be learned"):
-        proba = np.full(len(proba), 0.5)
+    proba = shown_proba(log_odds, judgement.words, finding, settings.min_proba(anchor))
     doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
     differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
     notes = (SECOND_WAY,) if claims.is_second_way and not is_decided else differ
@@ -81,12 +79,13 @@ def audit_from_judgement(
 
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
-    """The sentence of a doubt, with the names of its demonstrations, and of its part of the action."""
+    """The sentence of a doubt, with the names of its demonstrations, operators and part of the action."""
     runs = [[printable(ids[m]) for m in run.tolist()] for run in doubt.runs]
     names = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs]
     shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
     part = "" if doubt.part is None else printable(data.action_name(doubt.part))
-    return doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
+    sentence = doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
+    return sentence.replace("{operators}", listed(doubt.operators)) if doubt.operators else sentence
 
 
 def audit_from_mixture(
@@ -133,17 +132,3 @@ def certain(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: Au
     log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
     return np.where(labels == 0, log_odds, labelled)
-
-
-def rank_demonstrators(
-    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
-) -> tuple[Demonstrator, ...]:
-    """The demonstrators with a name, the most trusted first; `trust` holds the mean and the 95 % interval of each."""
-    if not demonstrators.informative:
-        return ()
-    ranked = []
-    for u, name in enumerate(demonstrators.names):
-        if name is not None:
-            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
-            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])), own))
-    return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean))

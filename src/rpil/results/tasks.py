@@ -10,8 +10,8 @@ from rpil.inference.answers import Answers
 from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
+from rpil.results.demonstrators import Interval
 from rpil.results.record import Audit
-from rpil.results.result import Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.text import listed
 from rpil.results.words import Verdict

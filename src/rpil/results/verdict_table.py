@@ -32,6 +32,7 @@ def verdict_columns(
         "id": file_ids(audit.ids),
         "verdict": audit.verdicts,
         "label": audit.labels,
+        "rank": audit.ranks.tolist(),
         "expert_proba": audit.expert_proba.tolist(),
         "log_odds": audit.log_odds.tolist(),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
@@ -55,10 +56,10 @@ def write_verdicts(
 ) -> None:
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
-    The columns are id, verdict, label (good, bad or nothing), expert_proba, log_odds and its parts from_actions,
-    from_demonstrator and from_label in nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and
-    so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and
-    the provenance among its metadata too.
+    The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
+    expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in nats, reliability,
+    demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the
+    run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
     Parameters
     ----------

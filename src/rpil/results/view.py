@@ -28,7 +28,8 @@ contradicting
 answers
     The labels and pairs that were given: [demonstration, "good", "bad" or "better than ID"].
 demonstrations
-    Columns of M: id (text), verdict, log_odds, p, evidence (dict of columns, the parts of log_odds), reliability, low,
+    Columns of M: id (text), verdict, log_odds, rank (the place in the ranking, from 1, the most trusted, on), p (None
+    where the place is shown in its stead), evidence (dict of columns, the parts of log_odds), reliability, low,
     high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
     a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
     session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1, and
@@ -40,7 +41,8 @@ n_review
 differ
     Sentences on how the groups A and B differ.
 demonstrators
-    For each name, mean, low, high (trust), n (demonstrations) and counts (of words); the most trusted first.
+    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of words) and style (in
+    words); with answers the most trusted first.
 faults
     Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, first, last,
     sentence; the worst first), not_checked (of each reason, rules), usual (sentences).
@@ -61,7 +63,7 @@ drawings
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
@@ -76,7 +78,7 @@ from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.verdict_table import is_whole
 from rpil.results.words import SIDES
 
-FORMAT_NAME, FORMAT_VERSION = "rpil run", 1
+FORMAT_NAME, FORMAT_VERSION = "rpil run", 2
 
 MAX_DRAWINGS = 300
 """Demonstrations with drawings, those that are most worth a look."""
@@ -140,8 +142,9 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> Vi
         "whole_ids": is_whole(audit.ids),
         "n_review": n_review,
         "demonstrators": [
-            {"name": str(one.name), "mean": one.trust.mean, "low": one.trust.low, "high": one.trust.high}
+            {"name": str(one.name), **(asdict(one.trust) if one.trust else dict.fromkeys(("mean", "low", "high")))}
             | {"n": len(one.demonstrations), "counts": audit.verdict_counts(one.demonstrations)}
+            | {"style": audit.style(one)}
             for one in audit.demonstrators
         ],
         "faults": _faults(audit, about.faults),
@@ -210,7 +213,8 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "id": names,
         "verdict": list(audit.verdicts),
         "log_odds": _significant(audit.log_odds),
-        "p": _decimals(audit.expert_proba),
+        "rank": audit.ranks.tolist(),
+        "p": [p if audit.has_proba(m) else None for m, p in enumerate(_decimals(audit.expert_proba))],
         "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
         "reliability": _decimals(audit.reliability),
         "low": _decimals(audit.reliability_interval[:, 0]),

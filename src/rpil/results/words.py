@@ -49,8 +49,8 @@ WORDS: dict[str, Words] = {
         "P(typical)",
         "P(typical) is the probability that a demonstration belongs to the group whose actions agree best; it is the "
         "probability of a good demonstration only if that group is good.",
-        "In 29 recorded sets 77% of the demonstrations with P(typical) of .9 or more were good, 51% of those with .1 "
-        "or less, and 61% of all (docs/results.md).",
+        "In 11 recorded sets with words 86% of the demonstrations with P(typical) of .9 or more were good, 36% of "
+        "those with .1 or less, and 64% of all (docs/results.md).",
     ),
     "answers": Words(
         "good",

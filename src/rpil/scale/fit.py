@@ -20,7 +20,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
-from rpil.inference.claims import extended, telling_pair
+from rpil.inference.claims import doubts_of_operators, extended, telling_pair
 from rpil.inference.facts import TIME_LIMIT, at_time_limit
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.groups import fit_groups
@@ -101,6 +101,8 @@ def judge_everyone(
     groups = fit_groups(score, variance, effective, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
     claims = extended(judged.claims, scores, sample.indices, settings)
+    if doubts := doubts_of_operators(data.demonstrators, claims.words, settings.claims):
+        claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
     none = np.empty(0)
     columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
     limit = at_time_limit(lengths)

@@ -57,7 +57,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     status, state = client.answer(0, "1", a, b)
     assert status == 200
     assert state["lines"][0] == "Now: 0 good, 24 open, 0 bad."
-    assert any(line.startswith("P(good) moved most: ") for line in state["lines"])
+    assert any(line.startswith("Places of 24 that changed most: ") for line in state["lines"])
     answered = audit.answered({}, [audit.pair])
     assert client.get("/api/view")["lines"] == state["lines"]
     assert client.get("/api/view")["view"]["demonstrations"]["verdict"] == list(answered.verdicts)

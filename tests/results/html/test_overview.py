@@ -25,7 +25,7 @@ def test_the_lowest_ten_with_their_reasons():
     assert [row[0] for row in found] == [str(audit.ids[m]) for m in lowest]
     for row, m in zip(found, lowest, strict=True):
         assert row[1].endswith(audit.verdicts[m])
-        assert row[2:5] == [f"{audit.expert_proba[m]:.2f}", f"{audit.log_odds[m]:+.1f}", f"{audit.lengths[m]:,}"]
+        assert row[2:5] == [audit.place(m), f"{audit.log_odds[m]:+.1f}", f"{audit.lengths[m]:,}"]
     assert "Judged by its actions" in found[0][5]
 
 

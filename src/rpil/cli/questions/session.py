@@ -181,10 +181,10 @@ def change_lines(old: Audit, new: Audit) -> Iterator[str]:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_CHANGED)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No word changed."
-    distance = abs(new.expert_proba - old.expert_proba)
+    distance = abs(new.ranks - old.ranks)
     most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
-    far = (f"{printable(new.ids[m])} {old.expert_proba[m]:.2f} to {new.expert_proba[m]:.2f}" for m in most)
-    yield f"{new.words.probability} moved most: {', '.join(far)}."
+    far = (f"{printable(new.ids[m])} from {old.ranks[m]:,} to {new.ranks[m]:,}" for m in most)
+    yield f"Places of {len(new.ids):,} that changed most: {', '.join(far)}."
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

@@ -21,7 +21,7 @@ def overview_html(audit: AuditResult) -> str:
             "id": shortened(audit.ids[m]),
             "verdict": audit.verdicts[m],
             "colour": colours[audit.verdicts[m]],
-            "proba": f"{audit.expert_proba[m]:.2f}",
+            "place": audit.place(m),
             "log_odds": f"{audit.log_odds[m]:+.1f}",
             "n_steps": f"{audit.lengths[m]:,}",
             "reason": audit.reasons[m],

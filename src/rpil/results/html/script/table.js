@@ -19,7 +19,8 @@ const columnsOf = (model) => {
     { key: "mark", title: "Mark", width: 66, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     { key: "verdict", title: "Word", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
-    { key: "p", title: view.words.probability, width: 92, right: true, cell: (m) => percent(d.p[m]) },
+    { key: "rank", title: "Place", width: 66, right: true, cell: (m) => d.rank[m].toLocaleString("en") },
+    d.p.some((p) => p !== null) && { key: "p", title: view.words.probability, width: 92, right: true, cell: (m) => (d.p[m] === null ? "" : percent(d.p[m])) },
     { key: "log_odds", title: "Log-odds", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
     { key: "reliability", title: "Reliability", width: 130, cell: bar },
     { key: "n_steps", title: "Steps", width: 70, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },

@@ -1,0 +1,102 @@
+"""Without answers operators give a reason to doubt, and nothing else: who gave the unlike demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hand_made import same_actions, scores_of, scoring_of
+from problems import make
+from rpil import RPIL, Demonstrations
+from rpil.data.demonstrators import Demonstrators
+from rpil.inference.claims import claim, doubts_of_operators
+from rpil.inference.settings import JudgeSettings
+
+SCORE = np.array([1.0] * 6 + [0.0] * 4)
+SETTINGS = JudgeSettings()
+
+
+def apart(names, words, max_chance=0.01):
+    """The operators of a doubt, and the beginning of its sentence."""
+    limits = replace(SETTINGS.claims, max_runs_p=max_chance)
+    doubts = doubts_of_operators(Demonstrators.from_names(names), np.asarray(words), limits)
+    return (doubts[0].sentence.split()[0], doubts[0].operators) if doubts else ("", ())
+
+
+@pytest.mark.parametrize(
+    ("names", "words", "expected"),
+    [
+        ("aaabbb", [1, 1, 0, 1, -1, -1], ("All", ("b",))),  # who gave a typical one as well
+        ("aaabbb", [1, 1, 0, 1, 0, -1], ("", ())),  # one alone
+        ("aaabbb", [1, 1, -1, 1, -1, -1], ("", ())),
+        ("aaaaaa", [1, 1, 1, 1, -1, -1], ("", ())),  # one operator gave all
+        ("abcdef", [1, 1, 1, 1, -1, -1], ("", ())),  # nobody gave two
+    ],
+)
+def test_all_unlike_ones_of_one_operator_are_a_doubt(names, words, expected):
+    assert apart(names, words) == expected
+
+
+def test_operators_of_whom_none_is_typical_are_a_doubt_where_chance_does_not_explain_it():
+    """Of 24 demonstrations 12 are typical: by chance none of n is with probability 1 / 2 ** n."""
+    names = "a" * 12 + "b" * 6 + "c" * 6
+    words = [1] * 12 + [-1] * 6 + [0] + [-1] * 5
+    assert apart(names, words, 0.02) == ("Most", ("b", "c"))
+    assert apart(names, words, 0.5**6) == ("", ())
+    assert apart(names, [*words[:-1], 1], 0.02) == ("Most", ("b",))  # 6 of 10
+    assert apart(names, [-1] * 2 + words[2:-1] + [1], 0.02) == ("", ())  # 6 of 12
+
+
+def found(names, gains=lambda group: np.where(group[:1].any(), np.where(SCORE > 0.5, 1.0, -1.0), 0.0)):
+    """The claims about demonstrations of these operators, whose scores are two groups."""
+    data = replace(same_actions(10), demonstrators=Demonstrators.from_names(names))
+    scoring = scoring_of(data, gains, SETTINGS)
+    scores = scores_of(scoring, SCORE, 0.999)
+    explained = scoring.model.evaluate(data.per_step((SCORE > 0.5).astype(float)), scoring.ridge)
+    return claim(scoring, replace(scores, fit=replace(scores.fit, held_out=explained)), None, None)
+
+
+def test_the_doubt_withdraws_the_words_and_names_the_operator():
+    assert found("abababaabb").finding == "some are unlike"
+    doubtful = found("aabaabbbbb")
+    assert doubtful.finding == "in doubt"
+    assert not doubtful.words.any()
+    assert [doubt.operators for doubt in doubtful.doubts] == [("b",)]
+    assert "--session operator" in doubtful.doubts[0].sentence
+
+
+def world(seed):
+    """Sixteen demonstrations, six of them random, and their operators: the random ones are of one or of several."""
+    toy = make("random", seed, n_good=10, n_bad=6, steps=(40, 60))
+    data = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
+    return toy, data, ["Ann"] * 8 + ["{Bob}"] * 8, ["Ann", "Bob"] * 8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_operators_without_answers_change_no_log_odds(seed):
+    toy, data, one, several = world(seed)
+    alone, doubtful, mixed = (RPIL().fit(data, demonstrators=who).audit_ for who in (None, one, several))
+    np.testing.assert_array_equal(alone.log_odds, doubtful.log_odds)
+    np.testing.assert_array_equal(alone.log_odds, mixed.log_odds)
+    assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
+    assert doubtful.finding == "in doubt"
+    assert set(doubtful.verdicts) == {"open"}
+    assert doubtful.doubts[0].startswith("All that score low are of one operator, {Bob}: perhaps a style")
+    assert [who.trust for who in doubtful.demonstrators] == [None, None]
+    assert doubtful.question
+
+
+def test_operators_are_known_where_demonstrations_are_copies():
+    toy, _, one, _ = world(0)
+    rows = np.arange(toy.offsets[0], toy.offsets[1])
+    offsets = np.append(toy.offsets, toy.offsets[-1] + len(rows))
+    copied = Demonstrations.from_arrays(
+        np.concatenate([toy.observations, toy.observations[rows]]),
+        np.concatenate([toy.actions, toy.actions[rows]]),
+        offsets,
+    )
+    audit = RPIL().fit(copied, demonstrators=[*one, "Ann"]).audit_
+    assert audit.finding == "in doubt"
+    assert "{Bob}" in audit.doubts[0]
