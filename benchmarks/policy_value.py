@@ -49,7 +49,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "disc": {
         "tasks": list(DISC_TASKS),
-        "n": [200],
+        "n": [400],
         "shares": [0.0, 0.25, 0.5, 0.75, 0.9],
         "learners": ["network"],
         "seeds": list(range(20)),

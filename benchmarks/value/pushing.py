@@ -15,11 +15,11 @@ import numpy as np
 
 from rpil.numerics.types import Array
 
-SPEED, TOUCH, NEAR, BEHIND = 0.06, 0.15, 0.12, 0.22
+SPEED, TOUCH, NEAR, BEHIND = 0.04, 0.15, 0.12, 0.22
 """Lengths; the table is 2 wide."""
 TURN = 1.8
 """Radians by which the way to the disc differs from that of the disc, at most."""
-LIMIT, AFTER_SUCCESS = 80, 2
+LIMIT, AFTER_SUCCESS = 120, 2
 """Steps of an episode at most, and those that are recorded after its success."""
 
 

@@ -175,7 +175,7 @@ def test_cells_of_several_files_count_once(tmp_path, capsys):
 
 
 def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
-    def added(out, cells):
+    def added(out, worlds, cells):
         with out.open("a") as file:
             file.write(json.dumps(cells[0]) + "\n")
 
