@@ -34,9 +34,9 @@ from value.learners import DISC_TRAINING, LEARNERS, TRAINING
 from value.report import Row, picture, report
 from value.rules import RULES, Judged, weights_of
 from value.stored import recorded_world
-from value.worlds import ARM_TASKS, DISC_TASKS, TASKS, World, drive, family
+from value.worlds import ARM_TASKS, DISC_TASKS, GAMES, OLDER_TASKS, OTHER_ARM_TASKS, TASKS, World, drive, family
 
-DEVELOPMENT_RULES = ["all", "step weights", "keep", "keep, 8 random labels", "oracle"]
+LEADING_RULES = ["all", "step weights", "keep", "keep, 8 random labels", "oracle"]
 PRESETS: dict[str, dict[str, Any]] = {
     "quick": {
         "tasks": ["MountainCar-v0", "disc careless"],
@@ -54,14 +54,16 @@ PRESETS: dict[str, dict[str, Any]] = {
         "learners": ["network"],
         "seeds": list(range(20)),
         "episodes": 1000,
-        "rules": DEVELOPMENT_RULES,
+        "rules": LEADING_RULES,
     },
-    "arm": {
-        "tasks": list(ARM_TASKS),
-        "n": [50],
+    "arm": {"tasks": list(ARM_TASKS), "n": [50], "shares": [0.5], "learners": ["network"], "rules": LEADING_RULES},
+    "games": {"tasks": list(GAMES), "n": [50], "shares": [0.5], "learners": ["network"], "rules": LEADING_RULES},
+    "other arm": {
+        "tasks": list(OTHER_ARM_TASKS),
+        "n": [40],
         "shares": [0.5],
-        "learners": ["network"],
-        "rules": DEVELOPMENT_RULES,
+        "learners": ["network", "drawn network"],
+        "rules": [*LEADING_RULES, "best 60 %", "shortest 60 %", "successes", "8 random labels"],
     },
 }
 TRAININGS = {"disc": DISC_TRAINING}
@@ -91,10 +93,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--out", nargs="+", type=Path, metavar="FILE", help="JSON lines, to which finished cells are added"
     )
     parser.add_argument("--preset", choices=PRESETS, help="of the values below")
-    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK")
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(OLDER_TASKS), metavar="TASK")
     parser.add_argument("--n", nargs="+", type=int, default=[20, 50], help="numbers of demonstrations")
     parser.add_argument("--shares", nargs="+", type=float, default=[0.0, 0.1, 0.3, 0.5], help="of bad ones")
-    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=list(LEARNERS), metavar="LEARNER")
+    parser.add_argument("--learners", nargs="+", choices=LEARNERS, default=["linear", "network"], metavar="LEARNER")
     parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--episodes", type=int, default=25, help="driven for each policy")
@@ -181,8 +183,7 @@ def finish(out: Path, worlds: Path | None, cells: list[Row]) -> None:
 def value_of(cell: Row, world: World, weight: Array) -> Row:
     """Train with these weights and drive."""
     training = replace(TRAININGS.get(family(cell["task"]), TRAINING), steps=cell["steps"])
-    own: dict[str, Any] = {"training": training} if cell["learner"] == "network" else {}
-    policy = LEARNERS[cell["learner"]](world.demonstrations, weight, cell["seed"], **own)
+    policy = LEARNERS[cell["learner"]](world.demonstrations, weight, cell["seed"], training)
     success, mean_steps = drive(cell["task"], policy, cell["episodes"], cell["seed"])
     return {"success": float(success.mean()), "mean_steps": mean_steps}
 
