@@ -46,7 +46,7 @@ class Interval:
         return self.mean - self.half
 
     def __str__(self) -> str:
-        return f"{100 * self.mean:+.1f} ± {100 * self.half:.1f}"
+        return f"{signed(self.mean)} ± {percent(self.half)}"
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def worst(cells: Sequence[Cell]) -> str:
             harmed = sum(cell.minus_all[rule].low < HARM for cell in judged)
             interval = lowest.minus_all[rule]
             widest = max(cell.minus_all[rule].half for cell in judged)
-            numbers = [percent(lowest.success_of_all), str(interval), f"{100 * interval.low:+.1f}"]
+            numbers = [percent(lowest.success_of_all), str(interval), signed(interval.low)]
             counts = [f"{harmed} of {len(judged)}", percent(widest), str(interval.count)]
             lines.append([rule, ", ".join(group), lowest.name, *numbers, *counts])
     header = ["rule", "worlds", "worst cell: task, number, share", "all", "minus all", "lower end"]
@@ -113,8 +113,7 @@ def cell_tables(cells: Sequence[Cell]) -> list[str]:
             for cell in own
         ]
         means = [
-            f"{100 * np.mean([cell.minus_all[rule].mean for cell in own if rule in cell.minus_all]):+.1f}"
-            for rule in rules
+            signed(np.mean([cell.minus_all[rule].mean for cell in own if rule in cell.minus_all])) for rule in rules
         ]
         lines.append(["mean", percent(np.mean([cell.success_of_all for cell in own])), *means])
         title = "### Cells: {}, {}".format(*group)
@@ -126,6 +125,10 @@ def groups(cells: Sequence[Cell]) -> list[tuple[tuple[str, str], list[Cell]]]:
     """Families and learners, and their cells."""
     present = sorted({cell.group for cell in cells}, key=lambda group: (FAMILIES.index(group[0]), group[1]))
     return [(group, [cell for cell in cells if cell.group == group]) for group in present]
+
+
+def signed(value: Any) -> str:
+    return f"{round(100 * float(value), 1) + 0.0:+.1f}"  # -0.0 + 0.0 is 0.0
 
 
 def percent(value: Any) -> str:

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 
 from rpil.numerics.types import Array
 from tables import table
-from value.cells import cell_tables, cells_of, worst
+from value.cells import cell_tables, cells_of, percent, worst
 from value.rules import ALL, RULES
 from value.worlds import family
 
@@ -163,10 +163,6 @@ def holm(p: Sequence[float]) -> list[float]:
     adjusted = np.empty(len(p))
     adjusted[order] = np.minimum(np.maximum.accumulate((len(p) - np.arange(len(p))) * np.sort(p)), 1.0)
     return [float(value) for value in adjusted]
-
-
-def percent(value: Any) -> str:
-    return f"{100 * float(value):.1f}"
 
 
 def picture(rows: Sequence[Row], path: Path) -> None:

@@ -192,6 +192,7 @@ RULES: dict[str, Rule] = {
     "4 random labels": Rule(partial(with_labels, count=4, suggested=False), ("is_good",)),
     "8 suggested labels": Rule(partial(with_labels, count=8, suggested=True), ("is_good",)),
     "8 random labels": Rule(partial(with_labels, count=8, suggested=False), ("is_good",)),
+    "keep, 4 suggested labels": Rule(partial(keep_with_labels, count=4, suggested=True), ("is_good",)),
     "keep, 8 suggested labels": Rule(partial(keep_with_labels, count=8, suggested=True), ("is_good",)),
     "keep, 8 random labels": Rule(partial(keep_with_labels, count=8, suggested=False), ("is_good",)),
     ORACLE: Rule(lambda known: known.judged.per_step(known.is_good), ("is_good",)),
