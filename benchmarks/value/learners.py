@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,13 @@ class Training:
     """Of Adam; falls to 0 as half a cosine."""
     noise: float = 0.1
     """Standard deviation of what is added to scaled observations."""
+    drawn: bool = False
+    """Whether steps are drawn by their weights, instead of their errors being weighted."""
 
 
 TRAINING = Training()
+DISC_TRAINING = Training(steps=1000, rate=3e-3, noise=0.03)
+"""For the disc: from 200 careful demonstrations a policy reaches 100 % with every seed, in less than a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +57,9 @@ class Network:
         return outputs if self.classes is None else self.classes[outputs.argmax(axis=1)]
 
 
-def linear(demonstrations: Demonstrations, weight: Array, seed: int) -> BehavioralCloning:
+def linear(
+    demonstrations: Demonstrations, weight: Array, seed: int, training: Training = TRAINING
+) -> BehavioralCloning:
     """The library's final policy, in the features of its judge."""
     return BehavioralCloning(features="folded").fit(demonstrations, sample_weight=weight)
 
@@ -65,6 +71,11 @@ def network(demonstrations: Demonstrations, weight: Array, seed: int, training: 
         classes, codes = np.unique(actions, return_inverse=True)
         return train(demonstrations.observations, codes, weight, seed, training, classes)
     return train(demonstrations.observations, actions, weight, seed, training)
+
+
+def drawn_network(demonstrations: Demonstrations, weight: Array, seed: int, training: Training = TRAINING) -> Network:
+    """A wider network that learns from steps drawn by their weights, without noise: a second way to learn."""
+    return network(demonstrations, weight, seed, replace(training, hidden=256, noise=0.0, drawn=True))
 
 
 def train(
@@ -91,7 +102,10 @@ def train(
     slower = torch.optim.lr_scheduler.CosineAnnealingLR(adam, training.steps)
     drawn = torch.Generator().manual_seed(seed)
     for _ in range(training.steps):
-        batch = torch.randint(len(x), (training.batch,), generator=drawn)
+        if training.drawn:
+            batch = torch.multinomial(w, training.batch, replacement=True, generator=drawn)
+        else:
+            batch = torch.randint(len(x), (training.batch,), generator=drawn)
         seen = x[batch]
         out = net(seen + training.noise * torch.randn(seen.shape, generator=drawn))
         if classes is None:
@@ -99,12 +113,12 @@ def train(
         else:
             loss = torch.nn.functional.cross_entropy(out, y[batch], reduction="none")
         adam.zero_grad()
-        (w[batch] * loss).mean().backward()
+        (loss if training.drawn else w[batch] * loss).mean().backward()
         adam.step()
         slower.step()
     layers = tuple((each.weight.detach().numpy().T.copy(), each.bias.detach().numpy().copy()) for each in linears)
     return Network(center, scale, layers, classes)
 
 
-Learner = Callable[[Demonstrations, Array, int], Any]
-LEARNERS: dict[str, Learner] = {"linear": linear, "network": network}
+Learner = Callable[[Demonstrations, Array, int, Training], Any]
+LEARNERS: dict[str, Learner] = {"linear": linear, "network": network, "drawn network": drawn_network}

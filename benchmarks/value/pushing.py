@@ -15,11 +15,11 @@ import numpy as np
 
 from rpil.numerics.types import Array
 
-SPEED, TOUCH, NEAR, BEHIND = 0.06, 0.15, 0.12, 0.22
+SPEED, TOUCH, NEAR, BEHIND = 0.04, 0.15, 0.12, 0.22
 """Lengths; the table is 2 wide."""
 TURN = 1.8
 """Radians by which the way to the disc differs from that of the disc, at most."""
-LIMIT, AFTER_SUCCESS = 80, 2
+LIMIT, AFTER_SUCCESS = 120, 2
 """Steps of an episode at most, and those that are recorded after its success."""
 
 
@@ -44,23 +44,47 @@ class Driver:
     """Whether only successful episodes are recorded."""
 
 
-GOOD = {"careful": Driver()}
-SECOND_WAY = {"other way": Driver(side=-1)}
-OPERATORS = {
-    "quick": Driver(speed=1.15, tremor=0.05),
-    "steady": Driver(speed=0.9, tremor=0.03),
+GOOD = {
+    "careful": Driver(),
+    "other way": Driver(side=-1),
+    "quick": Driver(tremor=0.03),
+    "steady": Driver(speed=0.75, tremor=0.03),
     "shaky": Driver(speed=0.95, tremor=0.12),
-    "wide": Driver(side=1, tremor=0.06),
+    "wide": Driver(side=1, speed=0.85, tremor=0.06),
 }
 BAD = {
     "careless": Driver(careless=True),
-    "timid": Driver(shy=0.8, must_succeed=False),
-    "stuck": Driver(stops=(0.1, 0.5), must_succeed=False),
+    "timid": Driver(shy=0.9, must_succeed=False),
+    "stuck": Driver(stops=(0.02, 0.2), must_succeed=False),
     "slow": Driver(speed=0.4, must_succeed=False),
     "noisy": Driver(tremor=0.8, must_succeed=False),
     "beside": Driver(aside=0.25, must_succeed=False),
     "random": Driver(random=True, must_succeed=False),
 }
+DRIVERS = GOOD | BAD
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Who drives in a data set: the usual drivers, and a share of others, of whom the seed draws one kind."""
+
+    usual: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+OPERATORS = ("quick", "steady", "shaky", "wide")
+CLUMSY = ("noisy", "beside", "random")
+MIXTURES = {
+    "careless": Mixture(("careful",), ("careless",)),
+    "second way": Mixture(("careful",), ("other way",)),
+    "timid": Mixture(("careful",), ("timid",)),
+    "stuck": Mixture(("careful",), ("stuck",)),
+    "slow": Mixture(("careful",), ("slow",)),
+    "two operators": Mixture(OPERATORS[:2], CLUMSY),
+    "three operators": Mixture(OPERATORS[:3], CLUMSY),
+    "four operators": Mixture(OPERATORS, CLUMSY),
+}
+"""The second way is as good as the first. Of operators all are good where the share of others is 0."""
 
 
 @dataclass(eq=False)
@@ -144,6 +168,21 @@ def driven(table: Table, driver: Driver, rng: np.random.Generator) -> tuple[Arra
         since = np.where((since >= 0) | table.succeeded(), since + 1, since)
         lengths = np.where((since == AFTER_SUCCESS) & (lengths == LIMIT), t + 1, lengths)
     return np.stack(seen, axis=1), np.stack(done, axis=1), lengths, since >= 0
+
+
+def demonstrations(
+    mixture: str, n_usual: int, n_others: int, rng: np.random.Generator
+) -> tuple[list[tuple[Array, Array]], list[str], list[bool]]:
+    """Episodes of the usual drivers and then of the others: the kind of each, and whether it succeeded."""
+    usual, others = MIXTURES[mixture].usual, MIXTURES[mixture].others
+    names = [usual[m % len(usual)] for m in range(n_usual)] + [str(rng.choice(others))] * n_others
+    episodes: list[tuple[Array, Array]] = []
+    success: list[bool] = []
+    for name in dict.fromkeys(names):
+        recorded, succeeded = record(DRIVERS[name], names.count(name), rng)
+        episodes += recorded
+        success += succeeded
+    return episodes, sorted(names, key=names.index), success
 
 
 def record(driver: Driver, n: int, rng: np.random.Generator) -> tuple[list[tuple[Array, Array]], list[bool]]:

@@ -13,6 +13,7 @@ from scipy.stats import t as student
 
 from rpil.numerics.types import Array
 from tables import table
+from value.cells import cell_tables, cells_of, percent, worst
 from value.rules import ALL, RULES
 from value.worlds import family
 
@@ -24,7 +25,7 @@ CURVE = ("best 40 %", "best 60 %", "best 80 %", ALL)
 
 
 def report(rows: Sequence[Row]) -> str:
-    """All tables in Markdown."""
+    """All tables in Markdown: the worst cells, all cells, means."""
     groups = sorted({group(row) for row in rows})
     parts = [comparison(rows, "All worlds and learners")] if len(groups) > 1 else []
     for each in groups:
@@ -32,7 +33,9 @@ def report(rows: Sequence[Row]) -> str:
         parts.append(comparison(own, "{}, {}".format(*each)))
         parts.append(by_group(own, lambda row: f"{row['n']}, {row['share']:.0%} bad", "by number and share"))
         parts.append(by_group(own, lambda row: row["task"], "by task"))
-    return "\n\n".join([*parts, never_hurts(rows), commits(rows)])
+    cells = cells_of(rows)
+    led = [worst(cells), *cell_tables(cells)] if cells else []
+    return "\n\n".join([*led, *parts, never_hurts(rows), commits(rows)])
 
 
 def group(row: Row) -> tuple[str, str]:
@@ -160,10 +163,6 @@ def holm(p: Sequence[float]) -> list[float]:
     adjusted = np.empty(len(p))
     adjusted[order] = np.minimum(np.maximum.accumulate((len(p) - np.arange(len(p))) * np.sort(p)), 1.0)
     return [float(value) for value in adjusted]
-
-
-def percent(value: Any) -> str:
-    return f"{100 * float(value):.1f}"
 
 
 def picture(rows: Sequence[Row], path: Path) -> None:

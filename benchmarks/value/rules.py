@@ -27,6 +27,8 @@ from value.worlds import World
 
 SHORT = 0.6
 """Share of the demonstrations that count as short, or as informative."""
+DIGITS = 9
+"""Of weights."""
 IDLE = 0.01
 """Standard deviations of a column; what changes less from step to step stands still."""
 
@@ -78,9 +80,10 @@ def told(rule: Rule, world: World, judged: Judged, seed: int) -> Known:
 
 
 def weights_of(rule: Rule, world: World, judged: Judged, seed: int) -> Array:
-    """The weights of the steps, the largest 1; all 1 where the rule would keep nothing."""
-    weight = rule.weights(told(rule, world, judged, seed))
-    return weight / weight.max() if weight.max() > 0 else np.ones(len(weight))
+    """The weights of the steps, the largest 1; all 1 where the rule would keep nothing. Rounded, so that weights that
+    are equal but for rounding share a policy."""
+    weight = np.asarray(rule.weights(told(rule, world, judged, seed)), dtype=float)
+    return np.round(weight / weight.max(), DIGITS) if weight.max() > 0 else np.ones(len(weight))
 
 
 def trimmed(known: Known) -> Array:
@@ -102,9 +105,13 @@ def still(rows: Array, others: Array) -> Array:
 
 def keep(known: Known, share: float | None = None) -> Array:
     """What ``rpil keep`` writes, without options or with ``--share``."""
-    audit = known.judged.audit
+    return what_is_kept(known.judged, known.judged.audit, share)
+
+
+def what_is_kept(judged: Judged, audit: Audit, share: float | None = None) -> Array:
+    """What ``rpil keep`` writes of an audit."""
     kept: set[Hashable] = set(kept_ids(verdict_columns(audit, {}), share))
-    return known.judged.per_step([name in kept for name in audit.ids])
+    return judged.per_step([name in kept for name in audit.ids])
 
 
 def successes(known: Known) -> Array:
@@ -129,15 +136,23 @@ def with_outcomes(known: Known, count: int | None = None) -> Array:
 
 
 def with_labels(known: Known, count: int, suggested: bool) -> Array:
+    """The weights of steps after labels."""
+    return without_bad(labelled(known, count, suggested)) if known.judged.audit.columns.size else keep(known)
+
+
+def keep_with_labels(known: Known, count: int, suggested: bool) -> Array:
+    """What ``rpil keep`` writes after labels."""
+    return what_is_kept(known.judged, labelled(known, count, suggested))
+
+
+def labelled(known: Known, count: int, suggested: bool) -> Audit:
     """A person labels `count` demonstrations: those that the audit suggests, one after the other, or drawn ones."""
     audit = known.judged.audit
-    if not audit.columns.size:
-        return keep(known)
     drawn = np.random.default_rng(known.seed).permutation(len(known.is_good))
-    for k in range(min(count, len(drawn))):
+    for k in range(min(count, len(drawn)) if audit.columns.size else 0):
         name = audit.suggest_labels(1)[0] if suggested else audit.ids[drawn[k]]
         audit = audit.answered({name: "good" if known.is_good[audit.index(name)] else "bad"})
-    return without_bad(audit)
+    return audit
 
 
 def without_bad(audit: Audit) -> Array:
@@ -177,5 +192,8 @@ RULES: dict[str, Rule] = {
     "4 random labels": Rule(partial(with_labels, count=4, suggested=False), ("is_good",)),
     "8 suggested labels": Rule(partial(with_labels, count=8, suggested=True), ("is_good",)),
     "8 random labels": Rule(partial(with_labels, count=8, suggested=False), ("is_good",)),
+    "keep, 4 suggested labels": Rule(partial(keep_with_labels, count=4, suggested=True), ("is_good",)),
+    "keep, 8 suggested labels": Rule(partial(keep_with_labels, count=8, suggested=True), ("is_good",)),
+    "keep, 8 random labels": Rule(partial(keep_with_labels, count=8, suggested=False), ("is_good",)),
     ORACLE: Rule(lambda known: known.judged.per_step(known.is_good), ("is_good",)),
 }

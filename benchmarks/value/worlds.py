@@ -1,4 +1,4 @@
-"""Worlds in which demonstrations are made and policies are driven: Meta-World's arm, and Gymnasium's games.
+"""Worlds in which demonstrations are made and policies are driven: Meta-World's arm, a disc that is pushed, games.
 
 The quality of a demonstration is the operator's who gave it; its success is how the episode ended.
 """
@@ -19,12 +19,18 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.environments import make
+from value import pushing
 from value.operators import BAD, GOOD, Operator
 
 Episode = tuple[Array, Array]
 Made = tuple[list[Episode], list[str], list[bool]]
 NO_GRASP = ("reach", "door-open", "drawer-open", "button-press-topdown", "window-open")
 ARM_TASKS = (*NO_GRASP, "push", "pick-place", "peg-insert-side")
+OTHER_ARM_TASKS = (
+    *("door-close", "window-close", "faucet-open", "plate-slide"),
+    *("coffee-button", "push-wall", "sweep-into", "hammer"),
+)
+"""Nothing in the library or in its benchmarks was chosen on these; they are driven once."""
 GAMES = {
     "CartPole-v1": (0, 475),
     "MountainCar-v0": (-200, -110),
@@ -39,8 +45,14 @@ IDLE = "idle "
 """Tasks of this name have demonstrations that wait before and after the task, and are the same else."""
 WAIT = 20
 """Steps at most of each wait."""
-TASKS = (*ARM_TASKS, *(IDLE + task for task in ("reach", "push", "pick-place", "drawer-open")), *GAMES)
-FAMILIES = ("arm", "idle arm", "games")
+DISC = "disc "
+"""Tasks of this name are those of `pushing.MIXTURES`."""
+DISC_TASKS = tuple(DISC + mixture for mixture in pushing.MIXTURES)
+IDLE_TASKS = tuple(IDLE + task for task in ("reach", "push", "pick-place", "drawer-open"))
+TASKS = (*ARM_TASKS, *OTHER_ARM_TASKS, *IDLE_TASKS, *GAMES, *DISC_TASKS)
+OLDER_TASKS = (*ARM_TASKS, *IDLE_TASKS, *GAMES)
+"""Those that are driven where none are named."""
+FAMILIES = ("arm", "other arm", "idle arm", "games", "disc")
 KINDS_OF_A_WORLD = 3
 """Kinds of bad demonstrations in one data set, as of a few operators."""
 GENTLE = 0.3
@@ -67,18 +79,19 @@ class World:
 
 
 def family(task: str) -> str:
-    return FAMILIES[2] if task in GAMES else FAMILIES[1] if task.startswith(IDLE) else FAMILIES[0]
+    of_tasks = zip(FAMILIES, (ARM_TASKS, OTHER_ARM_TASKS, IDLE_TASKS, GAMES, DISC_TASKS), strict=True)
+    return next(name for name, tasks in of_tasks if task in tasks)
 
 
 def make_world(task: str, n: int, share_bad: float, seed: int) -> World:
-    """`n` demonstrations in random order, `share_bad` of them bad: of three kinds that the seed draws."""
+    """`n` demonstrations in random order, `share_bad` of them bad: of three kinds that the seed draws, or of the
+    others of a mixture of drivers, who are good where their kind is."""
     waits, task = task.startswith(IDLE), task.removeprefix(IDLE)
     rng = np.random.default_rng([seed, zlib.crc32(task.encode())])
     n_bad = round(n * share_bad)
-    recorded = _game_demonstrations if task in GAMES else _arm_demonstrations
-    episodes, kinds, success = recorded(task, n - n_bad, n_bad, rng)
+    episodes, kinds, success = RECORDED.get(family(task), _arm_demonstrations)(task, n - n_bad, n_bad, rng)
     order = rng.permutation(n)
-    is_good = (np.arange(n) < n - n_bad)[order]
+    is_good = np.array([m < n - n_bad or kinds[m] in pushing.GOOD for m in range(n)])[order]
     if waits:
         episodes = [waiting(episode, rng.integers(WAIT + 1, size=2)) for episode in episodes]
     demonstrations = Demonstrations.from_episodes([episodes[m] for m in order])
@@ -97,6 +110,8 @@ def drive(task: str, policy: Any, n_episodes: int, seed: int) -> tuple[Array, fl
     Returns the success of each, from 0 to 1 (of a game the return between those of `GAMES`), and the mean steps, where
     they are counted.
     """
+    if task.startswith(DISC):
+        return pushing.drive(policy, n_episodes, seed), None
     if task in GAMES:
         found = rollout(policy, task, n_episodes=n_episodes, seed=seed + 1_000_000)
         return scaled_return(task, found.returns), None
@@ -175,6 +190,14 @@ def record_arm(task: str, employed: Callable[[Any], Operator], seed: int) -> tup
             observation, _, _, _, info = env.step(action)
             since = since + 1 if since >= 0 or info["success"] else -1
     return (np.array(observations), np.array(actions)), since >= 0
+
+
+def _disc_demonstrations(task: str, n_usual: int, n_others: int, rng: np.random.Generator) -> Made:
+    return pushing.demonstrations(task.removeprefix(DISC), n_usual, n_others, rng)
+
+
+RECORDED = {"games": _game_demonstrations, "disc": _disc_demonstrations}
+"""What records demonstrations of a family that is not of the arm: of a task, so many good ones and so many others."""
 
 
 def _drive_arm(task: str, policy: Any, seed: int) -> tuple[bool, int]:

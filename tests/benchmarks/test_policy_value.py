@@ -175,7 +175,7 @@ def test_cells_of_several_files_count_once(tmp_path, capsys):
 
 
 def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
-    def added(out, cells):
+    def added(out, worlds, cells):
         with out.open("a") as file:
             file.write(json.dumps(cells[0]) + "\n")
 
@@ -195,7 +195,7 @@ def test_quick_is_resumed(tmp_path, capsys):
     lines = out.read_text().splitlines()
     assert {"commit", "dirty"} <= set(json.loads(lines[0]))
     rows = [json.loads(line) for line in lines]
-    assert len(rows) == 2 * len(policy_value.QUICK_RULES)
+    assert len(rows) == 4 * len(policy_value.PRESETS["quick"]["rules"])
     assert all(0 <= row["success"] <= 1 for row in rows)
     assert {row["weight_on_good"] for row in rows if row["rule"] == ORACLE} == {1.0}
     out.write_text("\n".join([*lines[:-1], lines[-1][:20]]))
