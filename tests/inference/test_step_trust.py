@@ -11,7 +11,7 @@ from scipy.special import expit, logit
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.inference.step_trust import balanced, reliability_of, step_proba, step_shares
+from rpil.inference.step_trust import against_others, balanced, reliability_of, step_proba, step_shares
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -38,7 +38,7 @@ def test_steps_that_follow_the_policy_have_the_larger_share_whatever_their_numbe
     log_ratio = np.where(is_likely, np.log(0.9 / 0.25), np.log(0.1 / 0.75)).ravel()
     ones, zeros = np.ones((3 * n_steps, 1)), np.zeros(3 * n_steps, dtype=int)
     problem = FitData(ones, zeros, np.arange(4) * n_steps, Discrete(4), np.zeros(3, dtype=int))
-    found = step_shares(problem, log_ratio, JudgeSettings()).reshape(3, n_steps)
+    found = step_shares(problem, log_ratio, JudgeSettings(), 1.0).reshape(3, n_steps)
     np.testing.assert_allclose(found.mean(axis=1), 0.5, atol=1e-6)
     for m in range(3):
         assert found[m, follows[m]].mean() > found[m, ~follows[m]].mean() + 0.2
@@ -46,8 +46,18 @@ def test_steps_that_follow_the_policy_have_the_larger_share_whatever_their_numbe
 
 def test_a_demonstration_whose_steps_are_alike_has_equal_shares():
     problem = FitData(np.ones((5, 1)), np.zeros(5, int), np.array([0, 3, 5]), Discrete(2), np.zeros(2, int))
-    share = step_shares(problem, np.array([-4.0, -4.0, -4.0, 60.0, 60.0]), JudgeSettings())
+    share = step_shares(problem, np.array([-4.0, -4.0, -4.0, 60.0, 60.0]), JudgeSettings(), 1.0)
     np.testing.assert_allclose(share, 0.5, atol=0.01)  # a step at an end has one neighbour only
+
+
+def test_a_reliable_demonstration_is_taken_whole():
+    problem = FitData(np.ones((8, 1)), np.zeros(8, int), np.array([0, 4, 8]), Discrete(2), np.zeros(2, int))
+    log_ratio = np.array([4.0, 4.0, -4.0, 4.0, -4.0, -4.0, 4.0, -4.0])
+    reliability = against_others(problem, log_ratio, JudgeSettings())
+    assert reliability[0] > 0.5 > reliability[1]
+    share = step_shares(problem, log_ratio, JudgeSettings(), 0.5)
+    np.testing.assert_array_equal(share[:4], 0.5)
+    assert share[6] > 0.8 > 0.5 > share[[4, 5, 7]].max()
 
 
 @pytest.mark.parametrize("seed", range(5))

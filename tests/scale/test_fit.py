@@ -33,6 +33,7 @@ def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
         training_group=group,
         scores=SimpleNamespace(fit=SimpleNamespace(ridge=1e-3)),
         claims=SimpleNamespace(do_steps_tell=True),
+        step_trust=SimpleNamespace(whole_from=0.6),
     )
     weigh = StepWeights.of(audit, Sample(problem, np.arange(120), judgement, model.judge_), settings)
     log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
@@ -41,7 +42,7 @@ def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
     log_prob, expected = model.judge_.step_ratios(problem.features, problem.actions, settings)
     against = log_prob - others.step_ratios(problem.features, problem.actions, settings.held_out)[0]
     np.testing.assert_array_equal(log_ratio, expected)
-    np.testing.assert_array_equal(share, step_shares(problem, against, settings))
+    np.testing.assert_array_equal(share, step_shares(problem, against, settings, 0.6))
     np.testing.assert_array_equal(weight, step_weight(data.lengths, *of_demonstrations(audit), share))
     some = weigh.only(slice(40, 90))
     assert len(some.trust) == len(some.sign) == 50
@@ -52,7 +53,11 @@ def test_without_others_the_steps_of_a_demonstration_weigh_the_same():
     model = small_rpil().fit(data)
     design = model.judge_features_.design(data.observations)
     problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
-    judgement = SimpleNamespace(training_group=np.ones(120, dtype=bool), claims=SimpleNamespace(do_steps_tell=False))
+    judgement = SimpleNamespace(
+        training_group=np.ones(120, dtype=bool),
+        claims=SimpleNamespace(do_steps_tell=False),
+        step_trust=SimpleNamespace(whole_from=0.6),
+    )
     weigh = StepWeights.of(model.audit_, Sample(problem, np.arange(120), judgement, model.judge_), JudgeSettings())
     np.testing.assert_allclose(weigh.steps(problem, slice(0, 120))[1], 0.5, atol=1e-6)
 

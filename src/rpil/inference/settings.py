@@ -269,6 +269,10 @@ class StepSettings:
     stay: float = 0.95
     """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average.
     benchmarks/windows.py ("stay .8", "stay .99")."""
+    whole_reliability: float = 0.9
+    """Reliability against the others, divided by the median of the training group, from which all steps of a
+    demonstration have the same share. Without it the gain of the weights on robot arms is halved
+    (benchmarks/policy_value.py, preset arm)."""
     p_stretches: float = 0.5
     """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
 

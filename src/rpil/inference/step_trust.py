@@ -15,6 +15,9 @@ are those of the training group T and of all other demonstrations R, both held o
 for each demonstration, so that no demonstration gains or loses:
 
     s_n = sigmoid(logit P(z_n | log pi_T - log pi_R) + b_m),      mean over m of s_n = 1/2
+
+It is 1/2 for all steps of a demonstration that is about as reliable, against the others, as those of T are: a few
+unlikely steps of it are a misfit of the policy, and without them it would be biased to where it fits.
 """
 
 from __future__ import annotations
@@ -45,6 +48,8 @@ class StepTrust:
     """Its 95 % interval."""
     share: Float[Array, " N"]
     """s_n of each step; empty where steps are not kept."""
+    whole_from: float
+    """Reliability against the others from which the steps of a demonstration are not told apart."""
 
 
 def reliability_of(
@@ -70,12 +75,21 @@ def reliability_of(
     return softmax(evidence, axis=1) @ nodes, np.stack(ends, axis=1)
 
 
-def step_shares(data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " N"]:
-    """The share s_n of each step in its demonstration, given the held-out `log_ratio` log pi_T - log pi_R."""
+def step_shares(
+    data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings, whole_from: float
+) -> Float[Array, " N"]:
+    """The share s_n of each step in its demonstration, given the held-out `log_ratio` log pi_T - log pi_R; 1/2 in
+    demonstrations with a reliability against the others of `whole_from` or more."""
     clipped = np.clip(log_ratio, -settings.max_log_ratio, settings.max_log_ratio)
-    share, _ = reliability_of(data, clipped, np.ones(data.n_demonstrations), settings)
-    proba = step_proba(share, clipped, data.lengths, settings.steps)
-    return balanced(logit(np.clip(proba, _LEAST_SHARE, 1 - _LEAST_SHARE)), data.lengths)
+    reliability = against_others(data, log_ratio, settings)
+    proba = step_proba(reliability, clipped, data.lengths, settings.steps)
+    share = balanced(logit(np.clip(proba, _LEAST_SHARE, 1 - _LEAST_SHARE)), data.lengths)
+    return np.where(data.per_step(reliability >= whole_from), 0.5, share)
+
+
+def against_others(data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
+    """The reliability of each demonstration against the others, given log pi_T - log pi_R."""
+    return reliability_of(data, log_ratio, np.ones(data.n_demonstrations), settings)[0]
 
 
 def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:

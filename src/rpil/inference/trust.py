@@ -24,7 +24,7 @@ from rpil.inference.held_out import HeldOutModel
 from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
+from rpil.inference.step_trust import StepTrust, against_others, reliability_of, step_shares
 from rpil.inference.trimming import fit_trimmed
 from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -120,7 +120,10 @@ def judge(
     against = np.zeros(len(log_ratio))
     if not claims.is_second_way and do_steps_tell(data, scores.fit, settings):
         claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
-    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), step_shares(data, against, settings))
+    typical = float(np.median(against_others(data, against, settings)[scores.fit.group]))
+    whole_from = settings.steps.whole_reliability * typical
+    shares = step_shares(data, against, settings, whole_from)
+    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares, whole_from)
     answers = Answers.of_labels(data.labels) if answers is None else answers
     columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
@@ -228,5 +231,5 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
     beside = {name: values[place] for name, values in judged.beside.items()}
     missing = judged.missing_steps
     evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of)
-    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows])
+    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

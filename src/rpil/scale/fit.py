@@ -109,7 +109,9 @@ def judge_everyone(
     beside = {} if limit is None else {TIME_LIMIT: limit}
     missing, own = judged.missing_steps, np.arange(len(score))
     evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, own)
-    return conclude(data, evidence, answers, StepTrust(reliability, interval, none), none, settings)
+    return conclude(
+        data, evidence, answers, StepTrust(reliability, interval, none, judged.step_trust.whole_from), none, settings
+    )
 
 
 class WeightedBlock(NamedTuple):
@@ -133,6 +135,8 @@ class StepWeights:
     trust: Array
     sign: Array
     """W and c of the demonstrations from number `first` on (`rpil.results.step_weights`)."""
+    whole_from: float
+    """See `StepTrust`."""
     settings: JudgeSettings
     final: DesignMap | None = None
     """The map with the features of the final policy, where they are not the judge's."""
@@ -145,7 +149,7 @@ class StepWeights:
         if judged.claims.do_steps_tell and issubclass(kind, SoftmaxRatio | StudentRatio):
             weight = sample.data.per_step((~judged.training_group).astype(float))
             others = kind.fit(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
-        return cls(sample.judge, others, *of_demonstrations(audit), settings)
+        return cls(sample.judge, others, *of_demonstrations(audit), judged.step_trust.whole_from, settings)
 
     def only(self, demonstrations: slice) -> StepWeights:
         """The same for some of the demonstrations."""
@@ -164,5 +168,5 @@ class StepWeights:
         against = np.zeros(len(log_prob))
         if self.others is not None:
             against = log_prob - self.others.step_ratios(data.features, data.actions, self.settings.held_out)[0]
-        share = step_shares(data, against, self.settings)
+        share = step_shares(data, against, self.settings, self.whole_from)
         return log_ratio, share, step_weight(data.lengths, self.trust[demonstrations], self.sign[demonstrations], share)
