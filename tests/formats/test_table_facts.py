@@ -177,7 +177,7 @@ def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path,
     np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
     assert [*read.description.outcomes] == ["success"]
     said = {"operator": read.operators, "task": read.tasks}.get(role)
-    assert said is None or [*dict(said).values()] == ["0", "1", "2"]
+    assert said is None or [*map(str, dict(said).values())] == ["0", "1", "2"]
 
 
 @pytest.mark.parametrize(

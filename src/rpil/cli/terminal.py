@@ -217,7 +217,7 @@ def verdict_sentence(audit: Audit) -> str:
     from rpil.inference.findings import DECIDED
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    if audit.finding not in DECIDED:
+    if {*audit.verdicts} == {"open"} and audit.finding not in DECIDED:
         return f"{size} are ranked; all are open."
     counts = ", ".join(f"{count:,} {word}" for word, count in audit.verdict_counts().items())
     return f"{size}: {counts}."
