@@ -71,13 +71,14 @@ def check(
 
         fatal = _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
+        _mend(file, options["video"], options["fix"])
         skip_bad, options["skip_bad"] = options["skip_bad"], False  # their missing values are findings
         with allow_missing():
             read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
         report = faults_of(read, options["fps"], suppressed, skip_bad, FaultSettings())
-        defects = _defects(file, options["video"], options["fix"], progress)
+        defects = _defects(file, options["video"], progress)
     if output:
         write_findings(output, report, defects)
     lines = [*fault_lines(report), *defect_lines(defects)]
@@ -93,19 +94,24 @@ def _as_dict(report: FaultReport, defects: Sequence[Defect]) -> dict[str, object
     return report.to_dict() | {"folder": [asdict(one) for one in defects]}
 
 
-def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[Defect]:
+def _mend(file: str, look: bool, fix: bool) -> None:
+    """Mend a folder of LeRobot, where that is wanted, before it is read; other formats have neither of the options."""
+    from rpil.formats.registry import find
+
+    found = find(file)
+    if (look or fix) and not found.has_defects:
+        raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
+    for line in found.mend() if fix else ():
+        click.echo(line, err=True)
+
+
+def _defects(file: str, look: bool, progress: StageProgress) -> list[Defect]:
     """What of a folder of LeRobot does not agree with its data; none of other formats."""
     from rpil.formats.registry import find
 
     found = find(file)
-    if not found.has_defects:
-        if look or fix:
-            raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
-        return []
-    for line in found.mend() if fix else ():
-        click.echo(line, err=True)
     progress("looking at the videos" if look else "checking the files")
-    return found.find_defects(look)
+    return found.find_defects(look) if found.has_defects else []
 
 
 def defect_lines(defects: Sequence[Defect]) -> list[str]:
