@@ -18,6 +18,7 @@ import pytest
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
 from recordings import recording
+from rpil.faults.expected import read_expected
 
 
 def write(path, damage=None, timestamps=True):
@@ -272,3 +273,9 @@ def test_what_fix_has_mended_is_read_anew():
     mended = ok("check", root, "--json", "-q", "--fix").stdout
     assert mended == ok("check", root, "--json", "-q").stdout
     assert not [one for one in json.loads(mended)["findings"] if one["id"] == 2]
+
+
+def test_thousands_of_ids_may_be_expected():
+    ids = [f"{m:08d}" for m in range(5000)]
+    Path("faults.toml").write_text(f"spike = {json.dumps(ids)}\n")
+    assert read_expected("faults.toml") == {"spike": {*ids}}
