@@ -123,9 +123,8 @@ def _check_left(kept: list[Id], file: str, verdicts: str | None, table: Table, o
     """A `DataError` where nothing is left to keep."""
     if not kept:
         source = f"the verdicts of {verdicts}" if verdicts else "the audit"
-        ways = ["leave out --only-named"] * only_named + ["change labels"]
-        if "log_odds" in table and {*table.get("label", [""])} != {"bad"}:  # which no share keeps
-            ways.insert(0, "choose with --share")
+        is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
+        ways = ["choose with --share"] * is_graded + ["leave out --only-named"] * only_named + ["change labels"]
         raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 

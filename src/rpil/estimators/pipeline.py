@@ -12,8 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
-import numpy as np
-
 from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
@@ -104,7 +102,7 @@ class Options:
             kind = self.features if self.features not in ("raw", "auto") else "folded"
         offsets = demonstrations.offsets if self.judges else None  # the paper's mixture sees what its policy sees
         seen, what = demonstrations.observations, f"{demonstrations.source}: observation"
-        check_squares(np.array([seen.min(axis=0), seen.max(axis=0)], float), what, demonstrations.observation_names)
+        check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
         return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
     def judged(self, data: FitData) -> FitData:

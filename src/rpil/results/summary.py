@@ -78,8 +78,7 @@ def audit_from_judgement(
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
     """The sentence of a doubt, with the names of its demonstrations, and of its part of the action."""
-    runs = [[printable(ids[m]) for m in run.tolist()] for run in doubt.runs]
-    names = spans(runs)
+    names = spans([printable(ids[m]) for m in run.tolist()] for run in doubt.runs)
     shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
     part = "" if doubt.part is None else printable(data.action_name(doubt.part))
     return doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)

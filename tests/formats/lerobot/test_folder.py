@@ -193,7 +193,7 @@ def test_list_and_commands(dataset):
     assert "--dataset.episodes" in train
     info.write_text(version_3.replace("v3.0", "v2.0"))
     older, same, *_ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
-    assert older == "That converter reads version 2.1 only, and this is 2.0: convert it to 2.1 before."
+    assert older == "The converter to version 3.0 reads 2.1 only, and this is 2.0: convert it to 2.1 before."
     assert same == first
     info.write_text(version_3.replace("v3.0", "v2.1"))
     (dataset / "meta" / "episodes_stats.jsonl").write_text("")

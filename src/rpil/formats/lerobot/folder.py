@@ -22,7 +22,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import folder
-from rpil.formats.format import Defect, Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.check import EPISODES_STATS, Folder, find_defects, find_shots, in_times, in_videos, mend
 from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
@@ -77,24 +77,22 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
     info, old, wanted = check_output(path, output, bool(trims)), Folder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
-    of_kind: dict[str, list[Defect]] = {}
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
             where, found = path, [*in_times(old, wanted)]
     else:
-        with guarded(path / "meta"):
+        with guarded(path / "meta" / "episodes"):
             old.shots(wanted)  # whose times are numbers
         with new_folder(output) as new:
             _write(path, new, info, ids, trims)
             with guarded(path / "meta"):
                 counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
                 where, found = output, [*in_times(Folder(new)), *(in_videos(Folder(new), False) if counted else ())]
-    for one in found:
-        of_kind.setdefault(one.what, []).append(one)
-    for first, *others in of_kind.values():
+    for what in dict.fromkeys(one.what for one in found):
+        first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
-        warnings.warn(f"{where}, {first.what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
+        warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
 def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
@@ -182,12 +180,11 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    lines = [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+    needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
     if version != "v2.1":
-        return [f"That converter reads version 2.1 only, and this is {version[1:]}: convert it to 2.1 before.", *lines]
-    if (path / EPISODES_STATS).is_file():
-        return lines
-    return [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there.", *lines]
+        needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
+    is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
+    return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 def _read_from(output: StrPath, numbers: str) -> str:
