@@ -104,3 +104,8 @@ def test_the_module_is_the_command(words):
 def test_the_package_is_imported_in_a_moment():
     script = "import sys, rpil.cli.entry; print({'typing', 'click', 'importlib.metadata'} & {*sys.modules})"
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "set()\n"
+
+
+def test_the_command_has_one_name():
+    done = subprocess.run([sys.executable, "-m", "rpil", "--version"], capture_output=True, text=True)
+    assert done.stdout.startswith("rpil, version ")

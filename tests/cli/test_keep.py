@@ -50,6 +50,13 @@ def test_one_demonstration_alone_is_kept():
     assert "; 1 demonstration, 20 steps" in ok("info", "kept.csv").stdout
     assert ok("convert", "kept.csv", "-o", "one.npz").stdout == "1 demonstration, 20 steps: one.npz\n"
     refused("one demonstration alone", "audit", "drive.csv")
+    for word, kept in (("bad", False), ("good", True)):
+        Path("labels.csv").write_text(f"id,label\n7,{word}\n")
+        call = ["keep", "drive.csv", "--labels", "labels.csv", "-o", f"{word}.csv"]
+        ok(*call) if kept else refused("no demonstration is left by the audit; change labels", *call)
+        assert Path(f"{word}.csv").exists() == kept
+    Path("labels.csv").write_text("id,label\n8,bad\n")
+    refused("no demonstration is called '8'", "keep", "drive.csv", "--labels", "labels.csv", "-o", "k.csv")
 
 
 def test_keep_by_labels_keeps_what_has_no_label_unless_only_named(folder):
@@ -63,6 +70,9 @@ def test_keep_by_labels_keeps_what_has_no_label_unless_only_named(folder):
     assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
     assert ok(*call, "named.parquet", "--only-named", "-q").stdout == "Kept 2 of 12 demonstrations: named.parquet\n"
     assert rpil.read("named.parquet").ids == (2, 11)
+    Path("labels.csv").write_text("id,label\n2,bad\n4,bad\n")
+    said = "no demonstration is left by the verdicts of labels.csv; leave out --only-named, or change labels"
+    refused(said, *call, "none.parquet", "--only-named")
     refused("give --verdicts FILE", "keep", folder / "good.parquet", "-o", "k.parquet", "--only-named")
 
 

@@ -8,8 +8,10 @@ import re
 import sys
 import warnings
 
+import click
 import numpy as np
 import pytest
+from rich.cells import cell_len
 
 from audits import make_audit
 from rpil.cli import terminal
@@ -22,8 +24,7 @@ from rpil.results.record import Audit, Demonstrator, Interval
 
 @pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
 def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
-    verdicts = ("open",) * 9 + ("typical",)
-    terminal.print_audit(make_audit(verdicts, finding=finding, labels={9: 1}, lengths=[10] * 10))
+    terminal.print_audit(make_audit(("open",) * 10, finding=finding, labels={9: 1}, lengths=[10] * 10))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{finding.capitalize()}: {FINDINGS[finding]}"
     assert lines[-1].startswith("10 demonstrations (100 steps) are ranked")
@@ -94,6 +95,28 @@ def test_terminal_gets_lines_and_colours(monkeypatch):
     terminal.print_audit(make_audit())
     assert "\u2500\u2500" in stream.getvalue()
     assert "\x1b[31munlike" in stream.getvalue()
+
+
+@pytest.mark.parametrize("n", [40, 73, 87, 300])
+@pytest.mark.parametrize("letter", ["x", "\u6f22"])
+def test_a_long_id_loses_its_middle_and_no_other_cell_anything(monkeypatch, n, letter):
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setenv("COLUMNS", "80")
+    ids = [f"a{m}_{letter * (n - 6)}_{m}" for m in range(10)]
+    audit = make_audit(ids=ids)
+    terminal.print_audit(audit)
+    lines = click.unstyle(stream.getvalue()).splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("id"))
+    assert all(cell_len(line) <= 80 for line in lines[start : start + 12])
+    for line in lines[start + 2 : start + 12]:
+        name, *cells = line.split()
+        assert len(cells) >= 2
+        m = int(name[1])
+        assert name == ids[m] or (name.startswith(f"a{m}_") and "..." in name and name.endswith(f"_{m}"))
+        assert f"{audit.expert_proba[m]:.3f}" in cells
+        assert audit.verdicts[m] in cells
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
+import time
+
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.json_files import LARGEST_METADATA, parse_lines, read_json, read_text, read_toml
+from rpil.data.json_files import LARGEST_METADATA, LARGEST_TOML_OF_IDS, parse_lines, read_json, read_text, read_toml
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
@@ -37,6 +39,11 @@ def test_lines_of_json_hold_all_characters_but_ends_of_lines():
         "# '\nKEY = 1\n# '",
         'x = "\\""\nKEY = 1\n# "',
         "x = '''a'''''\nKEY = 1\n# '''",
+        "x = {a = '''a'''', KEY = 1, b = ''}",
+        'x = {a = """\\"""", KEY = 1, b = ""}',
+        "x = {a = '''\n,\"''', KEY = 1, b = \"x\"}",
+        '["," .KEY."]" ]',
+        '# """\nKEY = 1\n# """',
         '"a b" . "\\" ". ' * 500 + "x = 1",
     ],
 )
@@ -50,9 +57,22 @@ def test_a_key_of_very_many_parts_is_refused_before_it_is_parsed(tmp_path, monke
 
 def test_dots_in_lists_and_comments_of_toml_are_no_keys(tmp_path):
     place = tmp_path / "x.toml"
-    names = [f"observation.joint.{k}" for k in range(20)]
+    names = [*(f"observation.joint.{k}" for k in range(20)), "a.b.c.d.e.f.g.h.i.j.k"]
     place.write_text(f"\ufeffa = {names!r} # {'see ... ' * 20}\nb.c = 1.5\n")
     assert read_toml(place) == {"a": names, "b": {"c": 1.5}}
     place.write_text("#" * 2**14 + "\n")
     with pytest.raises(DataError, match=r"x\.toml: it is longer than 16 KiB"):
         read_toml(place)
+    assert read_toml(place, 2**15) == {}
+
+
+HOSTILE = [r"\"", r'"""\"', "'''\"", '"" ', "a ", "#", '"', "'"]
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_hostile_toml_takes_no_time(tmp_path, monkeypatch, text):
+    monkeypatch.setattr("tomllib.loads", lambda _: {})
+    (tmp_path / "x.toml").write_text((text * LARGEST_TOML_OF_IDS)[:LARGEST_TOML_OF_IDS])
+    start = time.process_time()
+    assert read_toml(tmp_path / "x.toml", LARGEST_TOML_OF_IDS) == {}
+    assert time.process_time() - start < 2

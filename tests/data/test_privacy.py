@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import pytest
 
@@ -67,7 +66,10 @@ def test_no_home_folder_is_named(home):
         ("rpil audit '{home}/work/my data.csv'", "rpil audit 'my data.csv'"),
         ("rpil.audit('{home}/work/a/d.csv')", "rpil.audit('a/d.csv')"),
         ("{home}", "~"),
-        ("{home}/work", "~/work"),
+        ("{home}/work", "."),
+        ("rpil audit {home}/work/ --keep k.json", "rpil audit . --keep k.json"),
+        ("rpil.audit('{home}/work')", "rpil.audit('.')"),
+        ("{home}/work2 {home}/work.csv", "~/work2 ~/work.csv"),
         ("{home}a/d.csv", "{home}a/d.csv"),  # of another folder
         ("file://{home}/work/d.csv", "file://~/work/d.csv"),
         ("/home/bob/d.csv /Users/bob/d.csv", ".../d.csv .../d.csv"),
@@ -80,6 +82,13 @@ def test_no_home_folder_is_named(home):
 def test_a_home_folder_that_is_no_ones_hides_nothing(home, monkeypatch, folder):
     monkeypatch.setenv("HOME", folder)
     monkeypatch.chdir("/")
-    assert for_others("rpil audit s3://b/x.csv d/e.csv") == "rpil audit s3://b/x.csv d/e.csv"
-    assert for_others("rpil audit /mnt/e.csv") == "rpil audit mnt/e.csv"
-    assert Path(for_others("/mnt")) == Path("mnt")
+    for text in ("rpil audit s3://b/x.csv d/e.csv", "rpil audit /mnt/e.csv", "/mnt", "1 / 2 / 3", "/"):
+        assert for_others(text) == text
+
+
+def test_a_deleted_folder_hides_nothing(home, monkeypatch):
+    (home / "gone").mkdir()
+    monkeypatch.chdir(home / "gone")
+    (home / "gone").rmdir()
+    assert for_others(f"rpil audit {home}/d.csv /mnt/e.csv") == "rpil audit ~/d.csv /mnt/e.csv"
+    monkeypatch.chdir(home)

@@ -96,7 +96,9 @@ def test_user_policy_scores_demonstrations_as_it_judged_them():
 
 def test_observations_with_infinite_squares_are_refused():
     toy = make("random", 0, steps=STEPS)
-    with pytest.raises(DataError, match=r"beyond 1e\+150, where its square is no number; use larger units"):
+    with pytest.raises(
+        DataError, match=r"observation '0' is beyond 1e\+150, where its square is no number; use larger units"
+    ):
         RPIL().fit(1e300 * toy.observations, toy.actions, groups=toy.groups)
 
 

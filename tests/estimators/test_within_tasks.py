@@ -121,3 +121,26 @@ def test_few_demonstrations_are_said_to_be_few(both, n, is_few):
     recording = rpil.open(both, only=f"0-{n - 1}", exclude="task,who")
     notes = rpil_of(recording).audit_.notes
     assert any(f"{n} demonstrations are too few" in note for note in notes) == is_few
+
+
+@pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1)])
+def test_a_label_is_the_word_of_a_demonstration_that_is_alone_in_its_task(both, tmp_path, label, sign):
+    (tmp_path / "labels.csv").write_text(f"id,label\n100,{label}\n")
+    options = both, "--only", "0-10,100", "--labels", tmp_path / "labels.csv", "-q"
+    found = json.loads(ok("audit", *options, "--json", settings=FAST).stdout)
+    row = next(row for row in found["demonstrations"] if row["id"] == 100)
+    assert (row["verdict"], row["label"], row["reason"]) == (label, label, f"Labelled {label}.")
+    assert row["log_odds"] == row["evidence"]["label"] == pytest.approx(sign * 20, abs=15)
+    ok("keep", *options, "-o", tmp_path / "kept.parquet", settings=FAST)
+    assert (100 in pq.read_table(tmp_path / "kept.parquet")["episode_index"].to_pylist()) == (label == "good")
+
+
+def test_a_label_alone_changes_nothing_about_other_tasks(both):
+    recording = rpil.open(both, only="0-10,100")
+    with pytest.warns(UserWarning, match="'right' has 1 demonstrations, too few"):
+        without, labelled = rpil_of(recording).audit_, rpil_of(recording, labels={100: "bad"}).audit_
+    assert labelled.verdicts == (*without.verdicts[:-1], "bad")
+    np.testing.assert_array_equal(labelled.log_odds[:-1], without.log_odds[:-1])
+    assert labelled.step_weight[labelled.steps(11)].max() < 0.1
+    assert labelled.labelled == (100,)
+    np.testing.assert_allclose(sum(labelled.evidence.values()), labelled.log_odds)

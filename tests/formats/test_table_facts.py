@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -15,6 +17,7 @@ from problems import one_sentence
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
+from rpil.formats.arrow import read_frame
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot, table
 
 NAN = np.nan
@@ -154,19 +157,45 @@ def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix
         read.facts  # noqa: B018
 
 
+@pytest.mark.parametrize(("suffix", "on_disk"), [*READS[:-1], ("frame", False)])
+@pytest.mark.parametrize("role", ["id", "operator", "task", "order", "session"])
+def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path, suffix, on_disk, role):
+    """Such a column is read once, and is not proposed as the outcome too."""
+    states, rewards = STATES[:, 0], np.arange(15.0)
+    columns = {"x": states, "action": OWNERS % 2, "score": rewards if role == "order" else OWNERS % 3}
+    columns |= {} if role == "id" else {"episode": OWNERS}
+    frame, path = pa.table(columns | {"success": SUCCESS}), tmp_path / f"a.{suffix}"
+    if suffix == "parquet":
+        pq.write_table(frame, path)
+    elif suffix != "frame":
+        text = io.BytesIO()
+        pa.csv.write_csv(frame, text)
+        path.write_bytes(gzip.compress(text.getvalue()) if suffix == "csv.gz" else text.getvalue())
+    options = ColumnOptions(**{role: "score"})
+    source = frame if suffix == "frame" else path
+    read = read_frame(source, options) if suffix == "frame" else formats.read_recording(path, options, on_disk=on_disk)
+    np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
+    assert [*read.description.outcomes] == ["success"]
+    said = {"operator": read.operators, "task": read.tasks}.get(role)
+    assert said is None or [*map(str, dict(said).values())] == ["0", "1", "2"]
+
+
 @pytest.mark.parametrize(
     ("name", "values"),
     [("end", pa.array([False, True])), ("dones", pa.array([0, 1])), ("dones", pa.array(["False", "True"]))],
 )
 def test_a_flag_is_no_id(tmp_path, name, values):
     rows = np.tile([0, 0, 0, 1], 5)
-    pq.write_table(pa.table({name: values.take(pa.array(rows)), "x": rows / 2, "action": rows}), tmp_path / "a.parquet")
-    for on_disk in (False, True):
-        with pytest.raises(
-            DataError, match=f"column '{name}' is yes or no, and no id; of marked ends make ids: numpy"
-        ) as e:
-            formats.read_recording(tmp_path / "a.parquet", ColumnOptions(id=name), on_disk=on_disk)
+    frame = pa.table({name: values.take(pa.array(rows)), "x": rows / 2, "action": rows})
+    pq.write_table(frame, tmp_path / "a.parquet")
+    pa.csv.write_csv(frame, tmp_path / "a.csv")
+    said = f"column '{name}' is yes or no, and no id; where it marks the ends of demonstrations, .*: numpy.cumsum"
+    for file, on_disk in (("a.parquet", False), ("a.parquet", True), ("a.csv", False)):
+        with pytest.raises(DataError, match=said) as e:
+            formats.read_recording(tmp_path / file, ColumnOptions(id=name), on_disk=on_disk)
         assert one_sentence(e)
+    with pytest.raises(DataError, match=said):
+        read_frame(frame, ColumnOptions(id=name))
     np.savez(tmp_path / "a.npz", observations=STATES[:15], actions=OWNERS, **{name: rows[:15] == 1})
     with pytest.raises(DataError, match=f"column '{name}' is yes or no"):
         formats.read(tmp_path / "a.npz", id=name)

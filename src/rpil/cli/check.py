@@ -15,12 +15,13 @@ from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.options_file import file_argument
-from rpil.cli.progress import StageProgress, show_stages
+from rpil.cli.progress import show_stages
 from rpil.data.files import replacing
 
 if TYPE_CHECKING:
     from rpil.faults.record import FaultReport
     from rpil.formats.format import Defect
+    from rpil.formats.registry import Found
     from rpil.results.record import Audit
 
 MAX_FINDINGS = 30
@@ -71,13 +72,15 @@ def check(
 
         fatal = _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
+        found = _mend(file, options["video"], options["fix"])
         skip_bad, options["skip_bad"] = options["skip_bad"], False  # their missing values are findings
         with allow_missing():
             read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
         report = faults_of(read, options["fps"], suppressed, skip_bad, FaultSettings())
-        defects = _defects(file, options["video"], options["fix"], progress)
+        progress("looking at the videos" if options["video"] else "checking the files")
+        defects = found.find_defects(options["video"]) if found.has_defects else []
     if output:
         write_findings(output, report, defects)
     lines = [*fault_lines(report), *defect_lines(defects)]
@@ -93,19 +96,16 @@ def _as_dict(report: FaultReport, defects: Sequence[Defect]) -> dict[str, object
     return report.to_dict() | {"folder": [asdict(one) for one in defects]}
 
 
-def _defects(file: str, look: bool, fix: bool, progress: StageProgress) -> list[Defect]:
-    """What of a folder of LeRobot does not agree with its data; none of other formats."""
+def _mend(file: str, look: bool, fix: bool) -> Found:
+    """What is at `file`, a folder of LeRobot mended where that is wanted; other formats have neither of the options."""
     from rpil.formats.registry import find
 
     found = find(file)
-    if not found.has_defects:
-        if look or fix:
-            raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
-        return []
+    if (look or fix) and not found.has_defects:
+        raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
     for line in found.mend() if fix else ():
         click.echo(line, err=True)
-    progress("looking at the videos" if look else "checking the files")
-    return found.find_defects(look)
+    return found
 
 
 def defect_lines(defects: Sequence[Defect]) -> list[str]:

@@ -10,7 +10,7 @@ def main() -> None:
     try:
         from rpil.cli.main import main as command
 
-        command()
+        command(prog_name="rpil")  # also as python -m rpil
     except KeyboardInterrupt:
         tell_of_interruption()
         sys.exit(INTERRUPTED)

@@ -95,7 +95,7 @@ def keep(
             read = _read_all(file, columns, progress, stream)
             table = _verdicts_on(read, verdicts)
         kept, n_unnamed = _with_unnamed(read, table, kept_ids(table, share, at_least), only_named)
-        _check_left(kept, file, verdicts)
+        _check_left(kept, file, verdicts, table, only_named)
         lost = () if quiet else lost_without(read.demonstrations, kept)
         trims = _idle_ends(read, kept) if trim else {}
         progress(f"writing {output or file}")
@@ -119,11 +119,13 @@ def _check_rules(share: float | None, at_least: float | None, verdicts: str | No
         raise click.UsageError("--only-named needs the file that names them: give --verdicts FILE")
 
 
-def _check_left(kept: list[Id], file: str, verdicts: str | None) -> None:
+def _check_left(kept: list[Id], file: str, verdicts: str | None, table: Table, only_named: bool) -> None:
     """A `DataError` where nothing is left to keep."""
     if not kept:
         source = f"the verdicts of {verdicts}" if verdicts else "the audit"
-        raise DataError(f"{file}: no demonstration is left by {source}; choose with --share, or other labels.")
+        is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
+        ways = ["choose with --share"] * is_graded + ["leave out --only-named"] * only_named + ["change labels"]
+        raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 
 def _with_unnamed(read: Recording, table: Table, chosen: Collection[object], only_named: bool) -> tuple[list[Id], int]:
@@ -151,11 +153,14 @@ def _judged(
     engine: Engine | None,
     good: Recording | None,
 ) -> Table:
-    """The verdicts on what is read; nothing can be compared with one demonstration alone, which stays open."""
+    """The verdicts on what is read; nothing can be compared with one demonstration alone, which has its label only."""
+    from rpil.estimators.within_tasks import Known
     from rpil.results.verdict_table import verdict_columns
 
-    if len(read.demonstrations) == 1 and good is None:
-        return {"id": read.demonstrations.ids, "verdict": ["open"], "log_odds": [0.0]}
+    ids = read.demonstrations.ids
+    if len(ids) == 1 and good is None:
+        label = Known.of(read, options.labels, options.operator, None, None).labels.get(str(ids[0]), "")
+        return {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}
     return verdict_columns(*audit_by_task(file, read, options, progress, engine, reference=good))
 
 

@@ -188,9 +188,10 @@ LEFT = "id", "demonstrator", "verdict", "worst steps", "group", "style"
 def _print_table(columns: Columns, dispensable: Sequence[str], n_rows: int, what: str) -> None:
     """Print a table, and how many of `n_rows` rows are not in it.
 
-    Where a terminal is too narrow the `dispensable` columns are left out, one after the other; no cell is wrapped. In a
-    pipe or a file nothing is cut or coloured.
+    Where a terminal is too narrow the `dispensable` columns are left out, one after the other, and then names in the
+    first column lose their middle; no cell is wrapped. In a pipe or a file nothing is cut or coloured.
     """
+    from rich.cells import cell_len
     from rich.console import Console
     from rich.measure import Measurement
 
@@ -198,14 +199,29 @@ def _print_table(columns: Columns, dispensable: Sequence[str], n_rows: int, what
     width = None if terminal else PIPE_WIDTH
     console = Console(highlight=False, markup=False, emoji=False, force_terminal=terminal, width=width)
     table = _table(columns)
+    at_will = console.options.update_width(PIPE_WIDTH)
     for title in dispensable:
-        if Measurement.get(console, console.options.update_width(PIPE_WIDTH), table).maximum <= console.width:
+        if Measurement.get(console, at_will, table).maximum <= console.width:
             break
         columns = {name: cells for name, cells in columns.items() if name != title}
         table = _table(columns)
+    excess, first = Measurement.get(console, at_will, table).maximum - console.width, next(iter(columns))
+    if excess > 0:
+        names = list(map(str, columns[first]))
+        room = max(map(cell_len, names)) - excess
+        table = _table(columns | {first: [_without_middle(name, room) for name in names]})
     console.print(table)
     if n_rows > table.row_count:
         click.echo(f"... and {n_rows - table.row_count:,} more {what}: --all prints them.")
+
+
+def _without_middle(name: str, room: int) -> str:
+    """A name in `room` cells of a terminal, with dots in the place of its middle where it needs more."""
+    from rich.cells import cell_len, set_cell_size
+
+    head, tail = max(room - 2, 0) // 2, max(room - 3, 0) // 2
+    cut = f"{set_cell_size(name, head).rstrip()}...{set_cell_size(name[::-1], tail)[::-1].lstrip()}"
+    return name if cell_len(name) <= room else cut
 
 
 def _table(columns: Columns) -> Table:
@@ -226,7 +242,7 @@ def verdict_sentence(audit: Audit) -> str:
     from rpil.inference.findings import DECIDED
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    if audit.finding not in DECIDED:
+    if {*audit.verdicts} == {"open"} and audit.finding not in DECIDED:
         return f"{size} are ranked; all are open."
     counts = ", ".join(f"{count:,} {word}" for word, count in audit.verdict_counts().items())
     return f"{size}: {counts}."

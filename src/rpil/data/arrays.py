@@ -278,15 +278,17 @@ def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray
     return values[appearance], offsets, rows
 
 
-def check_squares(ends: Array, what: str) -> None:
+def check_squares(ends: Array | Sequence[Array], what: str, names: Sequence[str] = ()) -> None:
     """A `DataError` where columns that reach from ``ends[0]`` to ``ends[1]``, (K,) each, are too large, or vary by too
-    little, to be squared; `what` and its number name the column."""
-    spread, no_square = ends[1] / 2 - ends[0] / 2, "square is no number; use"
-    large, tiny = np.abs(ends).max(axis=0) > LARGEST, (spread > 0) & (spread < SMALLEST)
-    if large.any():
-        raise DataError(f"{what} {np.argmax(large)} is beyond {LARGEST:g}, where its {no_square} larger units.")
-    if tiny.any():
-        raise DataError(f"{what} {np.argmax(tiny)} varies by less than {SMALLEST:g}, whose {no_square} smaller units.")
+    little, to be squared; `what` and its name, or else its number, name the column."""
+    low, high = np.asarray(ends, dtype=float)
+    spread, no_square = high / 2 - low / 2, "square is no number; use"
+    large, tiny = np.maximum(-low, high) > LARGEST, (spread > 0) & (spread < SMALLEST)
+    shown = list(map(repr, names)) or range(len(spread))
+    beyond, alike = f"is beyond {LARGEST:g}, where its", f"varies by less than {SMALLEST:g}, whose"
+    for wrong, why, other in ((large, beyond, "larger"), (tiny, alike, "smaller")):
+        if wrong.any():
+            raise DataError(f"{what} {shown[np.argmax(wrong)]} {why} {no_square} {other} units.")
 
 
 def check_finite(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 
 _USER = re.compile(r"(:/{1,3})(?:[^/\s'\"@:]{0,200}:[^\s'\"]{0,500}|[^/\s'\"@]+)@")
 _SECRET = re.compile(
@@ -25,6 +26,11 @@ def for_others(text: str) -> str:
 
     Reports, runs and weights are passed on; a shell of the same person still finds what ``~`` names.
     """
-    here, home = (re.escape(folder) for folder in (os.path.join(os.getcwd(), ""), os.path.expanduser("~")))
-    text = re.sub(rf"(?<![\w.:/]){here}", "", without_secrets(text))
-    return _OTHER_HOMES.sub("...", re.sub(rf"{_START}{home}(?![\w.-])", "~", text))
+    text, here, home = without_secrets(text), "/", os.path.expanduser("~")
+    with suppress(FileNotFoundError):  # of a current folder that was deleted
+        here = os.getcwd()
+    if here != "/":
+        inside = rf"(?<![\w.:/]){re.escape(here)}"
+        text = re.sub(rf"{inside}/?(?![\w./-])", ".", re.sub(rf"{inside}/(?=[^/\s'\"])", "", text))
+    text = text if home == "/" else re.sub(rf"{_START}{re.escape(home)}(?![\w.-])", "~", text)
+    return _OTHER_HOMES.sub("...", text)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
+from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
@@ -99,7 +100,9 @@ class Options:
         if kind == "auto":
             kind = self.features if self.features not in ("raw", "auto") else "folded"
         offsets = demonstrations.offsets if self.judges else None  # the paper's mixture sees what its policy sees
-        return FeatureMap.fit(kind, demonstrations.observations, offsets=offsets, settings=self.settings.selection.maps)
+        seen, what = demonstrations.observations, f"{demonstrations.source}: observation"
+        check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
+        return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""

@@ -25,7 +25,7 @@ from rpil.numerics.types import Array
 from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.subset import select
-from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task
+from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task, with_labels_alone
 
 
 class Beside(TypedDict):
@@ -157,7 +157,7 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
     """The audit of the demonstrations of a recording, each judged within its task and session.
 
     Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
-    is not judged.
+    is not judged, and has the word of its label, if there is one.
     """
     demonstrations, places = recording.demonstrations, groups_of(recording, known)
     if len(places) == 1:
@@ -178,7 +178,9 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
             judged = _judged(demonstrations.select(rows), own, judge)
             audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
     _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
-    return _with_facts(join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what), known)
+    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
+    alone = [m for group in places.keys() - audits.keys() for m in places[group]]
+    return _with_facts(with_labels_alone(joined, alone, known.labels), known)
 
 
 def _judged(demonstrations: Demonstrations | Dataset, known: Known, judge: Judge) -> Audit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
@@ -103,16 +104,17 @@ class _Search:
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
         excluded, numbers = {*self.matching(options.exclude, "exclude")}, ("number", "time", "counter")
         times = (name for name in ignored.keys() - excluded if self.plain[name] in TIMESTAMP)
-        return Columns(
+        found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
             *(operator, task, ignored, options.action_kind, order is not None),
             tuple(name for name in times if self.kinds.get(name) in numbers),
-            *(session, outcome, self.outcomes({*actions, *observations, f"{session}", f"{outcome}".removeprefix("-")})),
+            *(session, outcome),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
             observations_given=bool(asked),
         )
+        return replace(found, outcomes=self.outcomes({*found.all}))
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""
@@ -148,9 +150,9 @@ class _Search:
         self.ignored[column] = "outcome"
         return wanted.removesuffix(name) + column
 
-    def outcomes(self, data: set[str]) -> tuple[str, ...]:
-        """Columns of numbers that are not among the `data` and may be an outcome by their names."""
-        named = (name for name in self.names if name not in data and may_be_outcome(name))
+    def outcomes(self, read: set[str]) -> tuple[str, ...]:
+        """Columns of numbers that are not `read` for another role and may be an outcome by their names."""
+        named = (name for name in self.names if name not in read and may_be_outcome(name))
         return tuple(name for name in named if self.kinds.get(name, "number") in ("number", "list"))
 
     def matching(self, wanted: Names, option: str) -> list[str]:

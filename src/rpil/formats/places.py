@@ -79,9 +79,9 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
 
     flags = {str(name).lower() for name in names_of[:3]}
     if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(columns.episode)):
-        ids = f"numpy.cumsum({columns.episode}) - {columns.episode}"
         raise DataError(
-            f"{source}: column {columns.episode!r} is yes or no, and no id; of marked ends make ids: {ids}."
+            f"{source}: column {columns.episode!r} is yes or no, and no id; where it marks the ends of demonstrations, "
+            f"make a column of ids from it, in Python: numpy.cumsum({columns.episode}) - {columns.episode}."
         )
     order, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)

@@ -136,7 +136,7 @@ class FeatureMap:
         if kind == "poly" and n_columns * (n_columns + 3) // 2 > settings.max_poly_columns:
             raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
-        check_squares(np.array([observations.min(axis=0), observations.max(axis=0)]), "Observation")
+        check_squares([observations.min(axis=0), observations.max(axis=0)], "Observation")
         bound = None if offsets is None else settings.bound
         location, spread = _location_and_spread(observations, weight, offsets)
         if bound is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.fit_data import FitData
+from rpil.data.names import spans
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
@@ -80,8 +81,7 @@ def audit_from_judgement(
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
     """The sentence of a doubt, with the names of its demonstrations, operators and part of the action."""
-    runs = [[printable(ids[m]) for m in run.tolist()] for run in doubt.runs]
-    names = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs]
+    names = spans([printable(ids[m]) for m in run.tolist()] for run in doubt.runs)
     shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
     part = "" if doubt.part is None else printable(data.action_name(doubt.part))
     sentence = doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit, logit
 
+from rpil.data.id_values import Label
 from rpil.inference.answers import Answers
 from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
@@ -97,6 +100,28 @@ def join_audits(
         settings=parts[0].settings if parts else AuditSettings(),
         provenance=None,
         within=what,
+        own_reasons=tuple(reasons),
+    )
+
+
+def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Mapping[str, Label]) -> Audit:
+    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their `labels`."""
+    signs = np.zeros(len(audit.ids), dtype=np.int64)
+    verdicts, reasons = [*audit.verdicts], [*audit.reasons]
+    for m in alone:
+        if label := labels.get(str(audit.ids[m])):
+            signs[m] = 1 if label == "good" else -1
+            verdicts[m], reasons[m] = label, f"Labelled {label}."
+    log_odds = np.where(signs, signs * logit(1 - audit.settings.answers.min_proba_bound), audit.log_odds)
+    proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs, audit.lengths)
+    return replace(
+        audit,
+        log_odds=log_odds,
+        from_label=np.where(signs, log_odds, audit.from_label),
+        expert_proba=proba,
+        verdicts=tuple(verdicts),
+        step_weight=np.where(of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
+        answers=replace(audit.answers, labels=audit.answers.labels + signs),
         own_reasons=tuple(reasons),
     )
 

@@ -180,7 +180,7 @@ def _finding(audit: AuditResult) -> View:
             "name": finding,
             "sentence": FINDINGS[finding],
             "next": answering.NEXT_STEPS[finding],
-            "decided": finding in DECIDED,
+            "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
         },
         "words": {
             "upper": words.upper,

@@ -176,16 +176,17 @@ FAULTY_TIMES = {
     "slow": (lambda m, k, t: t * SLOW, "all 5 episodes", "recorded 18.5"),
     "slow in some": (
         lambda m, k, t: np.where((m == 1) | (m > 2), t * SLOW, t),
-        "episodes 1 and 3 to 4",
+        "episodes 1, 3 and 4",
         "recorded 18.5",
     ),
     "a step too long": (
         lambda m, k, t: t + 0.013 * ((m == 2) & (k > 9)),
         "episode 2",
-        "recorded 19.8, and timestamps are up to 0.013 s off",
+        "recorded 19.8; timestamps are up to 0.013 s off",
     ),
     "a drift": (lambda m, k, t: np.where(m == 4, t * 1.0005, t), "episode 4", "up to 0.000625 s off"),
-    "missing": (lambda m, k, t: np.where((m == 3) & (k == 5), np.nan, t), "episode 3", "up to nan s off"),
+    "missing": (lambda m, k, t: np.where((m == 3) & (k == 5), np.nan, t), "episode 3", "a timestamp is no number"),
+    "at rest": (lambda m, k, t: np.where(m == 2, 0.013, t), "episode 2", "times do not rise"),
 }
 
 
@@ -201,13 +202,16 @@ def test_times_that_lerobot_does_not_load_are_named_and_numbered_anew(tmp_path, 
         folders.read(root)  # which demands what LeRobot does
     defect = next(one for one in find_defects(root, False) if one.what == "timestamps")
     assert defect.place == episodes
-    assert defect.sentence.startswith("LeRobot cannot load these rows: declared are 20 frames a second, ")
+    assert defect.sentence.startswith("LeRobot cannot load these rows: ")
     assert words in defect.sentence
     assert defect.sentence.endswith("; rpil check --fix writes frame_index / 20 in their place")
     with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load .* --fix"):
         formats.keep(root, tmp_path / "kept", [1, 2, 3, 4])
-    with pytest.warns(UserWarning, match=rf"kept\.json, timestamps of {episodes}: LeRobot cannot load"):
-        formats.keep(root, tmp_path / "kept.json", [1, 2])
+    named = episodes.replace("all 5 episodes", "episodes 1 to 4")
+    with pytest.warns(UserWarning, match=rf"drive, timestamps of {named}: LeRobot cannot load"):
+        formats.keep(root, tmp_path / "kept.json", [1, 2, 3, 4])
+    if named == episodes:  # nothing is told of others
+        formats.keep(root, tmp_path / "right.json", [0])
     before = {file: file.read_bytes() for file in rows}
     first, *_ = mend(root)
     assert first == f"Timestamps of {episodes} are frame_index / 20 now; the old files end in .bak."
@@ -257,7 +261,8 @@ def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, cameras=())
     change_times(root, lambda m, k, t: t * SLOW + 3)
     (defect,) = (one for one in find_defects(root, False) if one.what == "timestamps")
-    assert "LeRobot does not check these rows: declared are 20 frames a second, recorded 18.5" in defect.sentence
+    assert defect.sentence.startswith("declared are 20 frames a second, recorded 18.5; timestamps are up to ")
+    assert "off; LeRobot loads these rows all the same, for they have no videos; rpil check" in defect.sentence
     assert "frame_index / 20 now" in mend(root)[0]
     assert found(root) == []
     change_times(root, lambda m, k, t: t + 3)  # another start is no fault there
@@ -287,12 +292,13 @@ def change_episodes(root, **values):
 
 
 @pytest.mark.parametrize("start", [None, np.nan, -1e300, np.inf])
-def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, start):
+@pytest.mark.parametrize("n_kept", [5, 2])  # whole files are copied, and others cut
+def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, start, n_kept):
     root = folders.write(tmp_path / "drive", LENGTHS)
     change_episodes(root, from_timestamp=start)
     assert found(root) == [("metadata", "meta")]
     said = re.escape(f"demonstration 0: from_timestamp is {start}, to_timestamp 0.45; correct them.")
-    for use in (find_shots, lambda path: formats.keep(path, tmp_path / "kept", range(5))):
+    for use in (find_shots, lambda path: formats.keep(path, tmp_path / "kept", range(n_kept))):
         with pytest.raises(DataError, match=said):
             use(root)
     assert [file.name for file in tmp_path.iterdir()] == ["drive"]
@@ -304,6 +310,16 @@ def test_times_of_videos_with_more_frames_than_rows_are_told_by_keep(tmp_path):
     change_episodes(root, from_timestamp=0.0, to_timestamp=5.9)
     with pytest.warns(UserWarning, match=r"kept, frame count of 0: .*front has 118 frames for 30 rows") as told:
         formats.keep(root, tmp_path / "kept", [1, 2])
+    assert len(told) == 1
+
+
+def test_keep_names_one_fault_of_each_kind_and_the_number_of_others(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    for file in [*(root / "videos").rglob("*.mp4")][:3]:
+        folders.write_video(file, folders.pictures(0, 4), "libx264", {"g": "2"})
+    said = r"kept, frame count of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
+    with pytest.warns(UserWarning, match=said) as told:
+        formats.keep(root, tmp_path / "kept", range(5))
     assert len(told) == 1
 
 

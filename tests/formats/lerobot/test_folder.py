@@ -187,9 +187,15 @@ def test_list_and_commands(dataset):
     version_3 = info.read_text()
     info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
     converter = "python -m lerobot.scripts.convert_dataset_v21_to_v30 --repo-id={0.name} --root={0} --push-to-hub=false"
-    first, train, _ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
-    assert first.endswith(f"{converter.format(dataset)}, which needs meta/episodes_stats.jsonl, and that is not there")
+    needs, first, train, _ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
+    assert needs == "The converter to version 3.0 needs meta/episodes_stats.jsonl, and that is not there."
+    assert first.endswith(f"convert it first: {converter.format(dataset)}")
     assert "--dataset.episodes" in train
+    info.write_text(version_3.replace("v3.0", "v2.0"))
+    older, same, *_ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
+    assert older == "The converter to version 3.0 reads 2.1 only, and this is 2.0: convert it to 2.1 before."
+    assert same == first
+    info.write_text(version_3.replace("v3.0", "v2.1"))
     (dataset / "meta" / "episodes_stats.jsonl").write_text("")
     first, train = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
     assert (

@@ -230,3 +230,12 @@ def test_a_partial_download_of_version_2(tmp_path):
             place = f"videos/chunk-000/observation.images.{camera}/episode_{{:06d}}.mp4"
             new_bytes = (tmp_path / "kept" / place.format(number)).read_bytes()
             assert new_bytes == (REAL / "lerobot_v21_video" / place.format(old)).read_bytes()
+
+
+def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):
+    root = folders.write(tmp_path / "drive", (9, 30), per_file=1)
+    file = sorted((root / "videos").rglob("*.mp4"))[1]
+    folders.write_video(file, folders.pictures(1, (9, 30)[1] - 4), "libx264", {"g": "2"})
+    with pytest.warns(UserWarning, match="kept, frame count of 1: .* has 26 frames for 30 rows") as told:
+        formats.keep(root, tmp_path / "kept", [0, 1], trims={0: (2, 8)})
+    assert len(told) == 1

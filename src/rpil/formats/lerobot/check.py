@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
+from rpil.data.names import spans
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import listed
 from rpil.formats.format import Defect
@@ -113,14 +114,15 @@ class Folder:
         """Whether the data hold the episodes that ``meta`` lists, and no others."""
         return self.data.keys() == self.episodes.keys()
 
-    def shots(self) -> list[Shot]:
-        """Where the frames of each episode that is there are, by camera."""
+    def shots(self, only: Collection[str] | None = None) -> list[Shot]:
+        """Where the frames of each episode that is there, `only` these or all, are, by camera."""
         found, size = [], chunk_size(self.info)
         if size is None:
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
+        there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
         for camera in cameras(self.info, "video"):
-            for m in sorted(self.data.keys() & self.episodes.keys()):
+            for m in there:
                 row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
                 chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
                 # Version 2 has no such column: there, frames before the first row's time belong to no row.
@@ -153,16 +155,19 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def in_times(folder: Folder) -> Iterator[Defect]:
-    """Episodes with times that LeRobot does not find in a video, or that differ from the declared frames a second."""
-    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
+def in_times(folder: Folder, only: Collection[str] | None = None) -> Iterator[Defect]:
+    """Episodes, `only` these or all, with times that LeRobot does not find in a video, or of other frames a second."""
+    wrong = {m: rows for m, rows in folder.data.items() if rows.off and (only is None or str(m) in only)}
     if wrong:
-        fps, off = float(folder.info["fps"]), max(rows.off for rows in wrong.values())
+        fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
         recorded = np.median([rows.fps for rows in wrong.values()])
-        said = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}, and timestamps are up to {off:.3g} s"
-        remedy = f"off; rpil check --fix writes frame_index / {fps:.6g} in their place"
-        does = "cannot load" if cameras(folder.info, "video") else "does not check"
-        yield Defect("timestamps", _named([*wrong], folder), f"LeRobot {does} these rows: {said} {remedy}", True)
+        why = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
+        why = why if recorded else "times do not rise"
+        why = "a timestamp is no number" if np.isnan(off) else why
+        loads = f"{why}; LeRobot loads these rows all the same, for they have no videos"
+        said = f"LeRobot cannot load these rows: {why}" if cameras(folder.info, "video") else loads
+        remedy = f"rpil check --fix writes frame_index / {fps:.6g} in their place"
+        yield Defect("timestamps", _named([*wrong], folder), f"{said}; {remedy}", True)
 
 
 def _named(episodes: Sequence[int], folder: Folder) -> str:
@@ -170,7 +175,7 @@ def _named(episodes: Sequence[int], folder: Folder) -> str:
     if len(episodes) == len(folder.data):
         return f"all {len(episodes)} episodes"
     runs = np.split(np.sort(episodes), np.flatnonzero(np.diff(np.sort(episodes)) != 1) + 1)
-    texts = ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+    texts = ", ".join(spans(run.tolist() for run in runs))
     return f"episode{'s' * (len(episodes) > 1)} {' and '.join(texts.rsplit(', ', 1))}"
 
 

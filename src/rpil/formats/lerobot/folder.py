@@ -75,19 +75,24 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
 
 def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
-    info = check_output(path, output, bool(trims))
-    check_ids(ids, Folder(path).data, str(path), "them")
+    info, old, wanted = check_output(path, output, bool(trims)), Folder(path), {*map(str, ids)}
+    check_ids(ids, old.data, str(path), "them")
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
-            found = [*in_times(Folder(path))]
+            where, found = path, [*in_times(old, wanted)]
     else:
+        with guarded(path / "meta" / "episodes"):
+            old.shots(wanted)  # whose times are numbers
         with new_folder(output) as new:
             _write(path, new, info, ids, trims)
             with guarded(path / "meta"):
-                found = [*in_times(Folder(new)), *([] if trims else in_videos(Folder(new), look=False))]
-    for one in {one.what: one for one in reversed(found)}.values():
-        warnings.warn(f"{output}, {one.what} of {one.place}: {one.sentence}.", stacklevel=1)
+                counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
+                where, found = output, [*in_times(Folder(new)), *(in_videos(Folder(new), False) if counted else ())]
+    for what in dict.fromkeys(one.what for one in found):
+        first, *others = (one for one in found if one.what == what)
+        more = f" (and {len(others)} more: rpil check lists them)" if others else ""
+        warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
 def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
@@ -175,8 +180,11 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    needs = "" if (path / EPISODES_STATS).is_file() else f", which needs {EPISODES_STATS}, and that is not there"
-    return [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}{needs}"]
+    needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
+    if version != "v2.1":
+        needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
+    is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
+    return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 def _read_from(output: StrPath, numbers: str) -> str:
