@@ -97,6 +97,25 @@ class WordLimit(TextType):
         return value
 
 
+class Names(TextType):
+    """Some of these names, with commas between them, which are written here once more as in `NameChoice`."""
+
+    name = "names"
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if unknown := [name for name in names_in(value) if name not in self.names]:
+            self.fail(f"{unknown[0]!r} is none of {', '.join(self.names)}", param, ctx)
+        return value
+
+
+def names_in(*texts: str) -> list[str]:
+    """The names in texts that have commas between them."""
+    return [name for text in texts for word in text.split(",") if (name := word.strip())]
+
+
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
     """Let data take `size` until the command ends."""
     ctx.with_resource(limited(size))
@@ -212,6 +231,33 @@ JUDGE_OPTIONS = (
         help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
     ),
 )
+
+
+IGNORED_NAMES = Names("labels", "answers", "unlike", "adversary")
+CHOICE_OPTIONS = (
+    click.option(
+        "--ignore",
+        type=IGNORED_NAMES,
+        metavar="RULES",
+        multiple=True,
+        help="Reject nobody by these rules: labels, answers, unlike, adversary.",
+    ),
+    click.option(
+        "--without-faults",
+        metavar="RULES",
+        multiple=True,
+        help="Reject those in which rpil check finds these faults, as jump,frozen-sensor.",
+    ),
+    click.option(
+        "--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject unlike ones."
+    ),
+)
+CHOICE_NAMES = ("ignore", "without_faults", "yes")
+
+
+def with_choice_options(command: Callable[..., object]) -> Callable[..., object]:
+    """What is kept, beside the words of an audit."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(CHOICE_OPTIONS), command)
 
 
 def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:

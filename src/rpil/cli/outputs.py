@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 import warnings
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,16 +15,21 @@ import click
 
 from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.label import WITHOUT
-from rpil.cli.options import command_words
+from rpil.cli.options import CHOICE_NAMES, Value, command_words, names_in
 from rpil.cli.progress import StageProgress
+from rpil.cli.terminal import join_ids, printable
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.faults.record import FaultReport
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
+    from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.results.view import About
+
+UNDECIDED = 3
+"""The exit code where a list to keep is written, and holds unlike demonstrations for want of answers."""
 
 OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
@@ -39,13 +44,20 @@ class Audited:
     recording: Recording
     faults: FaultReport
     demonstrators: Mapping[str, str]
+    asked: Asked | None = None
+    """What a user asks for beside the words of the audit."""
+
+    @cached_property
+    def choice(self) -> Choice:
+        """Those that `--keep` lists, and why it does not list the others."""
+        from rpil.results.verdict_table import choice_of
+
+        return self.audit.choice if self.asked is None else choice_of(self.audit, self.asked)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""
-        from rpil.results.verdict_table import kept
-
-        return lost_without(self.recording.demonstrations, kept(self.audit))
+        return lost_without(self.recording.demonstrations, self.choice.kept)
 
 
 def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
@@ -61,16 +73,16 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.run_file import write_run
-    from rpil.results.verdict_table import kept, write_kept, write_verdicts
+    from rpil.results.verdict_table import write_kept, write_verdicts
     from rpil.results.view import make_view
 
     audit = given.audit
     view = cache(lambda: make_view(audit, about(given, seconds)))
 
     def write_keep(path: str) -> None:
-        write_kept(path, audit)
-        if not kept(audit):
-            warnings.warn(f"{path}: every demonstration is {audit.words.lower}, so that it lists none.", stacklevel=1)
+        write_kept(path, audit, given.choice)
+        if not given.choice.kept:
+            warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
 
     steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
     writers: dict[str, Callable[[str], None]] = {
@@ -96,7 +108,7 @@ def about(given: Audited, seconds: float | None = None) -> About:
     from rpil.results.run_file import NOT_IN_A_RUN
     from rpil.results.view import About
 
-    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN))
+    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN, *CHOICE_NAMES))
     read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), for_others(given.source)
     return About(
@@ -119,13 +131,86 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
     it."""
     from rpil.formats.registry import find
-    from rpil.results.verdict_table import kept
 
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
-    every, ids = given.recording.ids or given.audit.ids, kept(given.audit) if title == "keep" else ()
-    nothing_chosen = len(ids) in (0, len(every))
-    return [] if nothing_chosen else [*given.lost, *find(given.source).commands_to_keep(every, ids, path)]
+    every, ids = given.recording.ids or given.audit.ids, given.choice.kept if title == "keep" else ()
+    lines = choice_lines(given.choice) if title == "keep" else []
+    if title == "keep" and given.choice.undecided:
+        lines += deciding_lines(given.audit, given.asked)
+    if len(ids) in (0, len(every)):  # nothing was chosen
+        return lines
+    return [*lines, *given.lost, *find(given.source).commands_to_keep(every, ids, path)]
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """The options of a choice, as `rpil.cli.options.CHOICE_OPTIONS` describes them."""
+
+    ignored: frozenset[str]
+    faults: tuple[str, ...]
+    """Rules of ``rpil check``."""
+    accepted: bool
+    """Whether undecided demonstrations are no reason for another exit code."""
+
+    @classmethod
+    def of(cls, options: dict[str, Value]) -> ChoiceOptions:
+        """Those among `options`, which lose them; a `DataError`, before any work, where a rule of faults is unknown."""
+        names = names_in(*options.pop("without_faults"))
+        if names:
+            from rpil.faults.expected import rule_name
+        rules = tuple(rule_name(name, "--without-faults") for name in names)
+        return cls(frozenset(names_in(*options.pop("ignore"))), rules, options.pop("yes"))
+
+    @property
+    def is_given(self) -> bool:
+        return bool(self.ignored or self.faults or self.accepted)
+
+    def asked(self, report: FaultReport | None, share: float | None = None, at_least: float | None = None) -> Asked:
+        """What a user asks for; a line on stderr where a rule that was named could not be applied."""
+        from rpil.results.choice import Asked
+
+        unknown = report.not_checked if report else {}
+        for rule in filter(unknown.__contains__, self.faults):
+            click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
+        faulty = {str(found.id) for found in report.findings if found.rule in self.faults} if report else set()
+        return Asked(share, at_least, self.ignored, faulty)
+
+    def exit_code(self, choice: Choice) -> int:
+        """`UNDECIDED` where unlike demonstrations are kept for want of answers, which is said on stderr, unless that is
+        `accepted`; else 0."""
+        if not choice.undecided:
+            return 0
+        click.echo(f"rpil: {choice.reason}", err=True)
+        return 0 if self.accepted else UNDECIDED
+
+
+def choice_lines(choice: Choice) -> list[str]:
+    """How many demonstrations are rejected by each rule, and which."""
+    from rpil.results.choice import KEEP_RULES
+
+    lists = [f"  {KEEP_RULES[rule]}: {join_ids(ids)}" for rule, ids in choice.rejected.items()]
+    return [choice.sentence, *lists] if lists else []
+
+
+def deciding_lines(audit: Audit, asked: Asked | None) -> Iterator[str]:
+    """The question of an audit that leaves unlike demonstrations undecided, how many are kept after each of two answers
+    to it, and by the ranking."""
+    from rpil.results.choice import Asked
+    from rpil.results.verdict_table import choice_of
+
+    def n_kept(judged: Audit, wanted: Asked) -> str:
+        return f"{len(choice_of(judged, wanted).kept):,}"
+
+    asked, share = asked or Asked(), audit.settings.keep.example_share
+    pair = audit.pair if audit.question else audit.suggest_labels(1)
+    answers = [dict(zip(pair, labels, strict=False)) for labels in (("good", "bad"), ("bad", "good"))]
+    if audit.columns.size and pair:
+        yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
+        for labels in answers:
+            said = " and ".join(f"{printable(name)} is {label}" for name, label in labels.items())
+            yield f"  If {said}, {n_kept(audit.answered(labels), asked)} of {len(audit.ids):,} are kept."
+    yield f"  --share {share:g} would keep {n_kept(audit, replace(asked, share=share))}, those that rank highest."
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -97,6 +97,7 @@ class AuditResult:
     own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     within: str = field(default="", metadata=NOT_STORED)
     provenance: Provenance | None = field(default=None, metadata=NOT_STORED)
+    n_answers_of_parts: int | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -153,6 +154,12 @@ class AuditResult:
         """The answers about each demonstration, which are about its copies too."""
         known = self.answers if len(self.answers.labels) else Answers.of_labels(np.zeros(len(self.ids), dtype=np.int64))
         return known.shared(self.copy_of)
+
+    @property
+    def n_answers(self) -> int:
+        """The number of answers about different demonstrations; see `n_answers_of_parts`."""
+        known = self.n_answers_of_parts
+        return self._answers_of_copies().once(self.copy_of).count if known is None else known
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:

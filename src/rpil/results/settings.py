@@ -8,6 +8,20 @@ from rpil.data.archive import NOT_STORED, stored
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
 
 
+@dataclass(frozen=True)
+class KeepSettings:
+    """How far demonstrations are rejected because they are unlike the others. All three are chosen by hand."""
+
+    min_answers: int = 2
+    """Answers about different demonstrations from which on all that is unlike is rejected: one may be wrong."""
+    max_unlike: float = 0.2
+    """Share of the demonstrations. Without so many answers no more than this is rejected as unlike: a larger group may
+    as well be another way to do it."""
+    example_share: float = 0.6
+    """Share of the demonstrations that is named as another way to choose, by the ranking: it gained most in
+    docs/value.md."""
+
+
 @stored()
 @dataclass(frozen=True)
 class AuditSettings:
@@ -28,6 +42,8 @@ class AuditSettings:
     """Of the steps of an audit after answers; a fit puts those of the judge here."""
     claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
     """Of words without answers; a fit puts those of the judge here."""
+    keep: KeepSettings = field(default=KeepSettings(), metadata=NOT_STORED)
+    """Of what is kept."""
 
     def min_proba(self, anchor: str) -> float:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""

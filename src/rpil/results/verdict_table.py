@@ -11,11 +11,22 @@ from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.record import Finding
 from rpil.formats import csv, parquet
+from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose, max_unlike
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
-from rpil.results.words import SIDES
 
-TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
+
+def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
+    """The columns by which `rpil.results.choice.choose` decides."""
+    largest = max_unlike(audit.n_answers, audit.identifiable, audit.settings.keep)
+    return {
+        "id": file_ids(audit.ids),
+        "verdict": audit.verdicts,
+        "label": audit.labels,
+        "expert_proba": audit.expert_proba.tolist(),
+        "log_odds": audit.log_odds.tolist(),
+        "max_unlike": [largest] * len(audit.ids),
+    }
 
 
 def verdict_columns(
@@ -29,11 +40,7 @@ def verdict_columns(
     for found in findings:
         faults.setdefault(str(found.id), []).append(found.rule)
     return {
-        "id": file_ids(audit.ids),
-        "verdict": audit.verdicts,
-        "label": audit.labels,
-        "expert_proba": audit.expert_proba.tolist(),
-        "log_odds": audit.log_odds.tolist(),
+        **deciding_columns(audit),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
@@ -55,10 +62,10 @@ def write_verdicts(
 ) -> None:
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
-    The columns are id, verdict, label (good, bad or nothing), expert_proba, log_odds and its parts from_actions,
-    from_demonstrator and from_label in nats, reliability, demonstrator, task, n_steps, `Audit.facts` as fact_length and
-    so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and
-    the provenance among its metadata too.
+    The columns are id, verdict, label (good, bad or nothing), expert_proba, log_odds, max_unlike (the share that may be
+    rejected as unlike), the parts of log_odds from_actions, from_demonstrator and from_label in nats, reliability,
+    demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the
+    run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
     Parameters
     ----------
@@ -86,13 +93,14 @@ def write_verdicts(
     writer.write_tables(path, iter([pa.table(columns).replace_schema_metadata(said)]))
 
 
-def kept(audit: AuditResult) -> list[Hashable]:
-    """The ids of all demonstrations but those that are called unlike, bad or adversary, in the order of the data."""
-    return [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] != "lower"]
+def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
+    """Which demonstrations of an audit are kept."""
+    return choose(deciding_columns(audit) | {"id": audit.ids}, audit.settings.keep, asked)
 
 
-def write_kept(path: StrPath, audit: AuditResult) -> None:
-    """Write ``{"episodes": [...], "run": ..., "provenance": ...}``: the `kept` ids, and what they come from.
+def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
+    """Write ``{"episodes": [...], "rejected": {...}, "undecided": [...], "run": ..., "provenance": ...}``: the ids that
+    are kept, those that are rejected by rule, and those that are unlike and kept for want of answers.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.
@@ -102,11 +110,17 @@ def write_kept(path: StrPath, audit: AuditResult) -> None:
     DataError
         Where the path has another extension, or cannot be written.
     """
-    own = set(kept(audit))
-    ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
-    content = {"episodes": ids, "run": audit.run_id, **made}
+    content = choice_to_dict(audit, choice) | {"run": audit.run_id} | made
     _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
+
+
+def choice_to_dict(audit: AuditResult, choice: Choice) -> dict[str, object]:
+    """The choice as lists, with ids as files have them."""
+    names = dict(zip(audit.ids, file_ids(audit.ids), strict=True))
+    rejected = {rule: [names[name] for name in ids] for rule, ids in choice.rejected.items()}
+    kept, undecided = ([names[name] for name in ids] for ids in (choice.kept, choice.undecided))
+    return {"episodes": kept, "rejected": rejected, "undecided": undecided}
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
