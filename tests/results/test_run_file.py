@@ -141,6 +141,8 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("demonstrations/look/0", 10),
         ("demonstrations/group/0", "C"),
         ("demonstrations/order", [1]),
+        ("demonstrations/kept", [1] * 10),
+        ("demonstrations/kept", [True]),
         ("demonstrations/facts/length", [2.0] * 10),
         ("demonstrations/more", []),
         ("whole_ids", True),
@@ -168,7 +170,7 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("drawings/0/compared_with", "javascript:"),
         ("provenance/columns", [[[[[[[[[1]]]]]]]]]),
         ("drawings/0/trust/to", "1"),
-        ("version", 2),
+        ("version", 1),
         ("format", "other"),
         ("more", 1),
     ],
@@ -199,7 +201,7 @@ def test_commands_that_judge_and_write_nothing_are_read(tmp_path, view, command)
 
 def test_another_version_is_told(tmp_path, view):
     file = tmp_path / "run.json"
-    file.write_text(json.dumps(view | {"version": 2}))
+    file.write_text(json.dumps(view | {"version": 1}))
     with pytest.raises(DataError, match=r"run\.json: another version of rpil wrote it; run rpil audit --save"):
         read_run(file)
 
@@ -213,7 +215,7 @@ def test_a_file_of_nothing_but_lists_is_refused_before_it_takes_memory(tmp_path,
 
 @pytest.mark.parametrize(
     "content",
-    [b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "rpil run", "version": 1, "run": NaN}', b"{}" * 2],
+    [b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000, b'{"format": "rpil run", "version": 2, "run": NaN}', b"{}" * 2],
 )
 def test_other_files_are_refused(tmp_path, content):
     file = tmp_path / "run.json"

@@ -1,6 +1,9 @@
 """Several tasks: what was found within each comes back at the right place, and single demonstrations stay open."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from audits import make_audit, make_traces
 from rpil.results.tasks import ALONE, join_audits, split_by_task
@@ -29,6 +32,24 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     assert audit.assumptions[0] == (
         f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
         "push (1: not judged)."
+    )
+
+
+@pytest.mark.parametrize(("counts", "n_kept"), [((0, 0), 12), ((1, 1), 12), ((2, 0), 12), ((2, 1), 12), ((2, 2), 8)])
+def test_unlike_ones_are_kept_until_each_task_has_two_answers(counts, n_kept):
+    """4 of 12 are unlike, all of the first task."""
+    words = ("typical",) * 2 + ("unlike",) * 4
+    parts = [make_audit(own, ids=ids) for own, ids in ((words, "abcdef"), (("typical",) * 6, "uvwxyz"))]
+    for part, count in zip(parts, counts, strict=True):
+        part.answers.labels[:count] = 1
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate([part.lengths for part in parts]))])
+    places = {"one": [*range(6)], "other": [*range(6, 12)]}
+    audit = join_audits(dict(zip(places, parts, strict=True)), places, "abcdefuvwxyz", offsets)
+    assert audit.n_answers == min(counts)
+    assert len(audit.choice.kept) == n_kept
+    opposed = {"one": parts[0], "other": replace(parts[1], identifiable=False)}
+    assert join_audits(opposed, places, "abcdefuvwxyz", offsets).choice.reason.count("policy of their own") == (
+        min(counts) < 2
     )
 
 

@@ -97,9 +97,7 @@ def audit(
     """
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
-    wanted = ChoiceOptions.of(options)
-    if wanted.is_given and outputs["keep"] is None:
-        raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
+    wanted = ChoiceOptions.of(options, outputs["keep"])
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
@@ -120,14 +118,12 @@ def audit(
         audited = Audited(result, file, read, faults, who, wanted.asked(faults))
         write_outputs(outputs, audited, time.perf_counter() - start, progress)
     if json_wanted:
-        from rpil.results.verdict_table import choice_to_dict
-
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
             terminal.to_json(
                 {"run": result.run_id, "input": read.description.to_dict()}
                 | result.to_dict()
-                | {"faults": faults.to_dict(), "keep": choice_to_dict(result, audited.choice)}
+                | {"faults": faults.to_dict(), "keep": audited.kept}
                 | suggested
             )
         )
@@ -141,7 +137,7 @@ def audit(
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
                 terminal.print_lines(lines_after_output(title, path, audited))
-    undecided = wanted.exit_code(audited.choice) if outputs["keep"] is not None else 0
+    undecided = wanted.exit_code(audited.choice) if outputs["keep"] else 0
     return tell_if_too_many(result, fail_on) or undecided
 
 

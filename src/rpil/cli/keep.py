@@ -80,7 +80,7 @@ def keep(
     """
     only_named = options.pop("only_named")
     _check_rules(share, at_least, verdicts, only_named)
-    wanted = ChoiceOptions.of(options)
+    wanted = ChoiceOptions.of(options, output or file)
     from rpil.formats.registry import find
 
     found = find(file)

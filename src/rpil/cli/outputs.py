@@ -54,6 +54,13 @@ class Audited:
 
         return self.audit.choice if self.asked is None else choice_of(self.audit, self.asked)
 
+    @property
+    def kept(self) -> dict[str, object]:
+        """The choice, as JSON has it."""
+        from rpil.results.verdict_table import choice_to_dict
+
+        return choice_to_dict(self.audit, self.choice)
+
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""
@@ -154,17 +161,17 @@ class ChoiceOptions:
     """Whether undecided demonstrations are no reason for another exit code."""
 
     @classmethod
-    def of(cls, options: dict[str, Value]) -> ChoiceOptions:
-        """Those among `options`, which lose them; a `DataError`, before any work, where a rule of faults is unknown."""
-        names = names_in(*options.pop("without_faults"))
+    def of(cls, options: dict[str, Value], output: str | None) -> ChoiceOptions:
+        """Those among `options`, which lose them; refused, before any work, where a rule of faults is unknown, or they
+        say what an `output` holds that is not written."""
+        given = [options.pop(name) for name in CHOICE_NAMES]
+        if any(given) and output is None:
+            raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
+        names = names_in(*given[1])
         if names:
             from rpil.faults.expected import rule_name
         rules = tuple(rule_name(name, "--without-faults") for name in names)
-        return cls(frozenset(names_in(*options.pop("ignore"))), rules, options.pop("yes"))
-
-    @property
-    def is_given(self) -> bool:
-        return bool(self.ignored or self.faults or self.accepted)
+        return cls(frozenset(names_in(*given[0])), rules, given[2])
 
     def asked(self, report: FaultReport | None, share: float | None = None, at_least: float | None = None) -> Asked:
         """What a user asks for; a line on stderr where a rule that was named could not be applied."""
@@ -179,10 +186,9 @@ class ChoiceOptions:
     def exit_code(self, choice: Choice) -> int:
         """`UNDECIDED` where unlike demonstrations are kept for want of answers, which is said on stderr, unless that is
         `accepted`; else 0."""
-        if not choice.undecided:
-            return 0
-        click.echo(f"rpil: {choice.reason}", err=True)
-        return 0 if self.accepted else UNDECIDED
+        if choice.undecided:
+            click.echo(f"rpil: {choice.reason}", err=True)
+        return UNDECIDED if choice.undecided and not self.accepted else 0
 
 
 def choice_lines(choice: Choice) -> list[str]:
