@@ -6,10 +6,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from asked import BAD, N_STEPS, write
+from asked import BAD, write
 from command_line import call, ok, refused
 from rpil.cli.options import IGNORED_NAMES
 from rpil.results.choice import IGNORABLE
@@ -166,8 +169,11 @@ def test_faults_that_are_named_are_rejected():
 @pytest.mark.slow
 def test_each_task_counts_its_own_answers():
     """Two answers about one task say nothing of the unlike ones of another task: 4 of 20 are a fifth, 4 of 19 more."""
+    many, few = (pq.read_table(write(f"{n}.parquet", n)) for n in (MANY, FEW))
     for n, code in ((20, 0), (19, 3)):
-        data = write("two.parquet", n, task=np.repeat(["lift", "turn"], [12 * N_STEPS, (n - 12) * N_STEPS]))
+        rows = few.filter(pc.and_(pc.greater_equal(few["episode_index"], 12), pc.less(few["episode_index"], n)))
+        tasks = pa.array(["lift"] * len(many) + ["turn"] * len(rows))
+        pq.write_table(pa.concat_tables([many, rows]).append_column("task", tasks), data := "two.parquet")
         result = call("keep", data, "-o", "k.parquet", *COLUMNS, *labels(_14="good", _15="good"))
         assert result.exit_code == code
         assert kept_in("k.parquet") == {*range(n)} - (set() if code else BAD)

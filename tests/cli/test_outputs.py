@@ -113,7 +113,8 @@ def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
     words = ["audit", "drive.csv", "--labels", "labels.csv"]
     said = ok(*words, "--keep", "k.json", "--report", "r.html").stdout.splitlines()
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
-    lost = said[said.index("Keep: k.json") + 3]
+    counts, _, lost = said[(at := said.index("Keep: k.json")) + 1 : at + 4]
+    assert counts == "12 of 13 kept. Rejected: 1 by your labels."
     assert re.fullmatch(r"No kept demonstration starts with side above .*; 12 does\.", lost)
     page = Path("r.html").read_text()
     assert page.index("What is lost without the bad ones") < page.index(lost)

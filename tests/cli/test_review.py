@@ -71,7 +71,7 @@ def test_what_was_answered_outlives_the_server(data):
         status, finished = client.post("/api/finish", version=2)
         assert status == 200
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
-        counted, again, keep, *_ = finished["lines"]
+        again, keep, counted, *_ = finished["lines"]
         assert again.endswith(command)
         assert keep == "Keep: labels-keep.json"
         good = client.get("/api/view")["view"]["demonstrations"]["verdict"]
@@ -133,10 +133,10 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
         assert {Path(name).read_text() for name in others} == {"MINE"}
         assert not Path("mine-keep.json").exists()
         written = client.post("/api/finish", version=1, replace=answer["exists"])[1]["lines"]
-        assert written[2] == "Keep: mine-keep.json"
+        assert written[1] == "Keep: mine-keep.json"
         assert client.answer(1, "g", 4)[0] == 200
         again = client.post("/api/finish", version=2)[1]["lines"]
-        assert again == written, "its own files need no second word"
+        assert again[:2] == written[:2], "its own files need no second word"
         assert pq.read_table("mine-weights.parquet").num_rows == 24 * N_STEPS
         Path("mine-keep.json").write_text("MINE")
         assert client.post("/api/finish", version=2)[1]["exists"] == ["mine-keep.json"], "another changed it"

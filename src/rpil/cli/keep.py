@@ -135,8 +135,8 @@ def _choice(read: Recording, table: Table, asked: Asked, only_named: bool) -> tu
     others = [name for name in ids if str(name) not in named]
     choice = choose(table, KeepSettings(), asked)
     rest = choose({"id": others, "verdict": ["open"] * len(others)}, KeepSettings(), Asked(faulty=asked.faulty))
-    rejected = {"unnamed": rest.kept} if only_named and rest.kept else {}
-    for rule, names in (*choice.rejected.items(), *rest.rejected.items()):
+    rejected = dict(choice.rejected)
+    for rule, names in (*rest.rejected.items(), *((("unnamed", rest.kept),) if only_named and rest.kept else ())):
         rejected[rule] = (*rejected.get(rule, ()), *names)
     wanted = {*map(str, choice.kept), *(() if only_named else map(str, rest.kept))}
     kept = tuple(name for name in ids if str(name) in wanted)

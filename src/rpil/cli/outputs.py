@@ -142,9 +142,11 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
     every, ids = given.recording.ids or given.audit.ids, given.choice.kept if title == "keep" else ()
-    lines = choice_lines(given.choice) if title == "keep" else []
-    if title == "keep" and given.choice.undecided:
-        lines += deciding_lines(given.audit, given.asked)
+    lines = []
+    if title == "keep":
+        counts = f"{len(ids):,} of {len(given.audit.ids):,} kept. {given.choice.sentence}".rstrip()
+        lines = [counts, *choice_lines(given.choice)[1:]]
+        lines += deciding_lines(given.audit, given.asked) if given.choice.undecided else ()
     if len(ids) in (0, len(every)):  # nothing was chosen
         return lines
     return [*lines, *given.lost, *find(given.source).commands_to_keep(every, ids, path)]

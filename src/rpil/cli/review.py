@@ -112,9 +112,7 @@ def _finish(ctx: click.Context, given: Audited, labels: str, written: dict[str, 
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
-    choice = given.choice
-    lines = [f"{len(choice.kept):,} of {len(given.audit.ids):,} kept. {choice.sentence}".rstrip()]
-    lines += [choice.reason] * bool(choice.undecided)
+    lines = [given.choice.reason] * bool(given.choice.undecided)
     lines += [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
     for title, path in beside.items():
         lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, given)]
