@@ -74,7 +74,7 @@ def test_keep_by_labels_keeps_what_has_no_label_unless_only_named(folder):
         "Kept 2 of 12 demonstrations: named.parquet",
         "Rejected: 1 by your labels, 9 not named in the file of verdicts.",
         "  by your labels: 4",
-        "  not named in the file of verdicts: 0, 1, 3, 5, 6, 7, 8, 9, 10",
+        "  not named in the file of verdicts: 0, 1, 3, 5, 6, 7, 8, 9 and 10",
     ]
     assert rpil.read("named.parquet").ids == (2, 11)
     refused("give --verdicts FILE", "keep", folder / "good.parquet", "-o", "k.parquet", "--only-named")

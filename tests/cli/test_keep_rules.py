@@ -14,8 +14,8 @@ import pytest
 import rpil
 from asked import BAD, write
 from command_line import call, ok, refused
-from rpil.cli.options import IGNORED_NAMES
-from rpil.results.choice import IGNORABLE
+from rpil.cli.options import CHOICE_RULES
+from rpil.results.choice import RULES_OF_WORDS
 
 FEW, MANY = 24, 12
 """Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
@@ -41,7 +41,7 @@ def test_a_fifth_that_is_unlike_is_rejected_and_more_is_kept_with_code_3():
     assert ok("keep", few, "-o", "k.parquet", *COLUMNS, "-q").stdout.splitlines() == [
         "Kept 20 of 24 demonstrations: k.parquet",
         "Rejected: 4 unlike.",
-        "  unlike: 3, 5, 8, 9",
+        "  unlike: 3, 5, 8 and 9",
     ]
     ok("audit", many, *COLUMNS, "--verdicts", "v.csv", "-q")
     for extra, yes in product(([], ["--verdicts", "v.csv"]), ([], ["--yes"])):
@@ -101,7 +101,7 @@ def test_what_would_decide_is_printed_and_holds():
 def test_two_answers_reject_what_they_say():
     many = write("many.parquet", MANY)
     printed = ok("keep", many, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad")).stdout
-    ids = {rule: {*map(int, found.split(", "))} for rule, found in re.findall(r"  (by .*): (.*)", printed)}
+    ids = {rule: {*map(int, re.findall(r"\d+", found))} for rule, found in re.findall(r"  (by .*): (.*)", printed)}
     assert ids["by your labels"] == {3}
     assert ids["by inference from your answers"] <= BAD - {3}
     assert ids["by inference from your answers"]
@@ -125,8 +125,8 @@ def test_each_rule_can_be_ignored():
         assert left <= kept_in("k.parquet")
     ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", "--ignore", "answers, unlike", *given, "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
-    assert IGNORED_NAMES.names == IGNORABLE
-    refused("'x' is none of labels, answers", "keep", few, "-o", "k.parquet", "--ignore", "labels,x")
+    assert ("labels", *RULES_OF_WORDS.values()) == CHOICE_RULES
+    refused("'x' is not one of 'labels', 'answers'", "keep", few, "-o", "k.parquet", "--ignore", "labels,x")
     for words in (["--ignore", "unlike"], ["--without-faults", "jump"], ["--yes"]):
         refused("give --keep OUT.json", "audit", few, *words)
 

@@ -10,7 +10,7 @@ import pytest
 from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
-from rpil.results.choice import IGNORABLE, KEEP_RULES, Asked, choose, max_unlike, read_verdicts
+from rpil.results.choice import KEEP_RULES, RULES_OF_WORDS, Asked, choose, read_verdicts
 from rpil.results.settings import KeepSettings
 from rpil.results.verdict_table import choice_of, deciding_columns, verdict_columns, write_verdicts
 from rpil.results.words import SIDES
@@ -86,7 +86,7 @@ def test_every_rule_by_brute_force(seed):
     words = rng.choice([*SIDES], n, p=share / share.sum())
     labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
     table = table_of(words, labels, [None, 1.0, 0.2, 0.0, "0.5"][seed % 5])
-    ignored = {rule for rule in IGNORABLE if rng.random() < 0.2}
+    ignored = {rule for rule in ("labels", *RULES_OF_WORDS.values()) if rng.random() < 0.2}
     asked = Asked(ignored=ignored, faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
     rules = rule_by_brute_force(table, asked)
     choice = choose(table, SETTINGS, asked)
@@ -121,14 +121,9 @@ def test_unlike_ones_that_are_labelled_are_not_inferred():
 
 
 def test_a_group_with_a_policy_of_its_own_is_kept_until_two_answers():
-    for n_answers, identifiable, most in (
-        (0, True, 0.2),
-        (1, True, 0.2),
-        (1, False, 0.0),
-        (2, False, 1.0),
-        (9, True, 1),
-    ):
-        assert max_unlike(n_answers, identifiable, SETTINGS) == most
+    for n, identifiable, most in ((0, True, 0.2), (1, True, 0.2), (1, False, 0.0), (2, False, 1.0), (5, True, 1.0)):
+        audit = audit_with(("open",) * 10, ["label"] * n, identifiable=identifiable)
+        assert {*deciding_columns(audit)["max_unlike"]} == {most}
     choice = choose(table_of(["unlike"] + ["typical"] * 99, most=0.0), SETTINGS)
     assert (len(choice.kept), choice.undecided) == (100, ("d0",))
     assert "1 of 100 demonstrations are unlike the others, and they have a policy of their own" in choice.reason
@@ -222,6 +217,6 @@ def test_the_sentence_counts_each_rule():
     words = ["bad", "bad", "unlike", "adversary", "good"]
     choice = choose(table_of(words, ["bad", "", "", "", ""]), SETTINGS)
     said = "1 by your labels, 1 by inference from your answers, 1 unlike, 1 like the adversary that was named"
-    assert choice.sentence == f"Rejected: {said}."
-    assert choose(table_of(["open"]), SETTINGS).sentence == ""
+    assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
+    assert choose(table_of(["open"]), SETTINGS).lines() == []
     assert deciding_columns(make_audit())["max_unlike"] == [0.2] * 10

@@ -123,7 +123,7 @@ def audit(
             terminal.to_json(
                 {"run": result.run_id, "input": read.description.to_dict()}
                 | result.to_dict()
-                | {"faults": faults.to_dict(), "keep": audited.kept}
+                | {"faults": faults.to_dict(), "keep": audited.choice.to_dict()}
                 | suggested
             )
         )

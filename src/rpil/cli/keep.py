@@ -29,7 +29,7 @@ from rpil.cli.options import (
     with_judge_options,
 )
 from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import ChoiceOptions, choice_lines, deciding_lines, lost_without
+from rpil.cli.outputs import ChoiceOptions, deciding_lines, lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
@@ -103,7 +103,7 @@ def keep(
     _print_kept(read, choice.kept, output or file, trims if trim else None)
     if n_unnamed:
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
-    print_lines(choice_lines(choice))
+    print_lines(choice.lines())
     if not quiet:
         deciding = deciding_lines(audit, asked) if audit is not None and choice.undecided else ()
         print_lines([*deciding, *lost, *found.commands_to_keep(read.ids, choice.kept, output or "")])

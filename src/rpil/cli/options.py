@@ -97,23 +97,19 @@ class WordLimit(TextType):
         return value
 
 
-class Names(TextType):
-    """Some of these names, with commas between them, which are written here once more as in `NameChoice`."""
-
-    name = "names"
-
-    def __init__(self, *names: str) -> None:
-        self.names = names
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if unknown := [name for name in names_in(value) if name not in self.names]:
-            self.fail(f"{unknown[0]!r} is none of {', '.join(self.names)}", param, ctx)
-        return value
+def _ignored(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of `CHOICE_RULES` in texts that have commas between them."""
+    names = [word.strip() for text in texts for word in text.split(",")]
+    return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
 
 
-def names_in(*texts: str) -> list[str]:
-    """The names in texts that have commas between them."""
-    return [name for text in texts for word in text.split(",") if (name := word.strip())]
+def _faults(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The rules of ``rpil check`` in texts that have commas between them."""
+    if not texts:
+        return ()
+    from rpil.faults.expected import rule_name
+
+    return tuple(rule_name(word, param.opts[0]) for text in texts for word in text.split(","))
 
 
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
@@ -233,21 +229,12 @@ JUDGE_OPTIONS = (
 )
 
 
-IGNORED_NAMES = Names("labels", "answers", "unlike", "adversary")
+CHOICE_RULES = ("labels", "answers", "unlike", "adversary")
+"""Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
+_SAY_NAMES: Value = {"metavar": "RULES", "multiple": True}
 CHOICE_OPTIONS = (
-    click.option(
-        "--ignore",
-        type=IGNORED_NAMES,
-        metavar="RULES",
-        multiple=True,
-        help="Reject nobody by these rules: labels, answers, unlike, adversary.",
-    ),
-    click.option(
-        "--without-faults",
-        metavar="RULES",
-        multiple=True,
-        help="Reject those in which rpil check finds these faults, as jump,frozen-sensor.",
-    ),
+    click.option("--ignore", **_SAY_NAMES, callback=_ignored, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
+    click.option("--without-faults", **_SAY_NAMES, callback=_faults, help="Reject by faults, as jump,frozen-sensor."),
     click.option(
         "--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject unlike ones."
     ),

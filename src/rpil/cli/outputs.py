@@ -15,9 +15,9 @@ import click
 
 from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.label import WITHOUT
-from rpil.cli.options import CHOICE_NAMES, Value, command_words, names_in
+from rpil.cli.options import CHOICE_NAMES, Value, command_words
 from rpil.cli.progress import StageProgress
-from rpil.cli.terminal import join_ids, printable
+from rpil.cli.terminal import printable
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
@@ -53,13 +53,6 @@ class Audited:
         from rpil.results.verdict_table import choice_of
 
         return self.audit.choice if self.asked is None else choice_of(self.audit, self.asked)
-
-    @property
-    def kept(self) -> dict[str, object]:
-        """The choice, as JSON has it."""
-        from rpil.results.verdict_table import choice_to_dict
-
-        return choice_to_dict(self.audit, self.choice)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -144,8 +137,8 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     every, ids = given.recording.ids or given.audit.ids, given.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":
-        counts = f"{len(ids):,} of {len(given.audit.ids):,} kept. {given.choice.sentence}".rstrip()
-        lines = [counts, *choice_lines(given.choice)[1:]]
+        rejected = [*given.choice.lines(), ""]
+        lines = [f"{len(ids):,} of {len(given.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
         lines += deciding_lines(given.audit, given.asked) if given.choice.undecided else ()
     if len(ids) in (0, len(every)):  # nothing was chosen
         return lines
@@ -154,71 +147,52 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
 
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """The options of a choice, as `rpil.cli.options.CHOICE_OPTIONS` describes them."""
+    """What `rpil.cli.options.CHOICE_OPTIONS` say, in their order."""
 
-    ignored: frozenset[str]
+    ignored: tuple[str, ...]
     faults: tuple[str, ...]
-    """Rules of ``rpil check``."""
     accepted: bool
-    """Whether undecided demonstrations are no reason for another exit code."""
 
     @classmethod
     def of(cls, options: dict[str, Value], output: str | None) -> ChoiceOptions:
-        """Those among `options`, which lose them; refused, before any work, where a rule of faults is unknown, or they
-        say what an `output` holds that is not written."""
+        """Those among `options`, which lose them; refused where they say what an `output` holds that is not written."""
         given = [options.pop(name) for name in CHOICE_NAMES]
         if any(given) and output is None:
             raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
-        names = names_in(*given[1])
-        if names:
-            from rpil.faults.expected import rule_name
-        rules = tuple(rule_name(name, "--without-faults") for name in names)
-        return cls(frozenset(names_in(*given[0])), rules, given[2])
+        return cls(*given)
 
     def asked(self, report: FaultReport | None, share: float | None = None, at_least: float | None = None) -> Asked:
         """What a user asks for; a line on stderr where a rule that was named could not be applied."""
         from rpil.results.choice import Asked
 
-        unknown = report.not_checked if report else {}
+        unknown, found = (report.not_checked, report.findings) if report else ({}, ())
         for rule in filter(unknown.__contains__, self.faults):
             click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
-        faulty = {str(found.id) for found in report.findings if found.rule in self.faults} if report else set()
-        return Asked(share, at_least, self.ignored, faulty)
+        return Asked(share, at_least, {*self.ignored}, {str(one.id) for one in found if one.rule in self.faults})
 
     def exit_code(self, choice: Choice) -> int:
-        """`UNDECIDED` where unlike demonstrations are kept for want of answers, which is said on stderr, unless that is
-        `accepted`; else 0."""
+        """`UNDECIDED` where demonstrations are undecided, which is said on stderr, unless that is accepted; else 0."""
         if choice.undecided:
             click.echo(f"rpil: {choice.reason}", err=True)
         return UNDECIDED if choice.undecided and not self.accepted else 0
 
 
-def choice_lines(choice: Choice) -> list[str]:
-    """How many demonstrations are rejected by each rule, and which."""
-    from rpil.results.choice import KEEP_RULES
-
-    lists = [f"  {KEEP_RULES[rule]}: {join_ids(ids)}" for rule, ids in choice.rejected.items()]
-    return [choice.sentence, *lists] if lists else []
-
-
 def deciding_lines(audit: Audit, asked: Asked | None) -> Iterator[str]:
-    """The question of an audit that leaves unlike demonstrations undecided, how many are kept after each of two answers
-    to it, and by the ranking."""
+    """The question of an audit that leaves unlike demonstrations undecided, and how many are kept by two answers to it,
+    either way, and by the ranking."""
     from rpil.results.choice import Asked
     from rpil.results.verdict_table import choice_of
 
-    def n_kept(judged: Audit, wanted: Asked) -> str:
-        return f"{len(choice_of(judged, wanted).kept):,}"
-
-    asked, share = asked or Asked(), audit.settings.keep.example_share
+    asked, share, n = asked or Asked(), audit.settings.keep.example_share, len(audit.ids)
     pair = audit.pair if audit.question else audit.suggest_labels(1)
-    answers = [dict(zip(pair, labels, strict=False)) for labels in (("good", "bad"), ("bad", "good"))]
     if audit.columns.size and pair:
         yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
-        for labels in answers:
-            said = " and ".join(f"{printable(name)} is {label}" for name, label in labels.items())
-            yield f"  If {said}, {n_kept(audit.answered(labels), asked)} of {len(audit.ids):,} are kept."
-    yield f"  --share {share:g} would keep {n_kept(audit, replace(asked, share=share))}, those that rank highest."
+        for labels in (("good", "bad"), ("bad", "good")):
+            answers = dict(zip(pair, labels, strict=False))
+            said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
+            yield f"  If {said}, {len(choice_of(audit.answered(answers), asked).kept):,} of {n:,} are kept."
+    by_rank = choice_of(audit, replace(asked, share=share)).kept
+    yield f"  --share {share:g} would keep {len(by_rank):,}, those that rank highest."
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -11,7 +11,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from itertools import compress
+from itertools import chain, compress
 from typing import cast
 
 import numpy as np
@@ -26,6 +26,7 @@ from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.formats.parquet_pages import read_table
 from rpil.numerics.types import Array, Bool, Float
 from rpil.results.settings import KeepSettings
+from rpil.results.text import listed
 from rpil.results.words import SIDES
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
@@ -43,11 +44,11 @@ KEEP_RULES = {
 }
 """The rules by which demonstrations are rejected, in words that follow a number."""
 
-IGNORABLE = ("labels", "answers", "unlike", "adversary")
-"""The rules that a user can switch off; the others hold only where he asks for them."""
-
-_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"}
+RULES_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"}
 """The rule by which a word rejects a demonstration without a label; the other words keep it."""
+
+MAX_REJECTED = 20
+"""Ids of a rule that are printed."""
 
 _OLD = {"uncertain": "open"}
 """A word that rpil 0.1 wrote, and what it is now."""
@@ -62,7 +63,7 @@ class Asked:
     at_least: float | None = None
     """Keep those whose probability is this or more."""
     ignored: Set[str] = frozenset()
-    """Rules of `IGNORABLE` that reject nobody."""
+    """Rules that reject nobody: labels, or some of `RULES_OF_WORDS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
 
@@ -79,20 +80,25 @@ class Choice:
     reason: str = ""
     """Why they are kept, one sentence; nothing where there are none."""
 
-    @property
-    def sentence(self) -> str:
-        """How many are rejected by each rule, one sentence; nothing where all are kept."""
+    def lines(self) -> list[str]:
+        """How many are rejected by each rule, one sentence, and a line for each rule with their ids; or nothing."""
         counts = ", ".join(f"{len(ids):,} {KEEP_RULES[rule]}" for rule, ids in self.rejected.items())
-        return f"Rejected: {counts}." if counts else ""
+        lists = [f"  {KEEP_RULES[rule]}: {listed(ids, MAX_REJECTED)}" for rule, ids in self.rejected.items()]
+        return [f"Rejected: {counts}.", *lists] if lists else []
+
+    def to_dict(self) -> dict[str, object]:
+        """The ids as lists; whole numbers stay such where all ids are, and the others are text."""
+        every = [*self.kept, *chain(*self.rejected.values())]
+        made = list if all(isinstance(name, int) for name in every) else lambda ids: [*map(str, ids)]
+        rejected = {rule: made(ids) for rule, ids in self.rejected.items()}
+        return {"episodes": made(self.kept), "rejected": rejected, "undecided": made(self.undecided)}
 
 
 def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    A demonstration that is labelled bad is rejected, and one with a fault that was named. With a share or a least
-    probability these decide about the others; else the words do: bad and adversary reject, and unlike does where no
-    more than `max_unlike` of the demonstrations are called so. That is a column of the table, or of `settings` where
-    the table has none.
+    Labels and named faults come first, then a share or a least probability, or where there is none the words: unlike
+    rejects where no more than `max_unlike` are called so, a column of the table, or of `settings` where it has none.
 
     Parameters
     ----------
@@ -123,14 +129,6 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
             undecided += [name] * bool(rule)
     by_rule = {rule: tuple(names) for rule, names in rejected.items() if names}
     return Choice(tuple(kept), by_rule, tuple(undecided), reason if undecided else "")
-
-
-def max_unlike(n_answers: int, identifiable: bool, settings: KeepSettings) -> float:
-    """The largest share of the demonstrations that is rejected as unlike, after so many answers; `identifiable` as in
-    `rpil.results.record.Audit`."""
-    if n_answers >= settings.min_answers:
-        return 1.0
-    return settings.max_unlike if identifiable else 0.0
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -188,7 +186,7 @@ def _by_words(table: Table, labels: Sequence[object], ignored: Set[str]) -> list
         if word not in SIDES:
             known = ", ".join(SIDES)
             raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {known}.")
-        rule = _OF_WORDS.get(word, "")
+        rule = RULES_OF_WORDS.get(word, "")
         rules.append("" if label in ("good", "bad") or rule in ignored else rule)
     return rules
 

@@ -10,16 +10,14 @@ from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 
 @dataclass(frozen=True)
 class KeepSettings:
-    """How far demonstrations are rejected because they are unlike the others. All three are chosen by hand."""
+    """How far demonstrations are rejected because they are unlike the others; all three are chosen by hand."""
 
     min_answers: int = 2
-    """Answers about different demonstrations from which on all that is unlike is rejected: one may be wrong."""
+    """Answers about different demonstrations from which on all unlike ones may be rejected: one answer may be wrong."""
     max_unlike: float = 0.2
-    """Share of the demonstrations. Without so many answers no more than this is rejected as unlike: a larger group may
-    as well be another way to do it."""
+    """Share of the demonstrations that may be without: a larger group may as well be another way to do it."""
     example_share: float = 0.6
-    """Share of the demonstrations that is named as another way to choose, by the ranking: it gained most in
-    docs/value.md."""
+    """Share of the demonstrations that is named as another way to choose, by the ranking."""
 
 
 @stored()

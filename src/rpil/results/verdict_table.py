@@ -11,14 +11,16 @@ from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.record import Finding
 from rpil.formats import csv, parquet
-from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose, max_unlike
+from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
 
 
 def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
     """The columns by which `rpil.results.choice.choose` decides."""
-    largest = max_unlike(audit.n_answers, audit.identifiable, audit.settings.keep)
+    keep = audit.settings.keep
+    unanswered = keep.max_unlike if audit.identifiable else 0.0
+    largest = unanswered if audit.n_answers < keep.min_answers else 1.0
     return {
         "id": file_ids(audit.ids),
         "verdict": audit.verdicts,
@@ -111,16 +113,8 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
         Where the path has another extension, or cannot be written.
     """
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
-    content = choice_to_dict(audit, choice) | {"run": audit.run_id} | made
+    content = choice.to_dict() | {"run": audit.run_id} | made
     _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
-
-
-def choice_to_dict(audit: AuditResult, choice: Choice) -> dict[str, object]:
-    """The choice as lists, with ids as files have them."""
-    names = dict(zip(audit.ids, file_ids(audit.ids), strict=True))
-    rejected = {rule: [names[name] for name in ids] for rule, ids in choice.rejected.items()}
-    kept, undecided = ([names[name] for name in ids] for ids in (choice.kept, choice.undecided))
-    return {"episodes": kept, "rejected": rejected, "undecided": undecided}
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
