@@ -50,7 +50,8 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
 
 
 def test_nothing_to_keep_is_said(folder):
-    given = outputs.Audited(make_audit(("bad",) * 3), "x", SimpleNamespace(step_columns=None), None, {})
+    audit = make_audit(("bad",) * 3)
+    given = outputs.Audited(audit, "x", SimpleNamespace(step_columns=None), None, {}, audit.choice)
     paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
         outputs.write_outputs(paths, given, 1.0, lambda _: None)
@@ -65,7 +66,7 @@ def test_secrets_of_an_address_are_in_no_report():
     source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_demonstrations(data, "CSV")
-    given = outputs.Audited(audit, recording.description.source, recording, None, {})
+    given = outputs.Audited(audit, recording.description.source, recording, None, {}, audit.choice)
     with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
         ctx.params["file"] = given.source
         shown = outputs.about(given)
@@ -184,7 +185,8 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
-    given = outputs.Audited(make_audit(), "data.csv", recording, find_faults(recording.demonstrations), {})
+    audit, faults = make_audit(), find_faults(recording.demonstrations)
+    given = outputs.Audited(audit, "data.csv", recording, faults, {}, audit.choice)
     with click.Context(click.Command("audit")):
         outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]

@@ -49,7 +49,7 @@ def test_answers_about_those_that_are_left_out_count():
     audit = make_audit(("typical",) * 2 + ("unlike",) * 8)
     audit.answers.labels[:2] = 1
     part = select(audit, range(2, 10))
-    assert (part.answers.count, part.n_answers) == (0, 2)
+    assert (part.answers.count, part.max_unlike) == (0, 1.0)
     assert part.choice.kept == ()
     assert len(select(make_audit(audit.verdicts), range(2, 10)).choice.kept) == 8
 

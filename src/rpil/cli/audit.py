@@ -113,9 +113,10 @@ def audit(
         progress("looking for recording faults")
         from rpil.faults.recorded import faults_of
         from rpil.faults.settings import FaultSettings
+        from rpil.results.verdict_table import choice_of
 
         faults = faults_of(read, None, None, False, FaultSettings())
-        audited = Audited(result, file, read, faults, who, wanted.asked(faults))
+        audited = Audited(result, file, read, faults, who, choice_of(result, wanted.asked(faults)))
         write_outputs(outputs, audited, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}

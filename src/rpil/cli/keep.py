@@ -105,7 +105,7 @@ def keep(
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
     print_lines(choice.lines())
     if not quiet:
-        deciding = deciding_lines(audit, asked) if audit is not None and choice.undecided else ()
+        deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
         print_lines([*deciding, *lost, *found.commands_to_keep(read.ids, choice.kept, output or "")])
     return wanted.exit_code(choice)
 

@@ -44,15 +44,8 @@ class Audited:
     recording: Recording
     faults: FaultReport
     demonstrators: Mapping[str, str]
-    asked: Asked | None = None
-    """What a user asks for beside the words of the audit."""
-
-    @cached_property
-    def choice(self) -> Choice:
-        """Those that `--keep` lists, and why it does not list the others."""
-        from rpil.results.verdict_table import choice_of
-
-        return self.audit.choice if self.asked is None else choice_of(self.audit, self.asked)
+    choice: Choice
+    """Those that `--keep` lists, and why it does not list the others."""
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -139,7 +132,7 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     if title == "keep":
         rejected = [*given.choice.lines(), ""]
         lines = [f"{len(ids):,} of {len(given.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
-        lines += deciding_lines(given.audit, given.asked) if given.choice.undecided else ()
+        lines += deciding_lines(given.audit, given.choice) if given.choice.undecided else ()
     if len(ids) in (0, len(every)):  # nothing was chosen
         return lines
     return [*lines, *given.lost, *find(given.source).commands_to_keep(every, ids, path)]
@@ -177,21 +170,23 @@ class ChoiceOptions:
         return UNDECIDED if choice.undecided and not self.accepted else 0
 
 
-def deciding_lines(audit: Audit, asked: Asked | None) -> Iterator[str]:
+def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
     """The question of an audit that leaves unlike demonstrations undecided, and how many are kept by two answers to it,
     either way, and by the ranking."""
-    from rpil.results.choice import Asked
     from rpil.results.verdict_table import choice_of
 
-    asked, share, n = asked or Asked(), audit.settings.keep.example_share, len(audit.ids)
-    pair = audit.pair if audit.question else audit.suggest_labels(1)
-    if audit.columns.size and pair:
+    share, pair = audit.settings.keep.example_share, audit.pair if audit.question else audit.suggest_labels(1)
+    if pair:
         yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
-        for labels in (("good", "bad"), ("bad", "good")):
-            answers = dict(zip(pair, labels, strict=False))
-            said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
-            yield f"  If {said}, {len(choice_of(audit.answered(answers), asked).kept):,} of {n:,} are kept."
-    by_rank = choice_of(audit, replace(asked, share=share)).kept
+    # Answers to an audit of tasks, or beside a reference, are learned from in another way when it is made again.
+    for labels in (("good", "bad"), ("bad", "good")) if pair and not audit.own_reasons else ():
+        answers = dict(zip(pair, labels, strict=False))
+        said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
+        n = len(choice_of(audit.answered(answers), choice.asked).kept)
+        yield f"  If {said}, {n:,} of {len(audit.ids):,} are kept."
+    if audit.within:
+        yield f"  Two answers about each of the {audit.within} with unlike ones decide; rpil label asks for them."
+    by_rank = choice_of(audit, replace(choice.asked, share=share)).kept
     yield f"  --share {share:g} would keep {len(by_rank):,}, those that rank highest."
 
 

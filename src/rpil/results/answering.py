@@ -119,7 +119,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         competing=(),
         answers=known,
         own_reasons=(),
-        n_answers_of_parts=None,
+        max_unlike_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),

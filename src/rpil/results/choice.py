@@ -79,6 +79,7 @@ class Choice:
     """Those called unlike that are kept, because answers are too few to reject so many."""
     reason: str = ""
     """Why they are kept, one sentence; nothing where there are none."""
+    asked: Asked = Asked()
 
     def lines(self) -> list[str]:
         """How many are rejected by each rule, one sentence, and a line for each rule with their ids; or nothing."""
@@ -110,7 +111,7 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
     DataError
         Where the table has no numbers to choose by, or a verdict is no word of an audit.
     """
-    ids = list(cast(Sequence[Id], table["id"]))
+    ids = cast(Sequence[Id], table["id"])
     labels = table.get("label", [""] * len(ids))
     inferred, reason = _by_threshold(table, asked), ""
     if inferred is None:
@@ -128,7 +129,7 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
             kept.append(name)
             undecided += [name] * bool(rule)
     by_rule = {rule: tuple(names) for rule, names in rejected.items() if names}
-    return Choice(tuple(kept), by_rule, tuple(undecided), reason if undecided else "")
+    return Choice(tuple(kept), by_rule, tuple(undecided), reason if undecided else "", asked)
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -195,8 +196,6 @@ def _too_many(count: int, table: Table, settings: KeepSettings) -> str:
     """Why `count` unlike demonstrations of a table are not rejected; nothing where they are."""
     n = len(table["id"])
     most = float(_numbers(table, "max_unlike").min()) if n and "max_unlike" in table else settings.max_unlike
-    if not 0 <= most <= 1:
-        raise DataError(f"The verdicts have {most:g} in max_unlike; give those that rpil audit wrote.")
     if count <= most * n:
         return ""
     why = f"more than {most:.0%} of all" if most else "and they have a policy of their own"

@@ -115,9 +115,9 @@ class Audit(AuditResult):
         "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
     provenance : Provenance or None
         How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
-    n_answers_of_parts : int or None
-        Where tasks were judged by themselves, the number of answers about the task with the fewest; beside a reference,
-        the number with those about its demonstrations; else None, and `answers` are counted.
+    max_unlike_of_parts : float or None
+        Where tasks were judged by themselves, the smallest `max_unlike` of a task with unlike ones; where a reference
+        was judged beside them, that with its labels; else None.
     """
 
     @property

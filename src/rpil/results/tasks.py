@@ -97,7 +97,7 @@ def join_audits(
         provenance=None,
         within=what,
         own_reasons=tuple(reasons),
-        n_answers_of_parts=min((audit.n_answers for audit in parts), default=0),
+        max_unlike_of_parts=min((audit.max_unlike for audit in parts if "unlike" in audit.verdicts), default=None),
     )
 
 

@@ -18,16 +18,13 @@ from rpil.results.result import AuditResult
 
 def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
     """The columns by which `rpil.results.choice.choose` decides."""
-    keep = audit.settings.keep
-    unanswered = keep.max_unlike if audit.identifiable else 0.0
-    largest = unanswered if audit.n_answers < keep.min_answers else 1.0
     return {
         "id": file_ids(audit.ids),
         "verdict": audit.verdicts,
         "label": audit.labels,
         "expert_proba": audit.expert_proba.tolist(),
         "log_odds": audit.log_odds.tolist(),
-        "max_unlike": [largest] * len(audit.ids),
+        "max_unlike": [audit.max_unlike] * len(audit.ids),
     }
 
 
