@@ -98,6 +98,18 @@ def test_what_would_decide_is_printed_and_holds():
     assert "Which" not in call("keep", many, "-o", "k.parquet", *COLUMNS, "-q").stdout
 
 
+def test_the_page_shows_what_is_printed():
+    """But for the numbers, which are those of this set with another judge."""
+    page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```\n(Kept .*?)^```", page, re.M | re.S)
+    many = write("drive.parquet", MANY)
+    for block, given in zip(shown, ([], labels(_0="good", _3="bad")), strict=True):
+        result = call("keep", many, "-o", "kept.parquet", *COLUMNS, *given)
+        printed = result.stdout + result.stderr
+        plain = [re.sub(r"\d+", "0", " ".join(text.split())) for text in (block, printed)]
+        assert plain[0] == plain[1]
+
+
 def test_two_answers_reject_what_they_say():
     many = write("many.parquet", MANY)
     printed = ok("keep", many, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad")).stdout

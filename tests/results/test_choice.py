@@ -2,7 +2,9 @@
 
 import itertools
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,6 +103,26 @@ def test_every_rule_by_brute_force(seed):
     ]
     assert list(choice.undecided) == undecided
     assert bool(choice.reason) == bool(undecided)
+
+
+def test_the_table_of_the_page_is_what_is_done():
+    """Each word of its rows, for one demonstration among ten, in either column."""
+    page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    lines = page.partition("| a demonstration | before two answers | after two answers |")[2].splitlines()[2:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in itertools.takewhile(bool, lines)]
+    done = {"labelled bad": ("open", "bad"), "labelled good": ("unlike", "good"), "bad by inference": ("bad", "")}
+    done |= {word: (word, "") for word in ("unlike", "adversary", "typical", "good", "expert", "open")}
+    named = set()
+    for what, before, after in rows:
+        words = [what] if what.startswith("labelled") else re.split(r", | from answers| \(", what)
+        for word in filter(done.__contains__, words):
+            named.add(word)
+            for most, said in ((0.2, before), (1.0, after)):
+                verdict, label = done[word]
+                table = table_of([verdict] + ["open"] * 9, [label] + [""] * 9, most)
+                if said != "there is none":
+                    assert ("d0" in kept(table)) == said.startswith("kept"), (word, said)
+    assert named == {*done}
 
 
 def test_exactly_a_fifth_is_rejected_and_one_more_is_not():

@@ -179,7 +179,7 @@ def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
     if pair:
         yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
     # Answers to an audit of tasks, or beside a reference, are learned from in another way when it is made again.
-    for labels in (("good", "bad"), ("bad", "good")) if pair and not audit.own_reasons else ():
+    for labels in (("good", "bad"), ("bad", "good")) if audit.columns.size and pair and not audit.own_reasons else ():
         answers = dict(zip(pair, labels, strict=False))
         said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
         n = len(choice_of(audit.answered(answers), choice.asked).kept)
