@@ -228,6 +228,28 @@ def test_labels_are_verdicts(tmp_path):
             kept(table, share=0.5)
 
 
+def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
+    (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "typical"}]))
+    (tmp_path / "v.csv").write_text("id,verdict\n'=1,typical\n")
+    assert read_verdicts(tmp_path / "v.json")["id"] == ["'=1"]
+    assert read_verdicts(tmp_path / "v.csv")["id"] == ["=1"]
+
+
+def test_the_smallest_share_of_a_table_of_several_audits_holds():
+    table = table_of(["unlike"] + ["open"] * 9) | {"max_unlike": [1.0] * 5 + [0.0] + [0.2] * 4}
+    assert len(kept(table)) == 10
+
+
+def test_a_choice_as_lists_and_lines():
+    words = ["bad"] * 25 + ["good"] * 3
+    choice = choose({"id": range(28), "verdict": words}, SETTINGS)
+    rejected = ", ".join(map(str, range(20)))
+    assert choice.lines()[1] == f"  by inference from your answers: {rejected} and 5 more"
+    assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}, "undecided": []}
+    named = choose({"id": [1, "b", 3], "verdict": ["unlike", "bad", "open"]}, SETTINGS)
+    assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
+
+
 @pytest.mark.parametrize("text", ["", "[]", "{", "[1]", '[{"id": 1, "verdict": "typical"}, {"id": 2}]'])
 def test_files_that_are_no_verdicts_are_refused(tmp_path, text):
     (tmp_path / "v.json").write_text(text)
