@@ -19,8 +19,8 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.answering import with_answers
-from rpil.results.choice import kept_ids
-from rpil.results.verdict_table import verdict_columns
+from rpil.results.choice import Asked
+from rpil.results.verdict_table import choice_of
 from rpil.results.words import SIDES
 from value.information import information, scaled
 from value.worlds import World
@@ -110,7 +110,7 @@ def keep(known: Known, share: float | None = None) -> Array:
 
 def what_is_kept(judged: Judged, audit: Audit, share: float | None = None) -> Array:
     """What ``rpil keep`` writes of an audit."""
-    kept: set[Hashable] = set(kept_ids(verdict_columns(audit, {}), share))
+    kept: set[Hashable] = set(choice_of(audit, Asked(share=share)).kept)
     return judged.per_step([name in kept for name in audit.ids])
 
 

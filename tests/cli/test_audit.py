@@ -126,7 +126,7 @@ def test_audit_prints_json(folder):
     assert list(audit) == [
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
         "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
-        "demonstrators", "provenance", "faults",
+        "demonstrators", "provenance", "faults", "keep",
     ]  # fmt: skip
     assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --json"
     digest = hashlib.sha256((folder / "good.parquet").read_bytes()).hexdigest()

@@ -214,7 +214,7 @@ def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     assert list(formats.read("some.csv").ids) == ids
     fitted = ok("fit", data, "-o", "policy", "--method", "cloning", *few).stdout
     assert fitted.startswith("All of 14 demonstrations")
-    kept = ok("keep", data, *few, "-o", "kept.parquet").stdout
+    kept = ok("keep", data, *few, "-o", "kept.parquet", "--yes").stdout
     assert f"Kept {len(formats.read('kept.parquet'))} of 24 demonstrations" in kept
     assert {*formats.read("kept.parquet").ids} <= {*ids}
     assert audited(small, "--only", "0-15")["demonstrations"] == audited(small)["demonstrations"]

@@ -18,15 +18,21 @@ from rpil import formats
 
 def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):
     data = folder / "good.parquet"
-    ok("audit", data, "--verdicts", "v.csv", "-q")
-    for extra in ([], ["--verdicts", "v.csv"]):
-        assert ok("keep", data, "-o", "kept.parquet", *extra).stdout == "Kept 6 of 12 demonstrations: kept.parquet\n"
-        assert rpil.read("kept.parquet").ids == tuple(range(6))
+    Path("labels.csv").write_text("id,label\n0,good\n11,bad\n")
+    labels = ["--labels", "labels.csv"]
+    ok("audit", data, "--verdicts", "v.csv", *labels, "-q")
+    bad = {int(row["id"]) for row in csv.DictReader(Path("v.csv").read_text().splitlines()) if row["verdict"] == "bad"}
+    assert 11 in bad <= {*range(6, 12)}
+    for extra in (labels, ["--verdicts", "v.csv"]):
+        first, said, *_ = ok("keep", data, "-o", "kept.parquet", *extra, "-q").stdout.splitlines()
+        assert first == f"Kept {12 - len(bad)} of 12 demonstrations: kept.parquet"
+        assert said == f"Rejected: 1 by your labels, {len(bad) - 1} by inference from your answers."
+        assert {*rpil.read("kept.parquet").ids} == {*range(12)} - bad
         assert pq.read_schema("kept.parquet").equals(pq.read_schema(data), check_metadata=True)
     ok("keep", data, "-o", "most.parquet", "--verdicts", "v.csv", "--share", "0.75")
     assert len(rpil.read("most.parquet")) == 9
     ok("keep", data, "-o", "sure.parquet", "--verdicts", "v.csv", "--at-least", "0")
-    assert len(rpil.read("sure.parquet")) == 12
+    assert len(rpil.read("sure.parquet")) == 11
 
 
 def test_keep_names_what_leaving_out_loses():
@@ -36,10 +42,11 @@ def test_keep_names_what_leaving_out_loses():
     Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
     Path("labels.csv").write_text("id,label\n12,bad\n" + "".join(f"{m},good\n" for m in range(12)))
     call = ["keep", "drive.csv", "--verdicts", "labels.csv", "-o"]
-    first, lost, *_ = ok(*call, "kept.csv").stdout.splitlines()
+    first, *rejected, lost = ok(*call, "kept.csv").stdout.splitlines()
     assert first == "Kept 12 of 13 demonstrations: kept.csv"
+    assert rejected == ["Rejected: 1 by your labels.", "  by your labels: 12"]
     assert lost.startswith("No kept demonstration starts with side above ")
-    assert ok(*call, "again.csv", "-q").stdout == "Kept 12 of 13 demonstrations: again.csv\n"
+    assert ok(*call, "again.csv", "-q").stdout.splitlines()[1:] == rejected
 
 
 def test_one_demonstration_alone_is_kept():
@@ -63,12 +70,19 @@ def test_keep_by_labels_keeps_what_has_no_label_unless_only_named(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]
     printed = ok(*call, "kept.parquet").stdout.splitlines()
-    assert printed[:2] == [
+    assert printed[:4] == [
         "Kept 11 of 12 demonstrations: kept.parquet",
         "9 of these are not named in labels.csv: --only-named leaves them out.",
+        "Rejected: 1 by your labels.",
+        "  by your labels: 4",
     ]
     assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
-    assert ok(*call, "named.parquet", "--only-named", "-q").stdout == "Kept 2 of 12 demonstrations: named.parquet\n"
+    assert ok(*call, "named.parquet", "--only-named", "-q").stdout.splitlines() == [
+        "Kept 2 of 12 demonstrations: named.parquet",
+        "Rejected: 1 by your labels, 9 not named in the file of verdicts.",
+        "  by your labels: 4",
+        "  not named in the file of verdicts: 0, 1, 3, 5, 6, 7, 8, 9 and 10",
+    ]
     assert rpil.read("named.parquet").ids == (2, 11)
     Path("labels.csv").write_text("id,label\n2,bad\n4,bad\n")
     said = "no demonstration is left by the verdicts of labels.csv; leave out --only-named, or change labels"
@@ -112,7 +126,7 @@ def test_labels_choose_episodes_of_lerobot_too(tmp_path):
     assert "--dataset.episodes='[2]'" in printed
     assert "lerobot-edit-dataset" not in printed  # which cannot read version 2.1
     quiet = ok("keep", robot, "-o", "keep.json", *named, "-q").stdout
-    assert quiet == "Kept 1 of 4 demonstrations: keep.json\n"
+    assert quiet.startswith("Kept 1 of 4 demonstrations: keep.json\nRejected: 1 by your labels, 2 not named")
     for output in ("x.csv", "x.parquet", "x.hdf5", "x.zarr.zip"):
         refused(f"{output}: .* folder", "keep", robot, "-o", output, "--verdicts", "labels.csv")
     Path("labels.csv").write_text("id,label\n2,expert\n7,good\n")
@@ -203,7 +217,7 @@ def test_in_place_lists_the_trusted_in_the_file_itself(folder):
             file[f"data/demo_{m}/obs/x"] = np.random.default_rng(m).normal(size=(5, 3))
     Path("labels.csv").write_text("id,label\ndemo_0,expert\ndemo_2,good\ndemo_1,bad\n")
     printed = ok("keep", "lift.hdf5", "--in-place", "--verdicts", "labels.csv").stdout
-    assert printed == "Kept 2 of 3 demonstrations: lift.hdf5\n"
+    assert printed.startswith("Kept 2 of 3 demonstrations: lift.hdf5\nRejected: 1 by your labels.\n")
     refused("give it the extension .hdf5", "keep", "lift.hdf5", "-o", "x.csv", "--verdicts", "labels.csv")
     with h5py.File("lift.hdf5") as file:
         assert file["mask/rpil_kept"][:].tolist() == [b"demo_0", b"demo_2"]
@@ -224,9 +238,9 @@ def test_ids_that_look_like_formulas(folder):
         assert not texts
     assert rpil.read("t.csv").ids == tuple(ids)
     Path("labels.csv").write_text("id,verdict\n'=cmd|'/C calc'!A0,expert\n+1+1,expert\n")
-    for verdicts, kept in (("v.csv", ids[:6]), ("labels.csv", ids[:2])):
+    for verdicts, kept in (("v.csv", ids), ("labels.csv", ids[:2])):
         for table in ("named.parquet", "t.csv"):
-            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts, "--only-named")
+            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts, "--only-named", "--yes")
             assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept
 
 

@@ -29,8 +29,13 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
-    result = ok("audit", folder / "good.parquet", "--json", "--demonstrators", "who.csv", *files)
-    assert result.stderr.splitlines() == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
+    result = call("audit", folder / "good.parquet", "--json", "--demonstrators", "who.csv", *files)
+    assert result.exit_code == 3, "more than a fifth are unlike"
+    *lines, undecided = result.stderr.splitlines()
+    assert lines == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
+    assert undecided.startswith(
+        "rpil: 6 of 12 demonstrations are unlike the others, more than 20% of all: they are kept"
+    )
     assert {row["run"] for row in pa.csv.read_csv("v.csv").to_pylist()} == {json.loads(result.stdout)["run"]}
     printed = {entry["id"]: entry for entry in json.loads(result.stdout)["demonstrations"]}
     rows = pa.csv.read_csv("v.csv").to_pylist()
@@ -40,13 +45,15 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
         for name in ("verdict", "log_odds", "expert_proba", "reliability", "n_steps"):
             assert row[name] == printed[row["id"]][name]
         assert row["from_demonstrator"] == printed[row["id"]]["evidence"]["demonstrator"]
-    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(6)]
+    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
+    assert json.loads(Path("k.json").read_text())["undecided"] == [*range(6, 12)]
 
 
 def test_nothing_to_keep_is_said(folder):
-    given = outputs.Audited(make_audit(("unlike",) * 3), "x", SimpleNamespace(step_columns=None), None, {})
+    audit = make_audit(("bad",) * 3)
+    given = outputs.Audited(audit, "x", SimpleNamespace(step_columns=None), None, {}, audit.choice)
     paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
-    with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: every .* is unlike, so"):
+    with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
         outputs.write_outputs(paths, given, 1.0, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
     ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet")
@@ -59,7 +66,7 @@ def test_secrets_of_an_address_are_in_no_report():
     source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_demonstrations(data, "CSV")
-    given = outputs.Audited(audit, recording.description.source, recording, None, {})
+    given = outputs.Audited(audit, recording.description.source, recording, None, {}, audit.choice)
     with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
         ctx.params["file"] = given.source
         shown = outputs.about(given)
@@ -86,11 +93,11 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     (work / "who.csv").write_text("id,demonstrator\n0,a\n1,a\n2,b\n")
     files = {"report": "r.html", "save": "run.json", "keep": "k.json", "verdicts": "v.parquet"}
     outputs = [word for name, path in files.items() for word in (f"--{name}", str(work / path))]
-    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q")
+    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q", "--yes", "--ignore", "answers")
     for path in files.values():
         assert str(tmp_path).encode() not in Path(path).read_bytes(), path
     shared = json.loads(Path("run.json").read_text())
-    assert shared["command"] == "rpil audit ~/sets/d.parquet --operator who.csv"
+    assert shared["command"] == "rpil audit ~/sets/d.parquet --operator who.csv", "what --keep lists is no part of it"
     assert shared["provenance"]["command"].startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
     assert [file["path"] for file in shared["provenance"]["files"]] == ["~/sets/d.parquet", "who.csv"]
     ok("report", "run.json", "-o", "again.html")
@@ -107,7 +114,8 @@ def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
     words = ["audit", "drive.csv", "--labels", "labels.csv"]
     said = ok(*words, "--keep", "k.json", "--report", "r.html").stdout.splitlines()
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
-    lost = said[said.index("Keep: k.json") + 1]
+    counts, _, lost = said[(at := said.index("Keep: k.json")) + 1 : at + 4]
+    assert counts == "12 of 13 kept. Rejected: 1 by your labels."
     assert re.fullmatch(r"No kept demonstration starts with side above .*; 12 does\.", lost)
     page = Path("r.html").read_text()
     assert page.index("What is lost without the bad ones") < page.index(lost)
@@ -119,17 +127,17 @@ def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
 
 
 @pytest.mark.parametrize(
-    ("limit", "code"), [("unlike", 1), ("bad", 0), ("unlike:5", 1), ("unlike:6", 0), ("bad:99", 0)]
+    ("limit", "code"), [("unlike", 1), ("bad", 3), ("unlike:5", 1), ("unlike:6", 3), ("bad:99", 3)]
 )
 def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit, code):
     result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--json")
     assert result.exit_code == code
     assert json.loads(result.stdout)["finding"] == "some are unlike"
-    assert len(json.loads(Path("k.json").read_text())["episodes"]) == 6
+    assert len(json.loads(Path("k.json").read_text())["undecided"]) == 6
     said = [line for line in result.stderr.splitlines() if "--fail-on" in line]
     allowed = int(limit.partition(":")[2] or 0)
     line = f"rpil: 6 of 12 demonstrations are unlike, and --fail-on {limit} allows {allowed}."
-    assert said == ([line] if code else [])
+    assert said == ([line] if code == 1 else [])
 
 
 @pytest.mark.parametrize("limit", ["typical", "unlike:", "unlike:x", "bad:-1"])
@@ -177,7 +185,8 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
-    given = outputs.Audited(make_audit(), "data.csv", recording, find_faults(recording.demonstrations), {})
+    audit, faults = make_audit(), find_faults(recording.demonstrations)
+    given = outputs.Audited(audit, "data.csv", recording, faults, {}, audit.choice)
     with click.Context(click.Command("audit")):
         outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]

@@ -1,53 +1,220 @@
-"""Which demonstrations are kept, and tables of verdicts read back as they were written."""
+"""Which demonstrations are kept, by which rule the others are rejected, and tables of verdicts read back as written."""
 
+import itertools
 import json
+import re
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
-from rpil.results.choice import kept_ids, read_verdicts
-from rpil.results.verdict_table import verdict_columns, write_verdicts
+from rpil.inference.answers import Answers
+from rpil.results.choice import KEEP_RULES, RULES_OF_WORDS, Asked, choose, read_verdicts
+from rpil.results.settings import KeepSettings
+from rpil.results.verdict_table import choice_of, deciding_columns, verdict_columns, write_verdicts
+from rpil.results.words import SIDES
 
+SETTINGS = KeepSettings()
 TABLE = {
-    "id": ["a", "b", "c", "d"],
-    "verdict": ["typical", "unlike", "open", "typical"],
-    "expert_proba": [0.99, 0.02, 0.6, 0.95],
-    "log_odds": ["5", "-4", "0.4", "3"],  # as in a file of text
+    "id": ["a", "b", "c", "d", "e"],
+    "verdict": ["typical", "unlike", "open", "typical", "open"],
+    "expert_proba": [0.99, 0.02, 0.6, 0.95, 0.6],
+    "log_odds": ["5", "-4", "0.4", "3", "0.4"],  # as in a file of text
 }
 
 
+def kept(table, **asked):
+    return list(choose(table, SETTINGS, Asked(**asked)).kept)
+
+
 @pytest.mark.parametrize(
-    ("options", "kept"),
+    ("asked", "ids"),
     [
-        ({}, "acd"),
-        ({"share": 0.75}, "acd"),
+        ({}, "acde"),
+        ({"share": 0.8}, "acde"),
+        ({"share": 0.6}, "acd"),
         ({"share": 0.01}, "a"),
-        ({"share": 1}, "abcd"),
-        ({"at_least": 0.6}, "acd"),
+        ({"share": 1}, "abcde"),
+        ({"at_least": 0.6}, "acde"),
         ({"at_least": 0.991}, ""),
+        ({"ignored": {"unlike"}}, "abcde"),
+        ({"faulty": {"a", "b"}}, "cde"),
+        ({"share": 0.6, "faulty": {"a"}}, "cd"),
     ],
 )
-def test_choice(options, kept):
-    assert kept_ids(TABLE, **options) == [*kept]
+def test_choice(asked, ids):
+    choice = choose(TABLE, SETTINGS, Asked(**asked))
+    assert list(choice.kept) == [*ids]
+    assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
+    assert not choice.undecided
+
+
+def table_of(words, labels=None, most=None):
+    ids = [f"d{m}" for m in range(len(words))]
+    columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
+    return columns if most is None else {**columns, "max_unlike": [most] * len(words)}
+
+
+def rule_by_brute_force(table, asked):
+    """The rule of each demonstration, or nothing, in the words of docs/command-line.md, one demonstration at a time."""
+    rows = list(zip(table["id"], table["verdict"], table["label"], strict=True))
+    n_unlike = sum(word == "unlike" and label == "" for _, word, label in rows)
+    most = float(table["max_unlike"][0]) if "max_unlike" in table else 0.2
+    rules = []
+    for name, word, label in rows:
+        rule = ""
+        if label == "" and word == "unlike" and n_unlike <= most * len(rows):
+            rule = "unlike"
+        if label == "" and word in ("bad", "adversary"):
+            rule = {"bad": "answers", "adversary": "adversary"}[word]
+        if rule in asked.ignored:
+            rule = ""
+        if name in asked.faulty:
+            rule = "faults"
+        if label == "bad" and "labels" not in asked.ignored:
+            rule = "labels"
+        rules.append(rule)
+    return rules
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_every_rule_by_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 30))
+    share = rng.dirichlet(np.ones(len(SIDES)) * 0.3)
+    words = rng.choice([*SIDES], n, p=share / share.sum())
+    labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
+    table = table_of(words, labels, [None, 1.0, 0.2, 0.0, "0.5"][seed % 5])
+    ignored = {rule for rule in ("labels", *RULES_OF_WORDS.values()) if rng.random() < 0.2}
+    asked = Asked(ignored=ignored, faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
+    rules = rule_by_brute_force(table, asked)
+    choice = choose(table, SETTINGS, asked)
+    assert choice.kept == tuple(name for name, rule in zip(table["id"], rules, strict=True) if not rule)
+    for rule in KEEP_RULES:
+        ids = tuple(name for name, own in zip(table["id"], rules, strict=True) if own == rule)
+        assert choice.rejected.get(rule, ()) == ids
+    undecided = [
+        name
+        for name, word, label, rule in zip(table["id"], words, labels, rules, strict=True)
+        if word == "unlike" and not label and not rule and "unlike" not in ignored
+    ]
+    assert list(choice.undecided) == undecided
+    assert bool(choice.reason) == bool(undecided)
+
+
+def test_the_table_of_the_page_is_what_is_done():
+    """Each word of its rows, for one demonstration among ten, in either column."""
+    page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    lines = page.partition("| a demonstration | before two answers | after two answers |")[2].splitlines()[2:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in itertools.takewhile(bool, lines)]
+    done = {"labelled bad": ("open", "bad"), "labelled good": ("unlike", "good"), "bad by inference": ("bad", "")}
+    done |= {word: (word, "") for word in ("unlike", "adversary", "typical", "good", "expert", "open")}
+    named = set()
+    for what, before, after in rows:
+        words = [what] if what.startswith("labelled") else re.split(r", | from answers| \(", what)
+        for word in filter(done.__contains__, words):
+            named.add(word)
+            for most, said in ((0.2, before), (1.0, after)):
+                verdict, label = done[word]
+                table = table_of([verdict] + ["open"] * 9, [label] + [""] * 9, most)
+                if said != "there is none":
+                    assert ("d0" in kept(table)) == said.startswith("kept"), (word, said)
+    assert named == {*done}
+
+
+def test_exactly_a_fifth_is_rejected_and_one_more_is_not():
+    assert all(k <= SETTINGS.max_unlike * (5 * k) for k in range(100_000)), "no rounding decides"
+    for k in range(1, 40):
+        at, above = (["unlike"] * count + ["open"] * (5 * k - count) for count in (k, k + 1))
+        assert len(choose(table_of(at), SETTINGS).kept) == 4 * k
+        assert len(choose(table_of(above), SETTINGS).undecided) == k + 1
+    reason = "2 of 5 demonstrations are unlike the others, more than 20% of all: they are kept, because without two "
+    assert choose(table_of(["unlike"] * 2 + ["open"] * 3), SETTINGS).reason.startswith(reason)
+
+
+def test_unlike_ones_that_are_labelled_are_not_inferred():
+    words, labels = ["unlike"] * 5 + ["typical"] * 5, ["bad"] * 2 + ["good"] + [""] * 7
+    choice = choose(table_of(words, labels), SETTINGS)
+    assert choice.rejected == {"labels": ("d0", "d1"), "unlike": ("d3", "d4")}
+    assert "d2" in choice.kept
+
+
+def test_a_group_with_a_policy_of_its_own_is_kept_until_two_answers():
+    for n, identifiable, most in ((0, True, 0.2), (1, True, 0.2), (1, False, 0.0), (2, False, 1.0), (5, True, 1.0)):
+        audit = audit_with(("open",) * 10, ["label"] * n, identifiable=identifiable)
+        assert {*deciding_columns(audit)["max_unlike"]} == {most}
+    choice = choose(table_of(["unlike"] + ["typical"] * 99, most=0.0), SETTINGS)
+    assert (len(choice.kept), choice.undecided) == (100, ("d0",))
+    assert "1 of 100 demonstrations are unlike the others, and they have a policy of their own" in choice.reason
+
+
+def test_a_share_or_a_probability_is_obeyed_in_full():
+    table = {**table_of(["unlike"] * 9 + ["typical"], most=0.0), "log_odds": range(10), "expert_proba": [0.05] * 10}
+    table["label"][9] = "bad"
+    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0), (Asked(share=0.5, ignored={"labels"}), 5)):
+        choice = choose(table, SETTINGS, asked)
+        assert (len(choice.kept), choice.undecided, choice.reason) == (n, (), "")
+
+
+def audit_with(words, answers, **changes):
+    """An audit with so many labels and pairs, of which the last one repeats the first."""
+    labels, pairs = np.zeros(len(words), dtype=np.int64), [(0, 1)] * answers.count("pair")
+    labels[2 : 2 + answers.count("label")] = 1
+    known = Answers(labels, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.full(len(words), np.nan))
+    return make_audit(words, answers=known, **changes)
+
+
+@pytest.mark.parametrize(
+    ("answers", "n_kept"),
+    [([], 10), (["label"], 10), (["pair"], 10), (["pair", "pair"], 10), (["label"] * 2, 7), (["pair", "label"], 7)],
+)
+def test_answers_about_different_demonstrations_are_counted(answers, n_kept):
+    words = ("typical",) * 7 + ("unlike",) * 3
+    assert len(audit_with(words, answers).choice.kept) == n_kept
+    assert len(audit_with(words, answers, identifiable=False).choice.kept) == n_kept
+
+
+def test_answers_about_copies_are_one_answer():
+    words, copy_of = ("typical",) * 7 + ("unlike",) * 3, np.array([0, 1, 2, 2, *range(4, 10)])
+    audit = audit_with(words, ["label"] * 2, copy_of=copy_of)
+    assert audit.max_unlike == 0.2
+    assert len(audit.choice.undecided) == 3
+
+
+def test_outcomes_are_answers():
+    audit = make_audit(("typical",) * 7 + ("unlike",) * 3)
+    outcome = np.where(np.arange(10) < 2, [1.0, 0.0] * 5, np.nan)
+    assert len(replace(audit, answers=replace(audit.answers, outcome=outcome)).choice.kept) == 7
 
 
 @pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
-    audit = make_audit(ids=["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"])
+    ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]
     path = tmp_path / f"verdicts{extension}"
-    write_verdicts(path, audit, {})
-    for options in ({}, {"share": 0.4}, {"at_least": 0.5}):
-        expected = kept_ids(verdict_columns(audit, {}), **options)
-        assert expected
-        assert kept_ids(read_verdicts(path), **options) == expected
+    for count, identifiable in itertools.product((0, 2), (True, False)):
+        words = ("typical",) * 5 + ("open",) + ("unlike",) * (4 if count else 2) + ("typical",) * (0 if count else 2)
+        audit = audit_with(words, ["label"] * count, ids=ids, identifiable=identifiable)
+        write_verdicts(path, audit, {})
+        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"unlike"})):
+            expected = choice_of(audit, asked)
+            assert expected.kept
+            assert choose(verdict_columns(audit, {}), SETTINGS, asked) == expected
+            assert choose(read_verdicts(path), SETTINGS, asked) == expected
+        assert bool(choice_of(audit).rejected) == (count > 0 or identifiable)
 
 
 def test_words_of_the_first_version_are_read_and_unknown_ones_refused():
     table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "uncertain"]}
-    assert kept_ids(table) == ["a", "c"]
+    choice = choose(table, SETTINGS)
+    assert (choice.kept, choice.rejected) == (("a", "c"), {"adversary": ("b",)})
     with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of typical"):
-        kept_ids(table | {"verdict": ["good", "perhaps", "bad"]})
+        choose(table | {"verdict": ["good", "perhaps", "bad"]}, SETTINGS)
+    for number in ("no", ""):
+        with pytest.raises(DataError, match="max_unlike; give those that rpil audit wrote"):
+            choose(table | {"max_unlike": [number] * 3}, SETTINGS)
 
 
 def test_labels_are_verdicts(tmp_path):
@@ -55,9 +222,32 @@ def test_labels_are_verdicts(tmp_path):
     (tmp_path / "labels.json").write_text(json.dumps({"3": "good", "4": "bad", "5": "good"}))
     for name in ("labels.csv", "labels.json"):
         table = read_verdicts(tmp_path / name)
-        assert kept_ids(table) == ["3", "5"]
+        assert kept(table) == ["3", "5"]
+        assert choose(table, SETTINGS).rejected == {"labels": ("4",)}
         with pytest.raises(DataError, match="no numbers in log_odds"):
-            kept_ids(table, share=0.5)
+            kept(table, share=0.5)
+
+
+def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
+    (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "typical"}]))
+    (tmp_path / "v.csv").write_text("id,verdict\n'=1,typical\n")
+    assert read_verdicts(tmp_path / "v.json")["id"] == ["'=1"]
+    assert read_verdicts(tmp_path / "v.csv")["id"] == ["=1"]
+
+
+def test_the_smallest_share_of_a_table_of_several_audits_holds():
+    table = table_of(["unlike"] + ["open"] * 9) | {"max_unlike": [1.0] * 5 + [0.0] + [0.2] * 4}
+    assert len(kept(table)) == 10
+
+
+def test_a_choice_as_lists_and_lines():
+    words = ["bad"] * 25 + ["good"] * 3
+    choice = choose({"id": range(28), "verdict": words}, SETTINGS)
+    rejected = ", ".join(map(str, range(20)))
+    assert choice.lines()[1] == f"  by inference from your answers: {rejected} and 5 more"
+    assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}, "undecided": []}
+    named = choose({"id": [1, "b", 3], "verdict": ["unlike", "bad", "open"]}, SETTINGS)
+    assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "[1]", '[{"id": 1, "verdict": "typical"}, {"id": 2}]'])
@@ -65,3 +255,12 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path, text):
     (tmp_path / "v.json").write_text(text)
     with pytest.raises(DataError, match=r"v\.json"):
         read_verdicts(tmp_path / "v.json")
+
+
+def test_the_sentence_counts_each_rule():
+    words = ["bad", "bad", "unlike", "adversary", "good"]
+    choice = choose(table_of(words, ["bad", "", "", "", ""]), SETTINGS)
+    said = "1 by your labels, 1 by inference from your answers, 1 unlike, 1 like the adversary that was named"
+    assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
+    assert choose(table_of(["open"]), SETTINGS).lines() == []
+    assert deciding_columns(make_audit())["max_unlike"] == [0.2] * 10

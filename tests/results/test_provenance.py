@@ -109,7 +109,7 @@ def test_outputs_carry_it_and_the_run_does_not_depend_on_it(tmp_path):
     expected = json.loads(json.dumps(audit.provenance.to_dict()))
     write_verdicts(tmp_path / "v.parquet", audit, {})
     assert json.loads(pq.read_schema(tmp_path / "v.parquet").metadata[b"rpil.provenance"]) == expected
-    write_kept(tmp_path / "k.json", audit)
+    write_kept(tmp_path / "k.json", audit, audit.choice)
     assert json.loads((tmp_path / "k.json").read_text())["provenance"] == expected
     assert audit.to_dict()["provenance"] == audit.provenance.to_dict()
     assert "provenance" not in bare.to_dict()

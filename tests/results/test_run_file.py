@@ -142,6 +142,8 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("demonstrations/look/0", 10),
         ("demonstrations/group/0", "C"),
         ("demonstrations/order", [1]),
+        ("demonstrations/kept", [1] * 10),
+        ("demonstrations/kept", [True]),
         ("demonstrations/facts/length", [2.0] * 10),
         ("demonstrations/more", []),
         ("whole_ids", True),

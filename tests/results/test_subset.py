@@ -44,6 +44,16 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     np.testing.assert_array_equal(part.columns, [[4.0, 5.0], [6.0, 7.0]])
 
 
+def test_answers_about_those_that_are_left_out_count():
+    """As the labels of a reference do, beside which the others were judged."""
+    audit = make_audit(("typical",) * 2 + ("unlike",) * 8)
+    audit.answers.labels[:2] = 1
+    part = select(audit, range(2, 10))
+    assert (part.answers.count, part.max_unlike) == (0, 1.0)
+    assert part.choice.kept == ()
+    assert len(select(make_audit(audit.verdicts), range(2, 10)).choice.kept) == 8
+
+
 def test_traces_follow_their_names():
     audit = make_audit()
     audit = replace(audit, traces={audit.ids[m]: make_traces(9, seed=m) for m in (1, 2, 5)})

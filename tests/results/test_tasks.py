@@ -1,6 +1,9 @@
 """Several tasks: what was found within each comes back at the right place, and single demonstrations stay open."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from audits import make_audit, make_traces
 from rpil.results.tasks import ALONE, join_audits, split_by_task
@@ -30,6 +33,25 @@ def test_each_demonstration_keeps_what_its_own_task_says():
         f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
         "push (1: not judged)."
     )
+
+
+@pytest.mark.parametrize(("counts", "n_kept"), [((0, 0), 12), ((1, 1), 12), ((0, 2), 12), ((2, 0), 8), ((2, 2), 8)])
+def test_unlike_ones_are_kept_until_their_own_task_has_two_answers(counts, n_kept):
+    """4 of 12 are unlike, all of the first task."""
+    words = ("typical",) * 2 + ("unlike",) * 4
+    parts = [make_audit(own, ids=ids) for own, ids in ((words, "abcdef"), (("typical",) * 6, "uvwxyz"))]
+    for part, count in zip(parts, counts, strict=True):
+        part.answers.labels[:count] = 1
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate([part.lengths for part in parts]))])
+    places = {"one": [*range(6)], "other": [*range(6, 12)]}
+
+    def joined(*of):
+        return join_audits(dict(zip(places, of, strict=True)), places, "abcdefuvwxyz", offsets)
+
+    assert len(joined(*parts).choice.kept) == n_kept
+    one, other = (replace(part, identifiable=False) for part in parts)
+    assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
+    assert joined(one, parts[1]).choice.reason.count("a policy of their own") == (n_kept == 12)
 
 
 def test_facts_stay_with_their_tasks():

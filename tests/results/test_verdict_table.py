@@ -15,8 +15,8 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "from_actions", "from_demonstrator", "from_label",
-    "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
+    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "max_unlike", "from_actions", "from_demonstrator",
+    "from_label", "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
 
@@ -53,21 +53,28 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
 
 
 @pytest.mark.parametrize(
-    ("verdicts", "ids", "kept"),
+    ("verdicts", "ids", "kept", "rejected", "undecided"),
     [
-        (("typical", "unlike", "typical"), (7, 3, 1), [7, 1]),
-        (("unlike", "typical"), ("a", 7), ["7"]),
-        (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3]),
-        (("unlike", "unlike"), (0, 1), []),
+        (("typical", "unlike", "typical", "open", "open"), (7, 3, 1, 5, 4), [7, 1, 5, 4], {"unlike": [3]}, []),
+        (("unlike", "typical"), ("a", 7), ["a", "7"], {}, ["a"]),
+        (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3], {"answers": [1], "adversary": [2]}, []),
+        (("bad", "bad"), (0, 1), [], {"answers": [0, 1]}, []),
     ],
 )
-def test_kept_are_the_trusted_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept):
+def test_kept_are_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept, rejected, undecided):
     audit = make_audit(verdicts, ids=ids)
-    write_kept(tmp_path / "keep.json", audit)
-    assert json.loads((tmp_path / "keep.json").read_text()) == {"episodes": kept, "run": audit.run_id}
+    write_kept(tmp_path / "keep.json", audit, audit.choice)
+    found = {"episodes": kept, "rejected": rejected, "undecided": undecided, "run": audit.run_id}
+    assert json.loads((tmp_path / "keep.json").read_text()) == found
 
 
-@pytest.mark.parametrize("write", [write_kept, lambda path, audit: write_verdicts(path, audit, {})])
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path, audit: write_kept(path, audit, audit.choice),
+        lambda path, audit: write_verdicts(path, audit, {}),
+    ],
+)
 def test_other_extensions_are_refused(tmp_path, write):
     with pytest.raises(DataError, match=r"v\.txt: unknown extension '\.txt' for .*; use one of .*\.json"):
         write(tmp_path / "v.txt", make_audit())

@@ -20,10 +20,19 @@ from rpil.cli.options import (
     command_words,
     json_option,
     pop_columns,
+    with_choice_options,
     with_judge_options,
 )
 from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import OUTPUTS, Audited, judged_within, lines_after_output, tell_if_too_many, write_outputs
+from rpil.cli.outputs import (
+    OUTPUTS,
+    Audited,
+    ChoiceOptions,
+    judged_within,
+    lines_after_output,
+    tell_if_too_many,
+    write_outputs,
+)
 from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
@@ -69,6 +78,7 @@ N_LABELS = 3
 @click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
+@with_choice_options
 @with_judge_options
 @click.pass_context
 def audit(
@@ -87,6 +97,7 @@ def audit(
     """
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
+    wanted = ChoiceOptions.of(options, outputs["keep"])
     quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     reference = options.pop("reference")
     check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
@@ -102,9 +113,10 @@ def audit(
         progress("looking for recording faults")
         from rpil.faults.recorded import faults_of
         from rpil.faults.settings import FaultSettings
+        from rpil.results.verdict_table import choice_of
 
         faults = faults_of(read, None, None, False, FaultSettings())
-        audited = Audited(result, file, read, faults, who)
+        audited = Audited(result, file, read, faults, who, choice_of(result, wanted.asked(faults)))
         write_outputs(outputs, audited, time.perf_counter() - start, progress)
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
@@ -112,7 +124,7 @@ def audit(
             terminal.to_json(
                 {"run": result.run_id, "input": read.description.to_dict()}
                 | result.to_dict()
-                | {"faults": faults.to_dict()}
+                | {"faults": faults.to_dict(), "keep": audited.choice.to_dict()}
                 | suggested
             )
         )
@@ -126,7 +138,8 @@ def audit(
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not quiet:
                 terminal.print_lines(lines_after_output(title, path, audited))
-    return tell_if_too_many(result, fail_on)
+    undecided = wanted.exit_code(audited.choice) if outputs["keep"] else 0
+    return tell_if_too_many(result, fail_on) or undecided
 
 
 @click.command()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -23,11 +24,12 @@ from rpil.cli.options import (
     FitOptions,
     pop_columns,
     quiet_option,
+    with_choice_options,
     with_column_options,
     with_judge_options,
 )
 from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import lost_without
+from rpil.cli.outputs import ChoiceOptions, deciding_lines, lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
@@ -35,11 +37,12 @@ from rpil.data.held import holding
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
+    from rpil.faults.record import FaultReport
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
     from rpil.formats.registry import Found
-    from rpil.results.choice import Table
-    from rpil.scale.protocol import Engine
+    from rpil.results.choice import Asked, Choice, Table
+    from rpil.results.record import Audit
 
 
 @click.command()
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
 )
 @click.option("--only-named", is_flag=True, help="Keep nothing that the FILE of --verdicts does not name.")
 @click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
+@with_choice_options
 @with_judge_options
 @holding()
 def keep(
@@ -68,47 +72,42 @@ def keep(
     verdicts: str | None,
     trim: bool,
     **options: Any,
-) -> None:
-    """Write demonstrations to a new file of the same format, without those that an audit calls unlike or bad.
+) -> int:
+    """Write demonstrations to a new file of the same format, without those that an audit calls bad or unlike.
 
-    All others are kept, unless --share or --at-least says otherwise. What is labelled bad is never kept.
+    All others are kept, unless --share or --at-least says otherwise. Without two answers no more than a fifth is
+    rejected as unlike; where more are, all of these are kept, and the exit code is 3.
     """
     only_named = options.pop("only_named")
     _check_rules(share, at_least, verdicts, only_named)
+    wanted = ChoiceOptions.of(options, output or file)
     from rpil.formats.registry import find
-    from rpil.results.choice import kept_ids
 
     found = find(file)
     _check_output(found, output, options.pop("in_place"), trim)
-    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    reference = options.pop("reference")
-    columns = pop_columns(options)
-    if options["features"] == "auto":
-        options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
+    quiet, columns = options.pop("quiet"), pop_columns(options)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        if verdicts is None:
-            with connect_engine(scheduler, progress) as engine:
-                read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
-                good = read_reference(reference, file, columns, progress)
-                table = _judged(file, read, FitOptions(**options), progress, engine, good)
-        else:
-            read = _read_all(file, columns, progress, stream)
-            table = _verdicts_on(read, verdicts)
-        kept, n_unnamed = _with_unnamed(read, table, kept_ids(table, share, at_least), only_named)
-        _check_left(kept, file, verdicts, table, only_named)
-        lost = () if quiet else lost_without(read.demonstrations, kept)
-        trims = _idle_ends(read, kept) if trim else {}
+        read, table, audit = _known(file, verdicts, columns, options, progress)
+        faults = _faults(read, progress) if trim or wanted.faults else None
+        asked = wanted.asked(faults, share, at_least)
+        choice, n_unnamed = _choice(read, table, asked, only_named)
+        _check_left(choice, file, verdicts, table, only_named)
+        lost = () if quiet else lost_without(read.demonstrations, choice.kept)
+        trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
         progress(f"writing {output or file}")
         if output is None:
-            found.mask(kept)
+            found.mask(choice.kept)
         else:
-            found.keep(output, kept, columns, trims)
+            found.keep(output, choice.kept, columns, trims)
     tell_of_set_aside(read)
-    _print_kept(read, kept, output or file, trims if trim else None)
+    _print_kept(read, choice.kept, output or file, trims if trim else None)
     if n_unnamed:
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
+    print_lines(choice.lines())
     if not quiet:
-        print_lines([*lost, *found.commands_to_keep(read.ids, kept, output or "")])
+        deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
+        print_lines([*deciding, *lost, *found.commands_to_keep(read.ids, choice.kept, output or "")])
+    return wanted.exit_code(choice)
 
 
 def _check_rules(share: float | None, at_least: float | None, verdicts: str | None, only_named: bool) -> None:
@@ -119,24 +118,34 @@ def _check_rules(share: float | None, at_least: float | None, verdicts: str | No
         raise click.UsageError("--only-named needs the file that names them: give --verdicts FILE")
 
 
-def _check_left(kept: list[Id], file: str, verdicts: str | None, table: Table, only_named: bool) -> None:
+def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table, only_named: bool) -> None:
     """A `DataError` where nothing is left to keep."""
-    if not kept:
+    if not choice.kept:
         source = f"the verdicts of {verdicts}" if verdicts else "the audit"
         is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
         ways = ["choose with --share"] * is_graded + ["leave out --only-named"] * only_named + ["change labels"]
         raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 
-def _with_unnamed(read: Recording, table: Table, chosen: Collection[object], only_named: bool) -> tuple[list[Id], int]:
-    """The ids of what is read that are `chosen`, or not in the table unless `only_named`, and the number of the last;
-    ids are compared as text."""
-    wanted, named = {*map(str, chosen)}, {*map(str, table["id"])}
-    unnamed = set() if only_named else {str(name) for name in read.demonstrations.ids} - named
-    return [name for name in read.demonstrations.ids if str(name) in wanted | unnamed], len(unnamed)
+def _choice(read: Recording, table: Table, asked: Asked, only_named: bool) -> tuple[Choice, int]:
+    """The choice among all that is read, and how many are kept although the table does not name them: all without a
+    named fault, and none with `only_named`. Ids are compared as text."""
+    from rpil.results.choice import Asked, choose
+    from rpil.results.settings import KeepSettings
+
+    named, ids = {*map(str, table["id"])}, read.demonstrations.ids
+    others = [name for name in ids if str(name) not in named]
+    choice = choose(table, KeepSettings(), asked)
+    rest = choose({"id": others, "verdict": ["open"] * len(others)}, KeepSettings(), Asked(faulty=asked.faulty))
+    rejected = dict(choice.rejected)
+    for rule, names in (*rest.rejected.items(), *((("unnamed", rest.kept),) if only_named and rest.kept else ())):
+        rejected[rule] = (*rejected.get(rule, ()), *names)
+    wanted = {*map(str, choice.kept), *(() if only_named else map(str, rest.kept))}
+    kept = tuple(name for name in ids if str(name) in wanted)
+    return replace(choice, kept=kept, rejected=rejected), 0 if only_named else len(rest.kept)
 
 
-def _print_kept(read: Recording, kept: list[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
+def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
     """Print how many demonstrations were kept, and how many steps were cut from them."""
     click.echo(f"Kept {len(kept):,} of {len(read.ids):,} demonstrations: {where}")
     if trims is not None:
@@ -145,23 +154,35 @@ def _print_kept(read: Recording, kept: list[Id], where: str, trims: Mapping[Id, 
         click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
 
 
-def _judged(
-    file: str,
-    read: Recording,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None,
-    good: Recording | None,
-) -> Table:
-    """The verdicts on what is read; nothing can be compared with one demonstration alone, which has its label only."""
+def _known(
+    file: str, verdicts: str | None, columns: ColumnOptions, options: dict[str, Any], progress: StageProgress
+) -> tuple[Recording, Table, Audit | None]:
+    """What is read, and the verdicts on it: those of a file, or of an audit, which is returned too."""
+    stream, scheduler, reference = (options.pop(name) for name in ("stream", "scheduler", "reference"))
+    if verdicts is not None:
+        read = _read_all(file, columns, progress, stream)
+        return read, _verdicts_on(read, verdicts), None
+    if options["features"] == "auto":
+        options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
+    with connect_engine(scheduler, progress) as engine:
+        read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
+        good = read_reference(reference, file, columns, progress)
+        given = FitOptions(**options)
+        if len(read.demonstrations) == 1 and good is None:  # nothing can be compared with it: it has its label only
+            return read, _of_one(read, given), None
+        audit, _ = audit_by_task(file, read, given, progress, engine, good)
+    from rpil.results.verdict_table import deciding_columns
+
+    return read, deciding_columns(audit), audit
+
+
+def _of_one(read: Recording, options: FitOptions) -> Table:
+    """The verdict on the only demonstration, by its label."""
     from rpil.estimators.within_tasks import Known
-    from rpil.results.verdict_table import verdict_columns
 
     ids = read.demonstrations.ids
-    if len(ids) == 1 and good is None:
-        label = Known.of(read, options.labels, options.operator, None, None).labels.get(str(ids[0]), "")
-        return {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}
-    return verdict_columns(*audit_by_task(file, read, options, progress, engine, reference=good))
+    label = Known.of(read, options.labels, options.operator, None, None).labels.get(str(ids[0]), "")
+    return {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}
 
 
 def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
@@ -196,13 +217,13 @@ def _verdicts_on(read: Recording, path: str) -> Table:
     return rows_of(table, {*map(str, read.demonstrations.ids)})
 
 
-def _idle_ends(read: Recording, kept: list[Id]) -> dict[Id, tuple[int, int]]:
-    """The steps to keep of the kept demonstrations with idle ends, by the rules of ``rpil check``."""
+def _faults(read: Recording, progress: StageProgress) -> FaultReport:
+    """What the rules of ``rpil check`` find; those with missing values are set aside for the other rules."""
     from rpil.faults.recorded import faults_of
     from rpil.faults.settings import FaultSettings
 
-    trims = faults_of(read, None, None, True, FaultSettings()).trims
-    return {name: ends for name, ends in trims.items() if name in kept}
+    progress("looking for recording faults")
+    return faults_of(read, None, None, True, FaultSettings())
 
 
 @click.command()

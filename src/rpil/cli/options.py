@@ -97,6 +97,21 @@ class WordLimit(TextType):
         return value
 
 
+def _ignored(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of `CHOICE_RULES` in texts that have commas between them."""
+    names = [word.strip() for text in texts for word in text.split(",")]
+    return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
+
+
+def _faults(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The rules of ``rpil check`` in texts that have commas between them."""
+    if not texts:
+        return ()
+    from rpil.faults.expected import rule_name
+
+    return tuple(rule_name(word, param.opts[0]) for text in texts for word in text.split(","))
+
+
 def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
     """Let data take `size` until the command ends."""
     ctx.with_resource(limited(size))
@@ -212,6 +227,24 @@ JUDGE_OPTIONS = (
         help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
     ),
 )
+
+
+CHOICE_RULES = ("labels", "answers", "unlike", "adversary")
+"""Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
+_SAY_NAMES: Value = {"metavar": "RULES", "multiple": True}
+CHOICE_OPTIONS = (
+    click.option("--ignore", **_SAY_NAMES, callback=_ignored, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
+    click.option("--without-faults", **_SAY_NAMES, callback=_faults, help="Reject by faults, as jump,frozen-sensor."),
+    click.option(
+        "--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject unlike ones."
+    ),
+)
+CHOICE_NAMES = ("ignore", "without_faults", "yes")
+
+
+def with_choice_options(command: Callable[..., object]) -> Callable[..., object]:
+    """What is kept, beside the words of an audit."""
+    return reduce(lambda wrapped, option: option(wrapped), reversed(CHOICE_OPTIONS), command)
 
 
 def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:

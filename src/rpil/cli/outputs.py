@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 import warnings
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,16 +15,21 @@ import click
 
 from rpil.cli.commands import tell_if_interrupted
 from rpil.cli.label import WITHOUT
-from rpil.cli.options import command_words
+from rpil.cli.options import CHOICE_NAMES, Value, command_words
 from rpil.cli.progress import StageProgress
+from rpil.cli.terminal import printable
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.faults.record import FaultReport
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
+    from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.results.view import About
+
+UNDECIDED = 3
+"""The exit code where a list to keep is written, and holds unlike demonstrations for want of answers."""
 
 OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
@@ -39,13 +44,13 @@ class Audited:
     recording: Recording
     faults: FaultReport
     demonstrators: Mapping[str, str]
+    choice: Choice
+    """Those that `--keep` lists, and why it does not list the others."""
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """What is lost without those that `--keep` does not list; see `lost_without`."""
-        from rpil.results.verdict_table import kept
-
-        return lost_without(self.recording.demonstrations, kept(self.audit))
+        return lost_without(self.recording.demonstrations, self.choice.kept)
 
 
 def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
@@ -62,16 +67,16 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
     from rpil.results.html.page import Article, write_page
     from rpil.results.run_file import write_run
     from rpil.results.step_weights import why_equal
-    from rpil.results.verdict_table import kept, write_kept, write_verdicts
+    from rpil.results.verdict_table import write_kept, write_verdicts
     from rpil.results.view import make_view
 
     audit = given.audit
     view = cache(lambda: make_view(audit, about(given, seconds)))
 
     def write_keep(path: str) -> None:
-        write_kept(path, audit)
-        if not kept(audit):
-            warnings.warn(f"{path}: every demonstration is {audit.words.lower}, so that it lists none.", stacklevel=1)
+        write_kept(path, audit, given.choice)
+        if not given.choice.kept:
+            warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
 
     def write_step_weights(path: str) -> None:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
@@ -102,7 +107,7 @@ def about(given: Audited, seconds: float | None = None) -> About:
     from rpil.results.run_file import NOT_IN_A_RUN
     from rpil.results.view import About
 
-    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN))
+    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN, *CHOICE_NAMES))
     read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), for_others(given.source)
     return About(
@@ -125,13 +130,70 @@ def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
     """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
     it."""
     from rpil.formats.registry import find
-    from rpil.results.verdict_table import kept
 
     if title == "weights":
         return [*find(given.source).format.notes_on_weights]
-    every, ids = given.recording.ids or given.audit.ids, kept(given.audit) if title == "keep" else ()
-    nothing_chosen = len(ids) in (0, len(every))
-    return [] if nothing_chosen else [*given.lost, *find(given.source).commands_to_keep(every, ids, path)]
+    every, ids = given.recording.ids or given.audit.ids, given.choice.kept if title == "keep" else ()
+    lines = []
+    if title == "keep":
+        rejected = [*given.choice.lines(), ""]
+        lines = [f"{len(ids):,} of {len(given.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
+        lines += deciding_lines(given.audit, given.choice) if given.choice.undecided else ()
+    if len(ids) in (0, len(every)):  # nothing was chosen
+        return lines
+    return [*lines, *given.lost, *find(given.source).commands_to_keep(every, ids, path)]
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """What `rpil.cli.options.CHOICE_OPTIONS` say, in their order."""
+
+    ignored: tuple[str, ...]
+    faults: tuple[str, ...]
+    accepted: bool
+
+    @classmethod
+    def of(cls, options: dict[str, Value], output: str | None) -> ChoiceOptions:
+        """Those among `options`, which lose them; refused where they say what an `output` holds that is not written."""
+        given = [options.pop(name) for name in CHOICE_NAMES]
+        if any(given) and output is None:
+            raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
+        return cls(*given)
+
+    def asked(self, report: FaultReport | None, share: float | None = None, at_least: float | None = None) -> Asked:
+        """What a user asks for; a line on stderr where a rule that was named could not be applied."""
+        from rpil.results.choice import Asked
+
+        unknown, found = (report.not_checked, report.findings) if report else ({}, ())
+        for rule in filter(unknown.__contains__, self.faults):
+            click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
+        return Asked(share, at_least, {*self.ignored}, {str(one.id) for one in found if one.rule in self.faults})
+
+    def exit_code(self, choice: Choice) -> int:
+        """`UNDECIDED` where demonstrations are undecided, which is said on stderr, unless that is accepted; else 0."""
+        if choice.undecided:
+            click.echo(f"rpil: {choice.reason}", err=True)
+        return UNDECIDED if choice.undecided and not self.accepted else 0
+
+
+def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
+    """The question of an audit that leaves unlike demonstrations undecided, and how many are kept by two answers to it,
+    either way, and by the ranking."""
+    from rpil.results.verdict_table import choice_of
+
+    share, pair = audit.settings.keep.example_share, audit.pair if audit.question else audit.suggest_labels(1)
+    if pair:
+        yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
+    # Answers to an audit of tasks, or beside a reference, are learned from in another way when it is made again.
+    for labels in (("good", "bad"), ("bad", "good")) if audit.columns.size and pair and not audit.own_reasons else ():
+        answers = dict(zip(pair, labels, strict=False))
+        said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
+        n = len(choice_of(audit.answered(answers), choice.asked).kept)
+        yield f"  If {said}, {n:,} of {len(audit.ids):,} are kept."
+    if audit.within:
+        yield f"  Two answers about each of the {audit.within} with unlike ones decide; rpil label asks for them."
+    by_rank = choice_of(audit, replace(choice.asked, share=share)).kept
+    yield f"  --share {share:g} would keep {len(by_rank):,}, those that rank highest."
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

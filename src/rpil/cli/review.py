@@ -84,12 +84,14 @@ def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Revie
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = Videos.of(file, () if recording.options.id else audit.ids, judged.fps)
-    given, written = Audited(audit, file, recording, faults, judged.demonstrators), dict[str, object]()
+    given, written = Audited(audit, file, recording, faults, judged.demonstrators, audit.choice), dict[str, object]()
     return Review(
         session=Session(audit, judged.path, judged.before, None),
         about=about(given),
         videos=videos,
-        finish=lambda answered, agreed: _finish(ctx, replace(given, audit=answered), judged.path, written, agreed),
+        finish=lambda answered, agreed: _finish(
+            ctx, replace(given, audit=answered, choice=answered.choice), judged.path, written, agreed
+        ),
         page=page_of,
     )
 
@@ -112,7 +114,8 @@ def _finish(ctx: click.Context, given: Audited, labels: str, written: dict[str, 
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
-    lines = [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
+    lines = [given.choice.reason] * bool(given.choice.undecided)
+    lines += [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
     for title, path in beside.items():
         lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, given)]
     return {"lines": lines}

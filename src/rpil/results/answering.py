@@ -130,6 +130,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         demonstrators=rank_demonstrators(who, trust, audit.ids),
         answers=known,
         own_reasons=(),
+        max_unlike_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),

@@ -1,11 +1,17 @@
-"""The demonstrations to keep: by their verdicts, a share of the most trusted, or all from some probability on."""
+"""The demonstrations to keep, and the rule by which each of the others is rejected.
+
+What a person said is obeyed in full: labels, faults that were named, a share, a least probability. Without two answers
+what the audit infers rejects no more than a fifth as unlike, and no group that has a policy of its own: the data cannot
+tell whether those that are unlike are worse.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence, Set
-from itertools import compress
+from dataclasses import dataclass
+from itertools import chain, compress
 from typing import cast
 
 import numpy as np
@@ -18,48 +24,112 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.formats.parquet_pages import read_table
-from rpil.numerics.types import Array
-from rpil.results.verdict_table import TABLE_EXTENSIONS
-from rpil.results.words import SIDES, Side
+from rpil.numerics.types import Array, Bool, Float
+from rpil.results.settings import KeepSettings
+from rpil.results.text import listed
+from rpil.results.words import SIDES
+
+TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
 Table = Mapping[str, Sequence[object]]
+
+KEEP_RULES = {
+    "labels": "by your labels",
+    "faults": "with a fault that was named",
+    "answers": "by inference from your answers",
+    "unlike": "unlike",
+    "adversary": "like the adversary that was named",
+    "threshold": "below --share or --at-least",
+    "unnamed": "not named in the file of verdicts",
+}
+"""The rules by which demonstrations are rejected, in words that follow a number."""
+
+RULES_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"}
+"""The rule by which a word rejects a demonstration without a label; the other words keep it."""
+
+MAX_REJECTED = 20
+"""Ids of a rule that are printed."""
 
 _OLD = {"uncertain": "open"}
 """A word that rpil 0.1 wrote, and what it is now."""
 
 
-def kept_ids(table: Table, share: float | None = None, at_least: float | None = None) -> list[Id]:
-    """The ids to keep of a table of verdicts, in its order: by default all but those called unlike, bad or adversary.
+@dataclass(frozen=True)
+class Asked:
+    """What a user asks for beside the words of an audit."""
 
-    One that is labelled bad is never kept.
+    share: float | None = None
+    """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
+    at_least: float | None = None
+    """Keep those whose probability is this or more."""
+    ignored: Set[str] = frozenset()
+    """Rules that reject nobody: labels, or some of `RULES_OF_WORDS`."""
+    faulty: Set[str] = frozenset()
+    """Ids, as text, of the demonstrations with a fault that was named."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which demonstrations are kept, in the order of the table."""
+
+    kept: tuple[Id, ...]
+    rejected: Mapping[str, tuple[Id, ...]]
+    """The others by the rule that rejects them, one of `KEEP_RULES`; no rule without any."""
+    undecided: tuple[Id, ...] = ()
+    """Those called unlike that are kept, because answers are too few to reject so many."""
+    reason: str = ""
+    """Why they are kept, one sentence; nothing where there are none."""
+    asked: Asked = Asked()
+
+    def lines(self) -> list[str]:
+        """How many are rejected by each rule, one sentence, and a line for each rule with their ids; or nothing."""
+        counts = ", ".join(f"{len(ids):,} {KEEP_RULES[rule]}" for rule, ids in self.rejected.items())
+        lists = [f"  {KEEP_RULES[rule]}: {listed(ids, MAX_REJECTED)}" for rule, ids in self.rejected.items()]
+        return [f"Rejected: {counts}.", *lists] if lists else []
+
+    def to_dict(self) -> dict[str, object]:
+        """The ids as lists; whole numbers stay such where all ids are, and the others are text."""
+        every = [*self.kept, *chain(*self.rejected.values())]
+        made = list if all(isinstance(name, int) for name in every) else lambda ids: [*map(str, ids)]
+        rejected = {rule: made(ids) for rule, ids in self.rejected.items()}
+        return {"episodes": made(self.kept), "rejected": rejected, "undecided": made(self.undecided)}
+
+
+def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choice:
+    """Which demonstrations of a table of verdicts are kept.
+
+    Labels and named faults come first, then a share or a least probability, or where there is none the words: unlike
+    rejects where no more than `max_unlike` are called so, a column of the table, or of `settings` where it has none.
 
     Parameters
     ----------
     table : mapping of column to M values
         As `rpil.results.verdict_table.verdict_columns` and `read_verdicts` give it.
-    share : float, optional
-        Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds.
-    at_least : float, optional
-        Keep those whose probability is this or more.
 
     Raises
     ------
     DataError
         Where the table has no numbers to choose by, or a verdict is no word of an audit.
     """
-    ids = list(cast(Sequence[Id], table["id"]))
-    if at_least is not None:
-        chosen = _numbers(table, "expert_proba") >= at_least
-    elif share is not None:
-        n_kept = max(round(share * len(ids)), 1)
-        ranked = np.argsort(-_numbers(table, "log_odds"), kind="stable")
-        chosen = np.isin(np.arange(len(ids)), ranked[:n_kept])
-    else:
-        chosen = np.array(
-            [_side(verdict, name) != "lower" for name, verdict in zip(ids, table["verdict"], strict=True)]
-        )
+    ids = cast(Sequence[Id], table["id"])
     labels = table.get("label", [""] * len(ids))
-    return [name for name, kept, label in zip(ids, chosen.tolist(), labels, strict=True) if kept and label != "bad"]
+    inferred, reason = _by_threshold(table, asked), ""
+    if inferred is None:
+        inferred = _by_words(table, labels, asked.ignored)
+        reason = _too_many(inferred.count("unlike"), table, settings)
+    kept, undecided, rejected = list[Id](), list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
+    for name, label, rule in zip(ids, labels, inferred, strict=True):
+        if label == "bad" and "labels" not in asked.ignored:
+            rejected["labels"].append(name)
+        elif str(name) in asked.faulty:
+            rejected["faults"].append(name)
+        elif rule and not (reason and rule == "unlike"):
+            rejected[rule].append(name)
+        else:
+            kept.append(name)
+            undecided += [name] * bool(rule)
+    by_rule = {rule: tuple(names) for rule, names in rejected.items() if names}
+    return Choice(tuple(kept), by_rule, tuple(undecided), reason if undecided else "", asked)
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -93,17 +163,47 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     if {"id", "verdict"} <= {*columns}:
         return columns
     labels = read_labels(path, ids)
-    return {"id": list(labels), "verdict": list(labels.values())}
+    return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
 
 
-def _side(verdict: object, name: Id) -> Side:
-    word = _OLD.get(str(verdict), str(verdict))
-    if word not in SIDES:
-        raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {', '.join(SIDES)}.")
-    return SIDES[word]
+def _by_threshold(table: Table, asked: Asked) -> list[str] | None:
+    """The rule that rejects each demonstration, or nothing, by the share or the least probability; None without."""
+    n = len(table["id"])
+    if asked.at_least is not None:
+        chosen: Bool[Array, " M"] = _numbers(table, "expert_proba") >= asked.at_least
+    elif asked.share is not None:
+        ranked = np.argsort(-_numbers(table, "log_odds"), kind="stable")
+        chosen = np.isin(np.arange(n), ranked[: max(round(asked.share * n), 1)])
+    else:
+        return None
+    return ["" if kept else "threshold" for kept in chosen.tolist()]
 
 
-def _numbers(table: Table, column: str) -> Array:
+def _by_words(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
+    """The rule by which its word rejects each demonstration, or nothing: a label stands above what is inferred."""
+    rules = []
+    for name, verdict, label in zip(table["id"], table["verdict"], labels, strict=True):
+        word = _OLD.get(str(verdict), str(verdict))
+        if word not in SIDES:
+            known = ", ".join(SIDES)
+            raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {known}.")
+        rule = RULES_OF_WORDS.get(word, "")
+        rules.append("" if label in ("good", "bad") or rule in ignored else rule)
+    return rules
+
+
+def _too_many(count: int, table: Table, settings: KeepSettings) -> str:
+    """Why `count` unlike demonstrations of a table are not rejected; nothing where they are."""
+    n = len(table["id"])
+    most = float(_numbers(table, "max_unlike").min()) if n and "max_unlike" in table else settings.max_unlike
+    if count <= most * n:
+        return ""
+    why = f"more than {most:.0%} of all" if most else "and they have a policy of their own"
+    unlike = f"{count:,} of {n:,} demonstrations are unlike the others, {why}"
+    return f"{unlike}: they are kept, because without two answers it is not known whether they are worse."
+
+
+def _numbers(table: Table, column: str) -> Float[Array, " M"]:
     try:
         return np.array(cast(Sequence[float], table[column]), dtype=float)
     except (KeyError, ValueError, TypeError) as error:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.results.choice import Choice
 from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.overview import overview_text
 from rpil.results.plots import AuditPlots
 from rpil.results.restored import restored
 from rpil.results.result import AuditResult
-from rpil.results.verdict_table import verdict_columns
+from rpil.results.verdict_table import choice_of, verdict_columns
 
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
@@ -122,12 +123,21 @@ class Audit(AuditResult):
         "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
     provenance : Provenance or None
         How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
+    max_unlike_of_parts : float or None
+        Where tasks were judged by themselves, the smallest `max_unlike` of a task with unlike ones; where a reference
+        was judged beside them, that with its labels; else None.
     """
 
     @property
     def plot(self) -> AuditPlots:
         """Pictures: ``plot.ranking()``, ``plot.steps(id)``, ``plot.evidence(id)`` and ``plot.sessions()``."""
         return AuditPlots(self)
+
+    @property
+    def choice(self) -> Choice:
+        """Which demonstrations ``rpil keep`` keeps, and by which rule each other one is rejected: ``choice.kept``,
+        ``choice.rejected`` and ``choice.undecided``."""
+        return choice_of(self)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of the data.

@@ -78,6 +78,7 @@ class AuditResult:
     own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     within: str = field(default="", metadata=NOT_STORED)
     provenance: Provenance | None = field(default=None, metadata=NOT_STORED)
+    max_unlike_of_parts: float | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -134,6 +135,15 @@ class AuditResult:
         """The answers about each demonstration, which are about its copies too."""
         known = self.answers if len(self.answers.labels) else Answers.of_labels(np.zeros(len(self.ids), dtype=np.int64))
         return known.shared(self.copy_of)
+
+    @property
+    def max_unlike(self) -> float:
+        """The largest share of the demonstrations that ``rpil keep`` rejects as unlike."""
+        if self.max_unlike_of_parts is not None:
+            return self.max_unlike_of_parts
+        if self._answers_of_copies().once(self.copy_of).count >= self.settings.keep.min_answers:
+            return 1.0
+        return self.settings.keep.max_unlike if self.identifiable else 0.0
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:

@@ -246,6 +246,7 @@ def _columns(columns: object, size: int, words: list[str], whole: bool) -> Shape
         "group": _Each(_among(("", "A", "B")), every),
         "order": _Each(_below(size + 1), (0, size)),
         "facts": _Named(shares),
+        "kept": _Each(_flag, every),
     }
 
 

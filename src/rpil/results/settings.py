@@ -9,6 +9,18 @@ from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 from rpil.mixture.settings import DemonstratorSettings
 
 
+@dataclass(frozen=True)
+class KeepSettings:
+    """How far demonstrations are rejected because they are unlike the others; all three are chosen by hand."""
+
+    min_answers: int = 2
+    """Answers about different demonstrations from which on all unlike ones may be rejected: one answer may be wrong."""
+    max_unlike: float = 0.2
+    """Share of the demonstrations that may be without: a larger group may as well be another way to do it."""
+    example_share: float = 0.6
+    """Share of the demonstrations that is named as another way to choose, by the ranking."""
+
+
 @stored()
 @dataclass(frozen=True)
 class AuditSettings:
@@ -27,6 +39,8 @@ class AuditSettings:
     """Of words without answers; a fit puts those of the judge here."""
     demonstrators: DemonstratorSettings = field(default=DemonstratorSettings(), metadata=NOT_STORED)
     """Of demonstrators after answers; a fit puts those of the judge here."""
+    keep: KeepSettings = field(default=KeepSettings(), metadata=NOT_STORED)
+    """Of what is kept."""
 
     def min_proba(self, anchor: str) -> float:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""

@@ -43,6 +43,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
             replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
         ),
         answers=audit.answers.select(chosen),
+        max_unlike_of_parts=audit.max_unlike,
         copy_of=first[place],
         contradicting=named(audit.contradicting),
         sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),

@@ -68,7 +68,6 @@ def join_audits(
     parts = list(audits.values())
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
-    assumptions = dict.fromkeys(sentence for audit in parts for sentence in audit.assumptions)
     return Audit(
         ids=tuple(ids),
         offsets=offsets,
@@ -83,7 +82,7 @@ def join_audits(
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
-        assumptions=(_sentence(audits, places, what), *assumptions),
+        assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         answers=_joined_answers(audits, places, n),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
@@ -101,6 +100,7 @@ def join_audits(
         provenance=None,
         within=what,
         own_reasons=tuple(reasons),
+        max_unlike_of_parts=min((audit.max_unlike for audit in parts if "unlike" in audit.verdicts), default=None),
     )
 
 

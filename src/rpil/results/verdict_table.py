@@ -11,11 +11,22 @@ from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.record import Finding
 from rpil.formats import csv, parquet
+from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
-from rpil.results.words import SIDES
 
-TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
+
+def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
+    """The columns by which `rpil.results.choice.choose` decides."""
+    return {
+        "id": file_ids(audit.ids),
+        "verdict": audit.verdicts,
+        "label": audit.labels,
+        "rank": audit.ranks.tolist(),
+        "expert_proba": audit.expert_proba.tolist(),
+        "log_odds": audit.log_odds.tolist(),
+        "max_unlike": [audit.max_unlike] * len(audit.ids),
+    }
 
 
 def verdict_columns(
@@ -29,12 +40,7 @@ def verdict_columns(
     for found in findings:
         faults.setdefault(str(found.id), []).append(found.rule)
     return {
-        "id": file_ids(audit.ids),
-        "verdict": audit.verdicts,
-        "label": audit.labels,
-        "rank": audit.ranks.tolist(),
-        "expert_proba": audit.expert_proba.tolist(),
-        "log_odds": audit.log_odds.tolist(),
+        **deciding_columns(audit),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
@@ -57,7 +63,8 @@ def write_verdicts(
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
-    expert_proba, log_odds and its parts from_actions, from_demonstrator and from_label in nats, reliability,
+    expert_proba, log_odds, max_unlike (the share that may be rejected as unlike), the parts of log_odds from_actions,
+    from_demonstrator and from_label in nats, reliability,
     demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the
     run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
@@ -87,13 +94,14 @@ def write_verdicts(
     writer.write_tables(path, iter([pa.table(columns).replace_schema_metadata(said)]))
 
 
-def kept(audit: AuditResult) -> list[Hashable]:
-    """The ids of all demonstrations but those that are called unlike, bad or adversary, in the order of the data."""
-    return [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] != "lower"]
+def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
+    """Which demonstrations of an audit are kept."""
+    return choose(deciding_columns(audit) | {"id": audit.ids}, audit.settings.keep, asked)
 
 
-def write_kept(path: StrPath, audit: AuditResult) -> None:
-    """Write ``{"episodes": [...], "run": ..., "provenance": ...}``: the `kept` ids, and what they come from.
+def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
+    """Write ``{"episodes": [...], "rejected": {...}, "undecided": [...], "run": ..., "provenance": ...}``: the ids that
+    are kept, those that are rejected by rule, and those that are unlike and kept for want of answers.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.
@@ -103,10 +111,8 @@ def write_kept(path: StrPath, audit: AuditResult) -> None:
     DataError
         Where the path has another extension, or cannot be written.
     """
-    own = set(kept(audit))
-    ids = [name for old, name in zip(audit.ids, file_ids(audit.ids), strict=True) if old in own]
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
-    content = {"episodes": ids, "run": audit.run_id, **made}
+    content = choice.to_dict() | {"run": audit.run_id} | made
     _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
 
 

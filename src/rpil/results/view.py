@@ -33,7 +33,7 @@ demonstrations
     high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
     a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
     session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1, and
-    "time limit", which is 0 or 1).
+    "time limit", which is 0 or 1), kept (whether ``rpil keep`` keeps it).
 whole_ids
     Whether the ids are whole numbers.
 n_review
@@ -75,7 +75,7 @@ from rpil.results import answering
 from rpil.results.drawings import drawings
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.verdict_table import is_whole
+from rpil.results.verdict_table import choice_of, is_whole
 from rpil.results.words import SIDES
 
 FORMAT_NAME, FORMAT_VERSION = "rpil run", 2
@@ -208,7 +208,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
     names, facts = list(map(str, audit.ids)), audit.facts
-    look = np.argsort(order)
+    look, kept = np.argsort(order), {*choice_of(audit).kept}
     return {
         "id": names,
         "verdict": list(audit.verdicts),
@@ -234,6 +234,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
             for name, values in facts.items()
             if name not in ("session", "order")
         },
+        "kept": [name in kept for name in audit.ids],
     }
 
 

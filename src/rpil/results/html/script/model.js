@@ -106,7 +106,7 @@ const makeModel = (view) => {
     return ["id,label", ...[...given, ...own].map(([m, word]) => `${cell(d.id[m])},${cell(word)}`), ""].join("\n");
   };
   const keep = () => {
-    const isKept = (m) => (marks.get(m) ?? (view.sides[d.verdict[m]] === "lower" ? "bad" : "good")) === "good";
+    const isKept = (m) => (marks.has(m) ? marks.get(m) === "good" : d.kept[m]);
     // Whole numbers as they are written: a number of JavaScript does not hold all of them.
     const ids = d.id.flatMap((id, m) => (isKept(m) ? [view.whole_ids ? id : JSON.stringify(id)] : []));
     const made = Object.keys(view.provenance).length ? `,\n "provenance": ${JSON.stringify(view.provenance)}` : "";
