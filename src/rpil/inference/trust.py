@@ -176,7 +176,7 @@ def conclude(
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
-        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
+        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of, claims.words)
         from_answers = answered.log_odds - from_actions
         words = answered.words
     if data.demonstrators.informative:

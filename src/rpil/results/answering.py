@@ -20,7 +20,7 @@ from rpil.results.groups import TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import step_weight
-from rpil.results.text import printable
+from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Verdict, Words
 
 Id = TypeVar("Id", bound=Hashable)
@@ -58,6 +58,8 @@ class Judged(Protocol):
     def answers(self) -> Answers: ...
     @property
     def columns(self) -> Float[Array, "M D"]: ...
+    @property
+    def claimed(self) -> Int[Array, " M"]: ...
     @property
     def copy_of(self) -> Int[Array, " M"]: ...
     @property
@@ -99,10 +101,10 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
-    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
+    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
     from_demonstrator = np.where(known.shared(audit.copy_of).labels, 0.0, audit.from_demonstrator)
     log_odds = found.log_odds + from_demonstrator
-    proba, words = expit(log_odds), found.words * (np.sign(log_odds) == found.words)
+    proba = expit(log_odds)
     log_ratio = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
     step = step_proba(audit.reliability, log_ratio, audit.lengths, audit.settings.steps)
     return replace(  # type: ignore[type-var]  # every audit is a dataclass
@@ -113,14 +115,14 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         from_demonstrator=from_demonstrator,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
-        verdicts=verdicts_of(words, "answers"),
+        verdicts=verdicts_of(found.words * (np.sign(log_odds) == found.words), "answers", found.stays),
         step_weight=step_weight(audit.lengths, proba, audit.reliability, step, audit.settings),
         identifiable=True,
         competing=(),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found),
+        doubts=doubts_of_answers(found, audit.ids),
         notes=tuple(note for note in audit.notes if TWO_GROUPS not in note),
         assumptions=_assumptions(audit, known),
     )
@@ -146,17 +148,23 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id
     return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
 
 
-def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
-    """The words 1, 0 and -1 as verdicts of an anchor."""
-    vocabulary = WORDS[anchor]
-    return tuple({1: vocabulary.upper, 0: "open", -1: vocabulary.lower}[word] for word in words.tolist())
+def verdicts_of(words: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
+    """The words 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
+    said, unsaid = WORDS[anchor], WORDS["none"]
+    verdict: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
+    stays = np.zeros_like(words) if stays is None else stays
+    return tuple(verdict[word] for word in np.where(words == 0, stays, 2 * words).tolist())
 
 
-def doubts_of_answers(found: Answered) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered, ids: Sequence[Hashable]) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
         return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
-    return ()
+    return tuple(
+        f"The answer about {listed([ids[m] for m in lone.about])} alone would change {lone.n_changed:,} words, and "
+        f"changes none before another answer agrees: look at it again, and label {printable(ids[lone.look_at])}."
+        for lone in found.lone
+    )
 
 
 def sentence_of(known: Answers, copy_of: Int[Array, " M"]) -> str:

@@ -45,6 +45,7 @@ def check_sound(audit: AuditResult) -> None:
     sound = all(len(values) == n for values in of_each) and all(len(values) in (0, n) for values in at_most)
     sound &= all(len(values) == n for values in audit.beside.values()) and len({*audit.ids}) == n > 0
     sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] == [0, len(audit.step_log_ratio)]
+    sound &= {*audit.claimed.tolist()} <= {-1, 0, 1}
     sound &= bool((audit.lengths > 0).all()) and {*audit.verdicts} <= SIDES.keys()
     sound &= audit.finding in FINDINGS and audit.anchor in WORDS and {*known.labels.tolist()} <= {-1, 0, 1}
     numbers = np.concatenate([audit.copy_of, known.pairs.ravel()])

@@ -56,9 +56,11 @@ def join_audits(
     """
     n = len(ids)
     columns, steps, interval = _gathered(audits, places, offsets)
+    claimed = np.zeros(n, dtype=np.int64)
     verdicts: list[Verdict] = ["open"] * n
     reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
+        claimed[places[task]] = audit.claimed
         for k, m in enumerate(places[task]):
             verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
             deviations[m] = audit.deviations[k] if audit.deviations else ""
@@ -87,6 +89,7 @@ def join_audits(
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         columns=_joined_columns(audits, places, n),
+        claimed=claimed,
         copy_of=_joined_copies(audits, places, n),
         beside=_joined_beside(audits, places, n),
         traces={name: own for audit in parts for name, own in audit.traces.items()},
