@@ -10,7 +10,7 @@ from scipy.special import expit, logit
 from scipy.stats import norm
 
 from rpil.inference import answered as module
-from rpil.inference.answered import Answered, Lone, Said, answer, columns_of, most_telling
+from rpil.inference.answered import Answered, Said, answer, columns_of, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -191,10 +191,10 @@ def test_nobody_is_bad_before_an_answer_says_so():
         both = judged(columns, answers_of(good, pairs, outcome, m=40), replace(SETTINGS, max_changed=1.0))
         assert both.words.min() == -1
     few = replace(SETTINGS, max_changed=0.01)
-    first = judged(columns, answers_of([-1] + good[1:], m=40), few)
+    first = judged(columns, answers_of([-1, *good[1:]], m=40), few)
     assert first.words[1:].min() == 0
     assert [one.about for one in first.lone] == [(0,)]
-    assert judged(columns, answers_of([-1, -1] + good[2:], m=40), few).words[2:].min() == -1
+    assert judged(columns, answers_of([-1, -1, *good[2:]], m=40), few).words[2:].min() == -1
 
 
 def test_one_answer_against_the_others_changes_nothing_until_a_second_one_agrees():

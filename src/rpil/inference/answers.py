@@ -5,13 +5,14 @@
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
 (`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". Labels of one sort alone, as of a reference,
 were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
-in [0, 1], the share of the known outcomes that are lower; P(good) of its own demonstration is by the columns and by
-the outcome, which errs at the rate e. w_0 is 1 on agreement, the first column, `group_weight` on
-the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
-direction d is 1, or -1 where the ones that agree are bad; answers of one side alone do not tell, and d is 1. e is the rate of wrong answers, on a grid. For each d
-and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay
-1992). Channels are correlated, and this posterior is wider than it should be: so the logit is multiplied by
-`sharpness`.
+in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share of the bad
+demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration whose outcome
+is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on the group of
+scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or
+-1 where the ones that agree are bad; answers of one side alone cannot tell, and d is 1. e is the rate of wrong answers,
+on a grid. For each d, luck and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good)
+integrates over w (MacKay 1992). Channels are correlated, and this posterior is wider than it should be: so the logit is
+multiplied by `sharpness`.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ class Answers:
     @property
     def are_outcomes(self) -> Bool[Array, " R"]:
         """Which of the R answers are outcomes."""
-        counts = np.count_nonzero(self.labels), len(self._graded), len(self.pairs)
+        counts = [int(np.count_nonzero(self.labels)), len(self._graded), len(self.pairs)]
         return np.repeat([False, True, False], counts)
 
     @property

@@ -56,11 +56,9 @@ def join_audits(
     """
     n = len(ids)
     columns, steps, interval = _gathered(audits, places, offsets)
-    claimed = np.zeros(n, dtype=np.int64)
     verdicts: list[Verdict] = ["open"] * n
     reasons, deviations = [ALONE] * n, [""] * n
     for task, audit in audits.items():
-        claimed[places[task]] = audit.claimed
         for k, m in enumerate(places[task]):
             verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
             deviations[m] = audit.deviations[k] if audit.deviations else ""
@@ -89,7 +87,6 @@ def join_audits(
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         columns=_joined_columns(audits, places, n),
-        claimed=claimed,
         copy_of=_joined_copies(audits, places, n),
         beside=_joined_beside(audits, places, n),
         traces={name: own for audit in parts for name, own in audit.traces.items()},
@@ -111,6 +108,7 @@ def _gathered(
     n, n_steps = len(offsets) - 1, int(offsets[-1])
     columns = {name: np.zeros(n) for name in ("log_odds", "from_actions", "from_demonstrator", "from_label")}
     columns |= {name: np.full(n, 0.5) for name in ("expert_proba", "reliability")}
+    columns |= {"claimed": np.zeros(n, dtype=np.int64)}
     steps = {"step_log_ratio": np.zeros(n_steps), "step_weight": np.full(n_steps, 0.5)}
     interval = np.tile([0.0, 1.0], (n, 1))
     for task, audit in audits.items():
