@@ -25,7 +25,7 @@ from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
-VERSION = 7
+VERSION = 8
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"
