@@ -12,8 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import warnings
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -26,23 +24,30 @@ from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import cross_val_predict
 
+from answer_draws import (
+    FAST,
+    N_LEFT,
+    SETTINGS,
+    answered,
+    audited,
+    compared,
+    drawn,
+    labelled,
+    mean,
+    recorded_jobs,
+    rest_of,
+    simulated_jobs,
+    suggested,
+)
+from answer_goals import by_both_good, by_one_side, by_questions, by_success, left_after_one
 from claims import Job, Row, auroc
-from claims import jobs as claims_jobs
 from options import asked
 from provenance import line, provenance
-from rpil import RPIL
-from rpil.inference.answered import Answered, answer_about_different, most_telling
 from rpil.inference.answers import Answers
-from rpil.inference.settings import AnswerSettings
-from worlds import Array
-from worlds.simulated import ENVIRONMENTS, grid, of_grid, of_paper, random_and_shifted
+from worlds.simulated import of_paper
 
-SETTINGS = AnswerSettings()
-FAST = replace(SETTINGS, max_left_out=0)
-"""Without a comparison of each label with the others, which changes nothing for the rest."""
 LOW = 0.4
 """AUROC without answers below which a set is reversed."""
-N_LEFT = 3
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -64,7 +69,11 @@ def main(arguments: list[str] | None = None) -> int:
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
-        parts += [partial(by, sets, draws, count) for by in (by_one_side, by_suggestion) for count in (4, 8)]
+        parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
+        parts += [partial(by_one_side, sets, 2 * draws, k, side) for side in (1, -1) for k in (1, 2, 3)]
+        parts += [partial(by_questions, [audit], draws) for audit in sets]
+        parts += [partial(by_both_good, sets), partial(left_after_one, sets)]
+        parts += [partial(by_success, options.quick)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
@@ -85,77 +94,7 @@ def table(rows: list[Row]) -> str:
     return "\n".join(["| what | figure |", "|---|---|", *(f"| {row['what']} | {row['figure']} |" for row in rows)])
 
 
-# ---- audits without answers ------------------------------------------------------------------------------------------
-
-
-def recorded_jobs(folder: Path) -> Iterator[Job]:
-    """The recorded sets and the good half of each."""
-    return (job for job in claims_jobs(folder, 0, 0) if job.kind in ("recorded", "half"))
-
-
-def simulated_jobs() -> Iterator[Job]:
-    """Flipped and shifted actions, and half random and half shifted ones."""
-    for env, kind, share in grid():
-        if kind in ("flip", "shift"):
-            yield Job("two policies", "", partial(of_grid, env, kind, share))
-    for env, seed in product(ENVIRONMENTS, range(3)):
-        yield Job("random and shifted", "", partial(random_and_shifted, env, seed))
-
-
-def audited(job: Job) -> Row:
-    world = job.make()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        audit = RPIL().fit(world.demonstrations).audit_
-    pair = [audit.index(other) for other in audit.pair]
-    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
-    return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
-
-
 # ---- answers ---------------------------------------------------------------------------------------------------------
-
-
-def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
-    """`count` demonstrations to label, both sorts among them, or None where too few would be left."""
-    known = np.flatnonzero(good >= 0)
-    if count > len(known) / 2 or min((good == 1).sum(), (good == 0).sum()) < N_LEFT + 1:
-        return None
-    while True:
-        chosen = rng.choice(known, count, replace=False)
-        rest = good[np.setdiff1d(known, chosen)]
-        if 0 < good[chosen].sum() < count and min((rest == 1).sum(), (rest == 0).sum()) >= N_LEFT:
-            return np.asarray(chosen)
-
-
-def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = FAST) -> Answered:
-    """The audit with labels of the `chosen`, by default the truth."""
-    labels = np.zeros(len(audit["good"]), dtype=int)
-    labels[chosen] = 2 * audit["good"][chosen] - 1 if signs is None else signs
-    return answer_about_different(audit["columns"], Answers.of_labels(labels), settings)
-
-
-def compared(audit: Row) -> Answered | None:
-    """The audit with its pair answered by the truth; None where the two are alike."""
-    quality = audit["quality"][audit["pair"]] if len(audit["pair"]) == 2 else np.zeros(2)
-    if quality[0] == quality[1]:
-        return None
-    better, worse = audit["pair"] if quality[0] > quality[1] else audit["pair"][::-1]
-    none = np.zeros(len(audit["good"]), dtype=int)
-    answers = replace(Answers.of_labels(none), pairs=np.array([[better, worse]]))
-    return answer_about_different(audit["columns"], answers, FAST)
-
-
-def rest_of(audit: Row, chosen: Array) -> Array:
-    return np.setdiff1d(np.flatnonzero(audit["good"] >= 0), chosen)
-
-
-def mean(values: Iterable[float]) -> str:
-    """A mean with its standard error."""
-    found = np.array(list(values), dtype=float)
-    found = found[np.isfinite(found)]
-    if len(found) < 2:
-        return f"{found.mean():.3f}" if len(found) else "none"
-    return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
 
 
 def is_low(audit: Row) -> bool:
@@ -249,41 +188,6 @@ def by_one_wrong(sets: list[Row], draws: int) -> list[Row]:
     ]
 
 
-def by_one_side(sets: list[Row], draws: int, count: int) -> list[Row]:
-    """Labels of good ones only."""
-    lower, bad, n_good, words = [], 0, 0, np.zeros(3, dtype=int)
-    for audit in sets:
-        good, lost = np.flatnonzero(audit["good"] == 1), []
-        for draw in range(draws):
-            if count > len(good) / 2:
-                continue
-            chosen = np.random.default_rng(draw).choice(good, count, replace=False)
-            rest, found = rest_of(audit, chosen), labelled(audit, chosen)
-            before, after = (auroc(audit["good"][rest], score[rest]) for score in (audit["log_odds"], found.log_odds))
-            lost.append(before - after)
-            bad += int((found.words[rest][audit["good"][rest] == 1] < 0).sum())
-            n_good += int((audit["good"][rest] == 1).sum())
-            said, sort = found.words[rest], 2 * audit["good"][rest] - 1
-            words += ((said * sort < 0).sum(), (said != 0).sum(), (said < 0).sum())
-        if lost and np.mean(lost) > 0.02:
-            lower.append(f"{audit['name']} by {np.mean(lost):.2f}")
-    return [
-        {"what": f"{count} good ones only: sets lower by more than .02", "figure": ", ".join(lower) or "none"},
-        {"what": f"{count} good ones only: good ones called bad", "figure": f"{bad} of {n_good}"},
-        {"what": f"{count} good ones only: words", "figure": f"{words[0]} of {words[1]} wrong; {words[2]} say bad"},
-    ]
-
-
-def suggested(audit: Row, count: int) -> Array:
-    """The labels that are asked for one after the other, each answered before the next."""
-    unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
-    labels = np.zeros(len(audit["good"]), dtype=int)
-    for _ in range(count):
-        chosen += most_telling(audit["columns"], Answers.of_labels(labels), SETTINGS, 1, unknown)
-        labels[chosen[-1]] = 2 * audit["good"][chosen[-1]] - 1
-    return np.array(chosen)
-
-
 def by_suggestion(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Suggested labels against random ones."""
     gains = []
@@ -315,7 +219,7 @@ def by_outcome(sets: list[Row], draws: int) -> list[Row]:
             none = np.zeros(len(good), dtype=int)
             answers = replace(Answers.of_labels(none), outcome=np.where(shown, audit["quality"], np.nan))
             rest = known[~shown[known]]
-            own.append(auroc(good[rest], answer_about_different(audit["columns"], answers, FAST).log_odds[rest]))
+            own.append(auroc(good[rest], answered(audit, answers, FAST).log_odds[rest]))
         values.append(np.nanmean(own))
         model = LogisticRegression(C=1.0, max_iter=1000)
         proba = cross_val_predict(model, audit["columns"][known], good[known], cv=5, method="predict_proba")[:, 1]

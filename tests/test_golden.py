@@ -102,5 +102,5 @@ def test_a_checkpoint_is_gone_on_from(action, tmp_path, monkeypatch):
 
 
 def test_a_file_of_the_version_before_is_refused_in_one_sentence():
-    with pytest.raises(rpil.DataError, match=r"discrete_rment\.rpil: rpil .* saved it in version 6 of the format"):
-        rpil.load(GOLDEN / "version_6" / "discrete_rment.rpil")
+    with pytest.raises(rpil.DataError, match=r"discrete_rment\.rpil: rpil .* saved it in version 7 of the format"):
+        rpil.load(GOLDEN / "version_7" / "discrete_rment.rpil")

@@ -59,7 +59,7 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
     assert "Give one of 1, 2, 3, 4, u, s, z, q." in out
     single = re.search(r"Question 2 of 8 at most. Is it good or bad: (\d+)", out)[1]
     assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
-    assert "Now: 0 good, 24 open, 0 bad.\nNow called open: 0, 1, " in out
+    assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad.\nNo word changed.\n" in out
     assert "One answer is not enough" in out
     assert re.search(r"Places of 24 that changed most: \d+ from \d+ to \d+, ", out)
     assert out.splitlines()[-2:] == [
@@ -85,7 +85,8 @@ def test_undo_takes_back_the_last_answer_and_asks_again(data):
     out = label("z1zq", data)
     assert "There is nothing to undo." in out
     assert out.count("Question 1 of 8") == 3
-    assert "Now called typical: " in out
+    assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad.\n" in out
+    assert "Now: 20 typical, 0 open, 4 unlike.\n" in out
     assert out.endswith("No answer was given, and nothing was written.\n")
     assert not Path("labels.csv").exists()
     out = label("4gzbz", data)

@@ -35,6 +35,12 @@ def test_constants_of_answers_are_those_of_the_judge():
     assert f"the **sharpness** {answers.sharpness}" in FLAT
     assert f"$w_0$ is 1 on agreement, {answers.group_weight:.0f} on the group" in FLAT
     assert f"within {answers.max_group_log_odds:.0f} nats" in FLAT
+    assert f"$\\Lambda$ is {answers.weak_precision:.0f} on the channels" in FLAT
+    *lucks, last = (f"{luck:g}".removeprefix("0") for luck in answers.luck[1:])
+    assert f"being {answers.luck[0]:g} (then $e$), {', '.join(lucks)} or {last}," in FLAT
+    *places, last = (f"{place:g}".removeprefix("0") for place in answers.asked_quantiles)
+    assert f"at the places {', '.join(places)} and {last} of the ranking" in FLAT
+    assert f"at most {answers.max_left_out}:" in FLAT
     assert f"({', '.join(CHANNELS)})" in FLAT
 
 

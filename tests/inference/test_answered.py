@@ -9,7 +9,8 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
 
-from rpil.inference.answered import answer, answer_about_different, columns_of, information, most_telling
+from rpil.inference import answered as module
+from rpil.inference.answered import Answered, Said, answer, columns_of, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -23,6 +24,19 @@ def answers_of(labels=None, pairs=(), outcome=None, m=12) -> Answers:
     labels = np.zeros(m, dtype=np.int64) if labels is None else np.array(labels, dtype=np.int64)
     outcome = np.full(m, NAN) if outcome is None else np.asarray(outcome, dtype=float)
     return Answers(labels, np.array(pairs, dtype=np.int64).reshape(-1, 2), outcome)
+
+
+def without(answers, m) -> Answers:
+    """All labels but that of demonstration m."""
+    return answers_of(np.where(np.arange(12) == m, 0, answers.labels))
+
+
+NOTHING = np.zeros(12, dtype=int)
+
+
+def judged(columns, answers, settings=SETTINGS, claimed=None) -> Answered:
+    claimed = np.zeros(len(columns), dtype=int) if claimed is None else np.array(claimed)
+    return module.answer_about_different(columns, answers, settings, claimed)
 
 
 def log_odds_by(answers, m, settings=SETTINGS):
@@ -40,31 +54,31 @@ def test_columns_are_normal_scores_and_bounded_log_odds():
     "one", [answers_of([0] * 11 + [1]), answers_of(pairs=[(11, 0)]), answers_of(outcome=[NAN] * 11 + [1.0])]
 )
 def test_one_answer_gives_other_demonstrations_no_word(one):
-    np.testing.assert_array_equal(answer_about_different(COLUMNS, one, SETTINGS).words, one.labels)
+    np.testing.assert_array_equal(judged(COLUMNS, one, SETTINGS).words, one.labels)
 
 
 def test_two_answers_give_words():
-    found = answer_about_different(COLUMNS, answers_of([-1] + [0] * 10 + [1]), SETTINGS)
+    found = judged(COLUMNS, answers_of([-1] + [0] * 10 + [1]), SETTINGS)
     assert (found.words[0], found.words[11]) == (-1, 1)
-    two_pairs = answer_about_different(COLUMNS, answers_of(pairs=[(11, 0), (10, 1)]), replace(SETTINGS, min_proba=0.6))
+    two_pairs = judged(COLUMNS, answers_of(pairs=[(11, 0), (10, 1)]), replace(SETTINGS, min_proba=0.6))
     assert (two_pairs.words[0], two_pairs.words[11]) == (-1, 1)
 
 
 def test_words_begin_at_the_log_odds_of_the_limit():
     some = answers_of(AGREED)
-    log_odds = answer_about_different(COLUMNS, some, SETTINGS).log_odds
+    log_odds = judged(COLUMNS, some, SETTINGS).log_odds
     for m in (7, 4):  # one that is rather good, and one that is rather bad
         assert 0 < abs(log_odds[m]) < 6
         at = float(expit(abs(log_odds[m])))
         for min_proba, word in ((at - 1e-9, np.sign(log_odds[m])), (at + 1e-9, 0)):
-            assert answer_about_different(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).words[m] == word
-    words = answer_about_different(COLUMNS, some, SETTINGS).words
+            assert judged(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).words[m] == word
+    words = judged(COLUMNS, some, SETTINGS).words
     np.testing.assert_array_equal(words, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
 
 
 def test_a_label_is_the_word_of_its_own_demonstration_and_others_are_judged_by_it():
     some = answers_of(AGREED)
-    found = answer_about_different(COLUMNS, some, SETTINGS)
+    found = judged(COLUMNS, some, SETTINGS)
     labelled, unlabelled = np.flatnonzero(some.labels), np.flatnonzero(some.labels == 0)
     np.testing.assert_array_equal(found.words[labelled], some.labels[labelled])
     np.testing.assert_allclose(found.log_odds[labelled], some.labels[labelled] * SURE)
@@ -77,7 +91,7 @@ WRONG = [-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, -1]
 
 
 def test_a_label_that_contradicts_the_others_is_obeyed_and_named():
-    found = answer_about_different(COLUMNS, answers_of(WRONG), SETTINGS)
+    found = judged(COLUMNS, answers_of(WRONG), SETTINGS)
     assert found.contradicting.tolist() == [11]
     assert found.log_odds[11] == pytest.approx(-SURE)
     assert found.words[11] == -1
@@ -87,115 +101,151 @@ def test_a_label_that_contradicts_the_others_is_obeyed_and_named():
 def test_only_the_most_improbable_labels_are_named(min_other_answers, named):
     """Two of eight labels are improbable by the others; each that is named leaves several that are not."""
     some = answers_of([1, -1, -1, -1, 0, 0, 0, 0, 1, 1, 1, -1])
-    log_odds = {m: log_odds_by(some.without(m), m) for m in np.flatnonzero(some.labels).tolist()}
+    log_odds = {m: log_odds_by(without(some, m), m) for m in np.flatnonzero(some.labels).tolist()}
     improbable = sorted(m for m, value in log_odds.items() if expit(some.labels[m] * value) < 0.2)
     assert improbable == [0, 11]
-    found = answer_about_different(COLUMNS, some, replace(SETTINGS, min_other_answers=min_other_answers))
+    found = judged(COLUMNS, some, replace(SETTINGS, min_other_answers=min_other_answers))
     assert found.contradicting.tolist() == named
 
 
 @pytest.mark.parametrize(("min_other_answers", "named"), [(6, [11]), (7, [])])
 def test_a_label_contradicts_several_others_at_least(min_other_answers, named):
-    found = answer_about_different(COLUMNS, answers_of(WRONG), replace(SETTINGS, min_other_answers=min_other_answers))
+    found = judged(COLUMNS, answers_of(WRONG), replace(SETTINGS, min_other_answers=min_other_answers))
     assert found.contradicting.tolist() == named
 
 
 def test_a_label_contradicts_below_the_limit_of_its_probability():
     some = answers_of(WRONG)
-    proba = float(expit(-log_odds_by(some.without(11), 11)))
-    for limit, named in ((proba * 1.001, [11]), (proba, []), (proba * 0.999, [])):
-        assert (
-            answer_about_different(
-                COLUMNS, some, replace(SETTINGS, max_contradicted_proba=limit)
-            ).contradicting.tolist()
-            == named
-        )
+    proba = float(expit(-log_odds_by(without(some, 11), 11)))
+    for limit, named in ((proba * 1.001, [11]), (proba * 0.999, [])):
+        assert judged(COLUMNS, some, replace(SETTINGS, max_contradicted_proba=limit)).contradicting.tolist() == named
 
 
 @pytest.mark.parametrize(("max_left_out", "named"), [(7, [11]), (6, [])])
 def test_labels_of_many_are_not_left_out_one_by_one(max_left_out, named):
     settings = replace(SETTINGS, max_left_out=max_left_out)
-    found = answer_about_different(COLUMNS, answers_of(WRONG), settings)
+    found = judged(COLUMNS, answers_of(WRONG), settings)
     assert found.contradicting.tolist() == named
     assert found.words[11] == -1
 
 
-def test_an_outcome_decides_where_it_is_known():
+def with_outcome(some, m, told):
+    """Log-odds of demonstration m, of which an outcome with the log-odds `told` is known, by hand: each normal
+    distribution has its own shares of wrong outcomes, which bound what one tells."""
+    found, row = posterior(COLUMNS, some, SETTINGS), np.append(1.0, COLUMNS[m])
+    proba = 0.0
+    parts = np.exp(found.log_weight), found.mean, found.covariance, found.luck, found.error
+    for weight, mean, covariance, luck, error in zip(*parts, strict=True):
+        own = SETTINGS.sharpness * row @ mean / np.sqrt(1 + np.pi / 8 * row @ covariance @ row)
+        least, most = np.log(error / (1 - luck)), np.log((1 - error) / luck)
+        proba += weight * expit(own + min(max(told, least), most))
+    return logit(proba)
+
+
+def test_an_outcome_is_evidence_beside_what_the_columns_say():
     outcome = np.array([9.0, NAN, 7.0, NAN, 5.0, NAN, NAN, 3.0, NAN, 2.0, 1.0, NAN])
     some = answers_of([0] * 11 + [-1], outcome=outcome)
-    found = answer_about_different(COLUMNS, some, SETTINGS)
-    known = np.isfinite(outcome)
-    np.testing.assert_allclose(expit(found.log_odds[known]), (2 * np.array([6, 5, 4, 3, 2, 1]) - 1) / 12)
+    found = judged(COLUMNS, some)
+    for m, rank in zip(np.flatnonzero(np.isfinite(outcome)), np.array([11, 9, 7, 5, 3, 1]) / 12, strict=True):
+        assert found.log_odds[m] == pytest.approx(with_outcome(some, m, logit(rank)))
     assert found.log_odds[1] == pytest.approx(log_odds_by(some, 1))
 
 
-def test_an_outcome_is_never_quite_certain_and_a_label_goes_first():
+def test_flags_err_and_a_label_goes_first():
     outcome = np.array([1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
     some = answers_of([0] * 11 + [1], outcome=outcome)
-    found = answer_about_different(COLUMNS, some, SETTINGS)
-    np.testing.assert_allclose(expit(found.log_odds[[0, 1, 3, 4]]), [0.98, 0.02, 0.98, 0.02])
+    found = judged(COLUMNS, some)
+    for m in (0, 1, 3, 4):
+        assert found.log_odds[m] == pytest.approx(with_outcome(some, m, 99.0 if outcome[m] else -99.0))
     assert found.log_odds[11] == pytest.approx(SURE)
+
+
+def test_those_with_the_same_outcome_are_ranked_by_agreement():
+    found = judged(COLUMNS, answers_of(outcome=[0.0] * 3 + [1.0] * 9)).log_odds
+    assert found[3:].min() > found[:3].max()
+    assert len(set(np.round(found[3:], 6))) == 9
+
+
+# An answer alone, and what was said before.
+CLAIMED = np.repeat([-1, 0, 1], 4)
+
+
+def test_what_was_said_stays_until_answers_contradict_it():
+    for one in (answers_of([0] * 11 + [1]), answers_of([0] * 11 + [-1]), answers_of(pairs=[(0, 11)])):
+        found = judged(COLUMNS, one, claimed=CLAIMED)
+        np.testing.assert_array_equal(found.words, one.labels)
+        np.testing.assert_array_equal(found.stays, CLAIMED * (one.labels == 0))
+    agreed = judged(COLUMNS, answers_of(AGREED), claimed=CLAIMED)
+    assert ((agreed.stays == CLAIMED) | (agreed.words != 0)).all()
+    assert not (agreed.stays * agreed.words).any()
+    turned = judged(COLUMNS, answers_of([-value for value in AGREED[:3]] + [0] * 6 + [-1, -1, -1]), claimed=CLAIMED)
+    assert not turned.stays.any()
+
+
+def test_nobody_is_bad_before_an_answer_says_so():
+    columns = np.column_stack([np.linspace(-3, 3, 40), np.repeat([-1.0, 1.0], 20)])
+    good, bad = ([0] * 30 + [1] * 10, [-1] * 10 + [0] * 30)
+    assert judged(columns, answers_of(good, m=40)).words.min() == 0
+    assert judged(columns, answers_of(bad, m=40)).words.max() == 0
+    for pairs, outcome in (([(39, 0)], None), ([], [0.0] + [NAN] * 39)):
+        both = judged(columns, answers_of(good, pairs, outcome, m=40), replace(SETTINGS, max_changed=1.0))
+        assert both.words.min() == -1
+    few = replace(SETTINGS, max_changed=0.01)
+    first = judged(columns, answers_of([-1, *good[1:]], m=40), few)
+    assert first.words[1:].min() == 0
+    assert [one.about for one in first.lone] == [(0,)]
+    assert judged(columns, answers_of([-1, -1, *good[2:]], m=40), few).words[2:].min() == -1
+
+
+def test_one_answer_against_the_others_changes_nothing_until_a_second_one_agrees():
+    columns = np.column_stack([np.linspace(-3, 3, 60), np.repeat([-1.0, 1.0], 30)])
+    labels = np.zeros(60, dtype=int)
+    labels[[50, 55, 58]], labels[[5, 9]] = 1, -1
+    right = judged(columns, answers_of(labels, m=60))
+    assert right.lone == ()
+    labels[1] = 1
+    found, believed = (
+        judged(columns, answers_of(labels, m=60)),
+        Said.by(columns, answers_of(labels, m=60), SETTINGS, labels * 0),
+    )
+    others = labels == 0
+    assert (found.words * right.words)[others].min() >= 0
+    changed = (believed.words != right.words)[others].sum()
+    assert changed > 6  # a tenth
+    assert [(one.about, one.n_changed) for one in found.lone] == [((1,), changed)]
+    assert labels[found.lone[0].look_at] == 0
+    patient = judged(columns, answers_of(labels, m=60), replace(SETTINGS, max_changed=changed / 60))
+    assert patient.lone == ()
+    np.testing.assert_array_equal(patient.words[others], believed.words[others])
+    many = judged(columns, answers_of(labels, m=60), replace(SETTINGS, max_left_out=5))
+    assert many.lone == ()
 
 
 def test_probabilities_stay_away_from_certainty():
     settings = replace(SETTINGS, min_proba_bound=0.06)
-    found = answer_about_different(COLUMNS, answers_of(pairs=[(11, 0)] * 30), settings)
+    found = judged(COLUMNS, answers_of(pairs=[(11, 0)] * 30), settings)
     assert found.log_odds.max() == pytest.approx(logit(0.94))
     assert found.log_odds.min() == pytest.approx(-logit(0.94))
 
 
 # What to ask next.
-def entropy(proba):
-    return -(proba * np.log(proba) + (1 - proba) * np.log(1 - proba))
-
-
-def information_by_sampling(row, found):
-    """Mutual information of a label and the weights, by very many draws of its logit."""
-    draws = norm.ppf((np.arange(4000) + 0.5) / 4000)
-    expected = entropies = 0.0
-    for p, mean, covariance in zip(np.exp(found.log_weight), found.mean, found.covariance, strict=True):
-        proba = expit(row @ mean + np.sqrt(row @ covariance @ row) * draws)
-        expected, entropies = expected + p * proba.mean(), entropies + p * entropy(proba).mean()
-    return entropy(expected) - entropies
-
-
-def greedy(columns, some, k, excluded=()):
-    """Each time the label with most information; a label that is known adds its Fisher information."""
-    found, rows = posterior(columns, some, SETTINGS), np.column_stack([np.ones(len(columns)), columns])
-    left, chosen = [m for m in range(len(columns)) if not some.labels[m] and m not in excluded], []
-    for _ in range(min(k, len(left))):
-        best = max(left, key=lambda m: information_by_sampling(rows[m], found))
-        left.remove(best)
-        chosen.append(best)
-        proba = expit(found.mean @ rows[best])
-        added = (proba * (1 - proba))[:, None, None] * np.outer(rows[best], rows[best])
-        found = replace(found, covariance=np.linalg.inv(np.linalg.inv(found.covariance) + added))
-    return chosen
-
-
-def test_information_is_that_of_the_label_and_the_weights():
-    columns = np.random.default_rng(0).normal(size=(6, 2))
-    found = posterior(columns, answers_of([1, -1, 0, 0, 0, 0], m=6), SETTINGS)
-    mean, variance = found.logits(columns)
-    rows = np.column_stack([np.ones(6), columns])
-    by_hand = [information_by_sampling(row, found) for row in rows]
-    np.testing.assert_allclose(information(mean, variance, np.exp(found.log_weight), SETTINGS), by_hand, atol=1e-3)
-    certain = information(np.array([[800.0], [0.0]]), np.zeros((2, 1)), np.ones(1), SETTINGS)
-    np.testing.assert_allclose(certain, 0.0, atol=1e-12)  # nothing is unknown but chance
-    two = information(np.array([[800.0, -800.0]]), np.zeros((1, 2)), np.full(2, 0.5), SETTINGS)
-    np.testing.assert_allclose(two, np.log(2))  # everything is
+def places(columns, some):
+    """Of each demonstration, the share of the others that are less probably good."""
+    proba = posterior(columns, some, SETTINGS).proba(columns)
+    return np.array([np.mean(np.delete(proba, m) < proba[m]) for m in range(len(proba))])
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_most_telling_are_chosen_one_after_the_other(seed):
-    columns = np.random.default_rng(seed).normal(size=(15, 3))
-    some = answers_of([1, -1] + [0] * 13, [(3, 4)], m=15)
-    chosen = most_telling(columns, some, SETTINGS, 8)
-    assert chosen == greedy(columns, some, 8)
-    assert len(set(chosen)) == 8
-    excluded = chosen[:2]
-    assert most_telling(columns, some, SETTINGS, 5, excluded) == greedy(columns, some, 5, excluded)
-    assert some.labels[:2].tolist() == [1, -1]
+def test_labels_are_asked_for_at_the_quantiles_of_the_ranking(seed):
+    columns = np.random.default_rng(seed).normal(size=(101, 3))
+    nothing = answers_of(m=101)
+    chosen = most_telling(columns, nothing, SETTINGS, 8)
+    np.testing.assert_allclose(places(columns, nothing)[chosen], [0.9, 0.1, 0.5, 0.75, 0.25, 0.6, 0.4, 0.95])
+    # once two are labelled, the third place is asked for, in the ranking that has become of them
+    two = answers_of(np.isin(np.arange(101), chosen[0]) * 1 - np.isin(np.arange(101), chosen[1]) * 1, m=101)
+    assert places(columns, two)[most_telling(columns, two, SETTINGS, 1)] == pytest.approx(0.5, abs=0.011)
+    nearest = most_telling(columns, nothing, SETTINGS, 1, [chosen[0]])
+    assert abs(places(columns, nothing)[nearest] - 0.9) == pytest.approx(0.01)
 
 
 def test_nothing_is_asked_twice():
@@ -212,18 +262,19 @@ COPY_OF = EVERY.copy()
 
 
 def about_copies(labels=None, pairs=(), outcome=None):
-    return answer(COLUMNS[EVERY], answers_of(labels, pairs, outcome, m=15), SETTINGS, COPY_OF)
+    answers = answers_of(labels, pairs, outcome, m=15)
+    return answer(COLUMNS[EVERY], answers, SETTINGS, COPY_OF, np.zeros(15, dtype=int))
 
 
 def test_a_copy_confirms_nothing():
     labels = [0] * 11 + [1, 1, 1, 0]
-    found, once = about_copies(labels), answer_about_different(COLUMNS, answers_of([0] * 11 + [1]), SETTINGS)
+    found, once = about_copies(labels), judged(COLUMNS, answers_of([0] * 11 + [1]), SETTINGS)
     np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
     assert found.count == 1
     np.testing.assert_array_equal(found.words, EVERY == 11)
     pairs = about_copies(pairs=[(11, 0), (12, 0), (13, 14), (11, 12)])
     np.testing.assert_array_equal(
-        pairs.log_odds, answer_about_different(COLUMNS, answers_of(pairs=[(11, 0)]), SETTINGS).log_odds[EVERY]
+        pairs.log_odds, judged(COLUMNS, answers_of(pairs=[(11, 0)]), SETTINGS).log_odds[EVERY]
     )
     assert pairs.count == 1
 
@@ -231,7 +282,7 @@ def test_a_copy_confirms_nothing():
 def test_different_demonstrations_with_the_same_columns_are_no_copies():
     columns = COLUMNS.copy()
     columns[10] = columns[11]
-    found = answer(columns, answers_of(AGREED), SETTINGS, np.arange(12))
+    found = answer(columns, answers_of(AGREED), SETTINGS, np.arange(12), NOTHING)
     assert found.log_odds[10] < found.log_odds[11]
 
 
@@ -244,8 +295,8 @@ def test_copies_that_are_labelled_are_named_and_others_are_not():
 def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():
     outcome = [0.0, NAN, 2.0, NAN, NAN, 5.0, NAN, NAN, 7.0, NAN, NAN, 6.0, 8.0, NAN, 2.0]
     once = [1.0, *outcome[1:11], 7.0]
-    expected = answer_about_different(COLUMNS, answers_of(outcome=once), SETTINGS)
+    expected = judged(COLUMNS, answers_of(outcome=once), SETTINGS)
     np.testing.assert_array_equal(about_copies(outcome=outcome).log_odds, expected.log_odds[EVERY])
     labels = [0] * 14 + [1]
-    expected = answer_about_different(COLUMNS, answers_of([1] + [0] * 11, outcome=once), SETTINGS)
+    expected = judged(COLUMNS, answers_of([1] + [0] * 11, outcome=once), SETTINGS)
     np.testing.assert_array_equal(about_copies(labels, outcome=outcome).log_odds, expected.log_odds[EVERY])

@@ -67,7 +67,7 @@ def test_without_answers_the_claims_are_said():
 
 def test_answers_replace_the_claims():
     found, evidence, answers = concluded(TOLD)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10))
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.words)
     assert found.finding == "answered"
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
     np.testing.assert_array_equal(found.words, by_hand.words)
@@ -98,7 +98,7 @@ def test_without_answers_operators_change_nothing_and_have_no_trust():
 def test_answers_count_before_operators():
     data = operated(["a"] * 5 + ["b"] * 5)
     found, _, answers = concluded(TOLD, data=data)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10))
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.words)
     np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is

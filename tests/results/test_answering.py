@@ -88,9 +88,16 @@ ONE_ANSWER = "One answer is not enough to call other demonstrations good or bad;
 
 def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
     for one, of_first in ((audit.answered({"d0": "bad"}), "bad"), (audit.answered(pairs=[("d0", "d9")]), "open")):
-        assert one.verdicts == (of_first, *["open"] * (len(audit.ids) - 1))
+        assert one.verdicts == ((of_first if one.labelled else audit.verdicts[0]), *audit.verdicts[1:])
+        assert {"typical", "unlike"} <= {*one.verdicts}
         assert one.doubts == (ONE_ANSWER,)
+        reason = one.reasons[audit.index("d9")]
+        assert reason.startswith("Called unlike without the answers, which do not contradict it; ")
     assert audit.answered(LABELS).doubts == ()
+    back = audit.answered({"d0": "bad"})
+    assert back.claimed.tolist() == audit.claimed.tolist()
+    counts = back.verdict_counts()
+    assert counts == {word: back.verdicts.count(word) for word in ("typical", "good", "open", "unlike", "bad")}
 
 
 def test_no_answer_changes_nothing(audit):

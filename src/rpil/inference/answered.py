@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logit, xlogy
+from scipy.special import logit
 
-from rpil.inference.answers import Answers, posterior
+from rpil.inference.answers import Answers, Posterior, posterior
 from rpil.inference.channels import normal_scores
 from rpil.inference.settings import AnswerSettings
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+class Lone(NamedTuple):
+    """An answer that would change many words, and that the others make improbable."""
+
+    about: tuple[int, ...]
+    """The one or two demonstrations that it is about."""
+    look_at: int
+    """The demonstration without a label that it moves most."""
+    n_changed: int
+    """Words that it would change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +33,13 @@ class Answered:
     log_odds: Float[Array, " M"]
     """Of good against bad, nats."""
     words: Int[Array, " M"]
-    """1 good, 0 open, -1 bad."""
+    """1 good, 0 neither, -1 bad."""
+    stays: Int[Array, " M"]
+    """Where they give no word and do not contradict what was said without them: 1 typical, -1 unlike; else 0."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
+    lone: tuple[Lone, ...]
+    """The answers that change no word but their own until another one agrees."""
     count: int
     """The number of answers about different demonstrations."""
 
@@ -37,95 +53,127 @@ def columns_of(
 
 
 def answer(
-    columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, copy_of: Int[Array, " M"]
+    columns: Float[Array, "M D"],
+    answers: Answers,
+    settings: AnswerSettings,
+    copy_of: Int[Array, " M"],
+    claimed: Int[Array, " M"],
 ) -> Answered:
-    """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each.
+    """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each, and `claimed`
+    is what was said without answers: 1 typical, 0 open, -1 unlike.
 
     A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
-    found = answer_about_different(columns[first], answers.once(copy_of), settings)
+    found = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
     named = np.flatnonzero(np.isin(place, found.contradicting) & (answers.labels != 0))
-    return Answered(found.log_odds[place], found.words[place], named, found.count)
+    lone = tuple(
+        Lone(tuple(first[list(one.about)].tolist()), int(first[one.look_at]), one.n_changed) for one in found.lone
+    )
+    of_each = found.log_odds[place], found.words[place], found.stays[place]
+    return Answered(*of_each, named, lone, found.count)
 
 
-def answer_about_different(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Answered:
+def answer_about_different(
+    columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, claimed: Int[Array, " M"]
+) -> Answered:
     """P(good) of every demonstration where none is a copy of another.
 
-    A label says what its own demonstration is; that it contradicts other answers is named beside it. A known outcome
-    says P(good): the share of outcomes that are lower. About other demonstrations one answer alone gives no word.
+    A label says what its own demonstration is; that it contradicts other answers is named beside it. An answer that
+    would change many words of others changes none of them until another one agrees: where all other answers make it
+    improbable, or where it is the first that calls somebody bad, and those are called bad by it.
     """
-    found = posterior(columns, answers, settings)
-    proba = np.clip(found.proba(columns), settings.min_proba_bound, 1 - settings.min_proba_bound)
-    ranks, labels = answers.ranks(), answers.labels
-    graded = np.isfinite(ranks) & (labels == 0)
-    proba[graded] = np.clip(ranks[graded], settings.error_rates[0], 1 - settings.error_rates[0])
-    result, alone, labelled = logit(proba), np.zeros(len(labels)), np.flatnonzero(labels)
-    words = (result >= settings.log_odds).astype(int) - (result <= -settings.log_odds).astype(int)
-    if answers.count < 2:
-        words[:] = 0
-    words[labelled] = labels[labelled]
-    result[labelled] = labels[labelled] * logit(1 - settings.min_proba_bound)
-    if 1 < answers.count <= settings.max_left_out:
-        for m in labelled.tolist():
-            others = posterior(columns, answers.without(m), settings)
-            alone[m] = logit(others.proba(columns[m : m + 1])[0])
-    return Answered(result, words, contradicting(alone, answers, settings), answers.count)
+    said, expected = Said.by(columns, answers, settings, claimed), np.ones(answers.count)
+    lone, withheld = list[Lone](), said
+    rows, targets = answers.rows(columns)
+    for r in range(answers.count if answers.count <= settings.max_left_out else 0):
+        others = answers.only(np.arange(answers.count) != r)
+        found = posterior(columns, others, settings)
+        expected[r] = found.proba_of(rows[r : r + 1], targets[r : r + 1])[0]
+        if expected[r] >= 0.5:
+            continue
+        without = Said.by(columns, others, settings, claimed, found)
+        changed = without.differs(said) & (answers.labels == 0)
+        if changed.sum() > settings.max_changed * len(columns):
+            moved = np.where(answers.labels == 0, np.abs(said.log_odds - without.log_odds), -1.0)
+            lone.append(Lone(answers.about[r], int(np.argmax(moved)), int(changed.sum())))
+            withheld = withheld.unless(without)
+    words, labelled = withheld.words.copy(), np.flatnonzero(answers.labels)
+    bad = (words < 0) & (answers.labels == 0)
+    if len(first := answers.say_bad) == 1 and bad.sum() > settings.max_changed * len(columns):
+        words[bad] = 0
+        lone.append(Lone(answers.about[first[0]], int(np.argmin(np.where(bad, said.log_odds, np.inf))), int(bad.sum())))
+    words[labelled] = answers.labels[labelled]
+    log_odds = said.log_odds.copy()
+    log_odds[labelled] = answers.labels[labelled] * logit(1 - settings.min_proba_bound)
+    stays = np.where(words == 0, withheld.stays, 0)
+    named = contradicting(expected[: len(labelled)], answers, settings)
+    return Answered(log_odds, words, stays, named, tuple(lone), answers.count)
 
 
-def contradicting(alone: Float[Array, " M"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
-    """The demonstrations whose labels the other answers make improbable, by their log-odds `alone`, without the label.
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What answers say of M demonstrations, all of them believed: see the fields of `Answered`."""
+
+    log_odds: Float[Array, " M"]
+    words: Int[Array, " M"]
+    stays: Int[Array, " M"]
+
+    @classmethod
+    def by(
+        cls,
+        columns: Float[Array, "M D"],
+        answers: Answers,
+        settings: AnswerSettings,
+        claimed: Int[Array, " M"],
+        found: Posterior | None = None,
+    ) -> Said:
+        """By the posterior that was `found`, or else by the answers. Nobody is good or bad before an answer says so of
+        somebody, and one answer alone neither gives nor takes a word."""
+        found = posterior(columns, answers, settings) if found is None else found
+        proba = found.proba(columns, np.where(answers.labels == 0, answers.ranks(), np.nan))
+        log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
+        if answers.count < 2:
+            return cls(log_odds, np.zeros(len(columns), dtype=int), claimed)
+        good = (log_odds >= settings.log_odds) & (1 in answers.sides)
+        bad = (log_odds <= -settings.log_odds) & (-1 in answers.sides)
+        return cls(log_odds, good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0))
+
+    def unless(self, other: Said) -> Said:
+        """The words that the `other` has too, and what was said without answers unless both contradict it."""
+        words = np.where(self.words == other.words, self.words, 0)
+        return Said(self.log_odds, words, np.where(self.stays == 0, other.stays, self.stays))
+
+    def differs(self, other: Said) -> Bool[Array, " M"]:
+        """Which demonstrations have another word."""
+        both = [np.where(one.words != 0, 2 * one.words, one.stays) for one in (self, other)]
+        return np.asarray(both[0] != both[1])
+
+
+def contradicting(expected: Float[Array, " L"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
+    """The demonstrations whose labels the other answers make improbable; `expected` is the probability of each of the L
+    labels by the other answers.
 
     A wrong label makes right ones improbable, too: only the most improbable are named, as many as leave each
     `min_other_answers` answers that it contradicts.
     """
-    if answers.count > settings.max_left_out:
-        return np.empty(0, dtype=int)
-    labelled = np.flatnonzero(answers.labels)
-    proba = expit(answers.labels * alone)
     most = answers.count // (settings.min_other_answers + 1)
-    least = labelled[np.argsort(proba[labelled], kind="stable")][:most]
-    return np.sort(least[proba[least] < settings.max_contradicted_proba])
+    least = np.argsort(expected, kind="stable")[:most]
+    return np.sort(np.flatnonzero(answers.labels)[least[expected[least] < settings.max_contradicted_proba]])
 
 
 def most_telling(
     columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, k: int, excluded: Sequence[int] = ()
 ) -> list[int]:
-    """Up to `k` demonstrations without a label whose labels would settle most, the best first.
-
-    Each has the largest mutual information of its label and the weights (`information`, Houlsby et al. 2011), given
-    that those before it are labelled.
-    """
-    found = posterior(columns, answers, settings)
-    design = np.column_stack([np.ones(len(columns)), columns])
-    mean, covariance, weight = design @ found.mean.T, found.covariance, np.exp(found.log_weight)
-    unlabelled = answers.labels == 0
-    unlabelled[list(excluded)] = False
-    chosen: list[int] = []
-    for _ in range(min(k, int(unlabelled.sum()))):
-        variance = np.einsum("md,kde,me->mk", design, covariance, design)
-        best = int(np.argmax(np.where(unlabelled, information(mean, variance, weight, settings), -np.inf)))
-        chosen.append(best)
-        unlabelled[best] = False
-        proba = expit(mean[best])
-        fisher = proba * (1 - proba)
-        moved = covariance @ design[best]
-        shrunk = fisher / (1 + fisher * variance[best])
-        covariance = covariance - shrunk[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    """Up to `k` demonstrations without a label to ask about, the first one first: those nearest to `asked_quantiles` of
+    the ranking by P(good), which spread over it and are not odd themselves."""
+    proba = posterior(columns, answers, settings).proba(columns)
+    place = np.argsort(np.argsort(proba, kind="stable")) / max(len(columns) - 1, 1)
+    asked = answers.labels == 0
+    asked[list(excluded)] = False
+    first, chosen = int(np.count_nonzero(answers.labels)), list[int]()
+    for n in range(first, first + min(k, int(asked.sum()))):
+        quantile = settings.asked_quantiles[n % len(settings.asked_quantiles)]
+        chosen.append(int(np.argmin(np.where(asked, np.abs(place - quantile), np.inf))))
+        asked[chosen[-1]] = False
     return chosen
-
-
-def information(
-    mean: Float[Array, "M K"], variance: Float[Array, "M K"], weight: Float[Array, " K"], settings: AnswerSettings
-) -> Float[Array, " M"]:
-    """H(E p) - E H(p) of the label of each demonstration, in nats: p is the sigmoid of a mixture of K normal logits."""
-    nodes, node_weight = np.polynomial.hermite_e.hermegauss(settings.n_nodes)
-    proba = expit(mean[..., None] + np.sqrt(np.maximum(variance, 0.0))[..., None] * nodes)
-    joint = weight[:, None] * (node_weight / node_weight.sum())
-    expected = (proba * joint).sum(axis=(1, 2))
-    return np.asarray(_entropy(expected) - (_entropy(proba) * joint).sum(axis=(1, 2)))
-
-
-def _entropy(proba: Array) -> Array:
-    """Entropy of a label with this probability, in nats."""
-    return np.asarray(-xlogy(proba, proba) - xlogy(1 - proba, 1 - proba))

@@ -5,12 +5,14 @@
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
 (`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". Labels of one sort alone, as of a reference,
 were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
-in [0, 1], the share of the known outcomes that are lower. w_0 is 1 on agreement, the first column, `group_weight` on
-the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
-direction d is 1, or -1 where the ones that agree are bad. e is the rate of wrong answers, on a grid. For each d
-and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay
-1992). Channels are correlated, and this posterior is wider than it should be: so the logit is multiplied by
-`sharpness`.
+in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share of the bad
+demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration whose outcome
+is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on the group of
+scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or
+-1 where the ones that agree are bad; answers of one side alone cannot tell, and d is 1. e is the rate of wrong answers,
+on a grid. For each d, luck and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good)
+integrates over w (MacKay 1992). Channels are correlated, and this posterior is wider than it should be: so the logit is
+multiplied by `sharpness`.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import expit, logsumexp
+from scipy.special import expit, logit, logsumexp
 from scipy.stats import rankdata
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.inference.settings import AnswerSettings
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 
 
 @stored(labels="M", pairs="compared 2", outcome="M")
@@ -61,8 +63,8 @@ class Answers:
 
     @property
     def count(self) -> int:
-        """The number of labels, pairs and known outcomes."""
-        return int(np.count_nonzero(self.labels)) + len(self.pairs) + int(np.isfinite(self.outcome).sum())
+        """R, the number of labels, of known outcomes of other demonstrations, and of pairs."""
+        return int(np.count_nonzero(self.labels)) + len(self._graded) + len(self.pairs)
 
     def select(self, indices: Sequence[int]) -> Answers:
         """The answers about some of the demonstrations, and about pairs of them."""
@@ -71,11 +73,46 @@ class Answers:
         chosen = list(indices)
         return Answers(self.labels[chosen], np.array(pairs, dtype=np.int64).reshape(-1, 2), self.outcome[chosen])
 
-    def without(self, m: int) -> Answers:
-        """The same without the label of demonstration m."""
-        labels = self.labels.copy()
-        labels[m] = 0
-        return replace(self, labels=labels)
+    @property
+    def about(self) -> list[tuple[int, ...]]:
+        """The demonstrations that each of the R answers is about, in the order of `rows`."""
+        alone = [*np.flatnonzero(self.labels).tolist(), *self._graded.tolist()]
+        return [*((m,) for m in alone), *map(tuple, self.pairs.tolist())]
+
+    @property
+    def _graded(self) -> Int[Array, " _"]:
+        """The demonstrations without a label whose outcome is known."""
+        return np.flatnonzero(np.isfinite(self.outcome) & (self.labels == 0))
+
+    @property
+    def _signs(self) -> Int[Array, " R"]:
+        """Of the R answers, 1 for good, -1 for bad, 0 for a pair, which says both, or an outcome in the middle."""
+        graded = np.sign(self.ranks()[self._graded] - 0.5).astype(int)
+        return np.concatenate([self.labels[self.labels != 0], graded, np.zeros(len(self.pairs), dtype=int)])
+
+    @property
+    def are_outcomes(self) -> Bool[Array, " R"]:
+        """Which of the R answers are outcomes."""
+        counts = [int(np.count_nonzero(self.labels)), len(self._graded), len(self.pairs)]
+        return np.repeat([False, True, False], counts)
+
+    @property
+    def say_bad(self) -> Int[Array, " _"]:
+        """The numbers of the answers that call a demonstration bad or worse."""
+        return np.flatnonzero((self._signs < 0) | (np.arange(self.count) >= self.count - len(self.pairs)))
+
+    @property
+    def sides(self) -> set[int]:
+        """1 where some demonstration is said to be good or better, -1 where one is bad or worse."""
+        return {1, -1} if len(self.pairs) else {*self._signs.tolist()} - {0}
+
+    def only(self, kept: Bool[Array, " R"]) -> Answers:
+        """Those of the R answers, in the order of `rows`, that are `kept`."""
+        of_labels, of_outcomes, of_pairs = np.split(kept, np.cumsum([np.count_nonzero(self.labels), len(self._graded)]))
+        labels, outcome = self.labels.copy(), self.outcome.copy()
+        labels[np.flatnonzero(labels)[~of_labels]] = 0
+        outcome[self._graded[~of_outcomes]] = np.nan
+        return replace(self, labels=labels, pairs=self.pairs[of_pairs], outcome=outcome, _flag=self.is_flag)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
         """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
@@ -115,8 +152,7 @@ class Answers:
     def rows(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "R D"], Float[Array, " R"]]:
         """The matrix A and the answers t."""
         columns = np.column_stack([np.ones(len(channels)), channels])
-        labelled, ranks = np.flatnonzero(self.labels), self.ranks()
-        known = np.flatnonzero(np.isfinite(ranks) & (self.labels == 0))
+        labelled, ranks, known = np.flatnonzero(self.labels), self.ranks(), self._graded
         compared = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
         if not len(known) and len({*self.labels[labelled].tolist()}) == 1:
             columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
@@ -143,55 +179,78 @@ class Posterior:
     mean: Float[Array, "K D"]
     covariance: Float[Array, "K D D"]
     log_weight: Float[Array, " K"]
+    luck: Float[Array, " K"]
+    error: Float[Array, " K"]
+    """How often a bad demonstration ends as a good one does, and the rate of wrong answers."""
     sharpness: float
     """See `AnswerSettings`."""
 
-    def logits(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "M K"], Float[Array, "M K"]]:
-        """Means and variances of A_m w for a label of each demonstration."""
-        columns = np.column_stack([np.ones(len(channels)), channels])
-        variance = np.einsum("md,kde,me->mk", columns, self.covariance, columns)
-        return columns @ self.mean.T, variance
+    def proba(self, channels: Float[Array, "M C"], outcome: Float[Array, " M"] | None = None) -> Float[Array, " M"]:
+        """P(good) of each demonstration; where the rank of its `outcome` is known, given how often outcomes
+        are wrong."""
+        logit_by_channels = self._moderated(np.column_stack([np.ones(len(channels)), channels]))
+        if outcome is not None:
+            with np.errstate(divide="ignore"):
+                said = np.nan_to_num(logit(outcome), posinf=np.inf, neginf=-np.inf)[:, None]
+            least, most = np.log(self.error / (1 - self.luck)), np.log((1 - self.error) / self.luck)
+            logit_by_channels += np.clip(said, least, most)
+        return np.asarray(expit(logit_by_channels) @ np.exp(self.log_weight))
 
-    def proba(self, channels: Float[Array, "M C"]) -> Float[Array, " M"]:
-        """P(good) of each demonstration."""
-        mean, variance = self.logits(channels)
-        return np.asarray(expit(self.sharpness * mean / np.sqrt(1 + np.pi * variance / 8)) @ np.exp(self.log_weight))
+    def proba_of(self, rows: Float[Array, "R D"], targets: Float[Array, " R"]) -> Float[Array, " R"]:
+        """P of answers t to the rows A, of which none is wrong."""
+        yes = expit(self._moderated(rows)) @ np.exp(self.log_weight)
+        return np.asarray(targets * yes + (1 - targets) * (1 - yes))
+
+    def _moderated(self, rows: Float[Array, "R D"]) -> Float[Array, "R K"]:
+        """The logit of each row and distribution, nearer to 0 the less is known (MacKay 1992)."""
+        variance = np.einsum("md,kde,me->mk", rows, self.covariance, rows)
+        return np.asarray(self.sharpness * (rows @ self.mean.T) / np.sqrt(1 + np.pi * variance / 8))
 
 
 def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
-    """The posterior of w."""
+    """The posterior of w. Answers of one side contrast nothing: they do not turn the direction. They move w less, and
+    so do outcomes of 0 and 1, in which bad demonstrations are often lucky."""
     rows, targets = answers.rows(channels)
-    n_columns = channels.shape[1] + 1
-    precision = np.append(settings.offset_precision, np.full(n_columns - 1, settings.precision))
+    n_columns, one_side, is_outcome = channels.shape[1] + 1, len(answers.sides) < 2, answers.are_outcomes
+    flags = answers.is_flag and bool(is_outcome.any())
+    weak = one_side or (flags and len(answers.only(~is_outcome).sides) < 2)
+    precision = np.full(n_columns, settings.weak_precision if weak else settings.precision)
+    precision[0] = settings.offset_precision
     anchor = np.zeros(n_columns)
     anchor[1], anchor[-1] = 1.0, settings.group_weight
-    log_prior = np.log([settings.p_agreement, 1 - settings.p_agreement])
-    errors = settings.error_rates
-    fits = [_laplace(rows, targets, d * anchor, precision, e) for d, e in product((1.0, -1.0), errors)]
+    prior = {1.0: 1.0} if one_side else {1.0: settings.p_agreement, -1.0: 1 - settings.p_agreement}
+    chances = settings.luck if flags else (0.0,)
+    parts = [(d, max(luck, e), e) for d, luck, e in product(prior, chances, settings.error_rates)]
+    fits = [_laplace(rows, targets, d * anchor, precision, np.where(is_outcome, luck, e), e) for d, luck, e in parts]
     mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
-    log_weight = evidence + np.repeat(log_prior, len(errors))
-    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), settings.sharpness)
+    direction, luck, error = np.array(parts).T
+    log_weight = evidence + np.log([prior[d] for d in direction.tolist()])
+    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), luck, error, settings.sharpness)
 
 
-def _laplace(rows: Array, targets: Array, anchor: Array, precision: Array, error: float) -> tuple[Array, Array, Array]:
-    """Mean and covariance of w, and the log-evidence."""
+def _laplace(
+    rows: Array, targets: Array, anchor: Array, precision: Array, luck: Array, error: float
+) -> tuple[Array, Array, Array]:
+    """Mean and covariance of w, and the log-evidence; an answer is wrongly "yes" at the rate `luck`, (R,), and wrongly
+    "no" at the rate `error`."""
+    share = 1 - luck - error
 
-    def parts(w: Array) -> tuple[Array, Array, Array]:
+    def parts(w: Array) -> tuple[Array, Array]:
         proba = expit(rows @ w)
-        yes, no = error + (1 - 2 * error) * proba, error + (1 - 2 * error) * (1 - proba)
-        slope = (1 - 2 * error) * proba * (1 - proba) * (targets / yes - (1 - targets) / no)
-        return slope, targets * np.log(yes) + (1 - targets) * np.log(no), proba
+        yes, no = luck + share * proba, error + share * (1 - proba)
+        slope = share * proba * (1 - proba) * (targets / yes - (1 - targets) / no)
+        return slope, targets * np.log(yes) + (1 - targets) * np.log(no)
 
     def loss(w: Array) -> tuple[float, Array]:
-        slope, log_prob, _ = parts(w)
+        slope, log_prob = parts(w)
         away = w - anchor
         return float(0.5 * precision @ away**2 - log_prob.sum()), precision * away - rows.T @ slope
 
     found = minimize(loss, anchor, jac=True, method="L-BFGS-B", options={"gtol": 1e-6})
-    _, _, proba = parts(found.x)
+    proba = expit(rows @ found.x)
     # Fisher's information, which is never negative, in the place of the curvature.
-    yes = error + (1 - 2 * error) * proba
-    information = ((1 - 2 * error) * proba * (1 - proba)) ** 2 / (yes * (1 - yes))
+    yes = luck + share * proba
+    information = (share * proba * (1 - proba)) ** 2 / (yes * (1 - yes))
     hessian = (rows * information[:, None]).T @ rows + np.diag(precision)
     evidence = -found.fun - 0.5 * np.linalg.slogdet(hessian)[1] + 0.5 * np.log(precision).sum()
     return found.x, np.linalg.inv(hessian), np.asarray(evidence)

@@ -222,10 +222,15 @@ class AnswerSettings:
     """Prior probability that the demonstrations that agree are the good ones."""
     precision: float = 1.0
     """Prior precision of the weight of a channel."""
+    weak_precision: float = 16.0
+    """The same where all answers are of one side, all good or all bad, but for outcomes of 0 and 1."""
     offset_precision: float = 0.25
     """Of the offset."""
     error_rates: tuple[float, ...] = (0.02, 0.1)
     """Rates of wrong answers, equally likely beforehand; the smallest first."""
+    luck: tuple[float, ...] = (0.0, 0.5, 0.9)
+    """Shares of bad demonstrations whose outcome is 1 where outcomes are 0 and 1, equally likely beforehand; at least
+    the rate of wrong answers."""
     group_weight: float = 2.0
     """Prior weight of the group of scores; that of agreement is 1."""
     sharpness: float = 1.6
@@ -240,10 +245,13 @@ class AnswerSettings:
     """Probability of a label by the other answers below which it contradicts them."""
     min_other_answers: int = 4
     """Other answers, at least, that a label can contradict."""
-    n_nodes: int = 15
-    """Nodes of the quadrature over a logit."""
     max_left_out: int = 64
-    """Answers up to which each label is compared with the others."""
+    """Answers up to which each is compared with the others."""
+    max_changed: float = 0.1
+    """Share of the words that an answer may change which the others make improbable."""
+    asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5, 0.75, 0.25, 0.6, 0.4, 0.95)
+    """Places in the ranking by P(good) at which labels are asked for, one after the other and again from the first on.
+    They reach what labels of the largest mutual information reach, without the odd ones that those are."""
 
     def __post_init__(self) -> None:
         check_settings(
@@ -253,6 +261,10 @@ class AnswerSettings:
             error_rates="(0, 0.5)",
             max_contradicted_proba="(0, 1)",
             max_left_out="[0, inf)",
+            luck="[0, 1)",
+            weak_precision="(0, inf)",
+            max_changed="[0, 1]",
+            asked_quantiles="[0, 1]",
         )
 
     @property

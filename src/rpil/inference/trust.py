@@ -182,7 +182,7 @@ def conclude(
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
-        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of)
+        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of, claims.words)
         from_answers = answered.log_odds - from_actions
         words, labels = answered.words, answers.shared(evidence.copy_of).labels
         from_demonstrator, trust = trust_by_demonstrator(

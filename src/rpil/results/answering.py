@@ -21,7 +21,7 @@ from rpil.results.groups import SECOND_WAY, TWO_GROUPS
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import MIN_ANSWERS, weights_of
-from rpil.results.text import printable
+from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Verdict, Words
 
 Id = TypeVar("Id", bound=Hashable)
@@ -61,6 +61,8 @@ class Judged(Protocol):
     def answers(self) -> Answers: ...
     @property
     def columns(self) -> Float[Array, "M D"]: ...
+    @property
+    def claimed(self) -> Int[Array, " M"]: ...
     @property
     def copy_of(self) -> Int[Array, " M"]: ...
     @property
@@ -108,7 +110,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
-    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of)
+    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
     said = known.shared(audit.copy_of).labels
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
@@ -124,7 +126,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         from_demonstrator=from_demonstrator,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
-        verdicts=verdicts_of(words, "answers"),
+        verdicts=verdicts_of(words, "answers", found.stays),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
         demonstrators=rank_demonstrators(who, trust, audit.ids),
@@ -132,7 +134,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         own_reasons=(),
         max_unlike_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found),
+        doubts=doubts_of_answers(found, audit.ids),
         notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
@@ -176,17 +178,23 @@ def shown_proba(
     return np.asarray(np.where(words == 0, bounded, proba))
 
 
-def verdicts_of(words: Int[Array, " M"], anchor: str) -> tuple[Verdict, ...]:
-    """The words 1, 0 and -1 as verdicts of an anchor."""
-    vocabulary = WORDS[anchor]
-    return tuple({1: vocabulary.upper, 0: "open", -1: vocabulary.lower}[word] for word in words.tolist())
+def verdicts_of(words: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
+    """The words 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
+    said, unsaid = WORDS[anchor], WORDS["none"]
+    verdict: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
+    stays = np.zeros_like(words) if stays is None else stays
+    return tuple(verdict[word] for word in np.where(words == 0, stays, 2 * words).tolist())
 
 
-def doubts_of_answers(found: Answered) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered, ids: Sequence[Hashable]) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
         return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
-    return ()
+    return tuple(
+        f"The answer about {listed([ids[m] for m in lone.about])} alone would change {lone.n_changed:,} words, and "
+        f"changes none before another answer agrees: look at it again, and label {printable(ids[lone.look_at])}."
+        for lone in found.lone
+    )
 
 
 def sentence_of(known: Answers, copy_of: Int[Array, " M"]) -> str:

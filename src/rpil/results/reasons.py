@@ -107,6 +107,8 @@ class Grounds:
             return "Nothing tells it from the others: the state does not help to predict any actions"
         if self.finding == "in doubt":
             return f"No word, because of a doubt: {self.doubt[:1].lower()}{self.doubt[1:].rstrip('.')}"
+        if self.finding == "answered" and sign and self.verdict not in (self.words.upper, self.words.lower):
+            return f"Called {self.verdict} without the answers, which do not contradict it"
         if self.finding == "answered" and sign and self.has_outcome:
             return f"Its outcome is among the {'highest' if sign > 0 else 'lowest'} ({self.log_odds:+.1f} nats)"
         if self.finding == "answered" and sign:

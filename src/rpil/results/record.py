@@ -33,6 +33,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
     step_weight="N",
     history="iterations",
     columns="M channels",
+    claimed="M",
     copy_of="M",
 )
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +100,8 @@ class Audit(AuditResult):
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
+    claimed : (M,) int array
+        What was said without answers: 1 typical, 0 nothing, -1 unlike. It stays until answers contradict it.
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations : tuple of str

@@ -44,7 +44,7 @@ def check_sound(audit: AuditResult) -> None:
     at_most = (audit.deviations, audit.sessions, audit.own_reasons, () if audit.order is None else audit.order)
     sound = all(len(values) == n for values in of_each) and all(len(values) in (0, n) for values in at_most)
     sound &= all(len(values) == n for values in audit.beside.values()) and len({*audit.ids}) == n > 0
-    sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)]
+    sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and {*audit.claimed.tolist()} <= {-1, 0, 1}
     sound &= len(audit.step_weight) == len(audit.step_share) == len(audit.step_log_ratio)
     sound &= bool((audit.lengths > 0).all()) and {*audit.verdicts} <= SIDES.keys()
     sound &= audit.finding in FINDINGS and audit.anchor in WORDS and {*known.labels.tolist()} <= {-1, 0, 1}

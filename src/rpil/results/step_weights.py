@@ -20,6 +20,7 @@ from collections.abc import Hashable, Sequence
 from typing import Protocol
 
 import numpy as np
+from scipy.special import expit
 
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
@@ -87,6 +88,7 @@ def of_demonstrations(audit: Weighable) -> tuple[Float[Array, " M"], Float[Array
     if len(known.labels) and known.once(audit.copy_of).count >= MIN_ANSWERS:
         return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
     is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
+    proba = np.where(labels, proba, expit(audit.from_actions))
     weighs_less = is_lower & (audit.identifiable | (labels < 0))
     return np.where(weighs_less, proba, 1.0), np.full(len(proba), float(audit.identifiable))
 

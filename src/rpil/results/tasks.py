@@ -133,6 +133,7 @@ def _gathered(
     n, n_steps = len(offsets) - 1, int(offsets[-1])
     columns = {name: np.zeros(n) for name in ("log_odds", "from_actions", "from_demonstrator", "from_label")}
     columns |= {name: np.full(n, 0.5) for name in ("expert_proba", "reliability")}
+    columns |= {"claimed": np.zeros(n, dtype=np.int64)}
     steps = {"step_log_ratio": np.zeros(n_steps), "step_share": np.full(n_steps, 0.5), "step_weight": np.ones(n_steps)}
     interval = np.tile([0.0, 1.0], (n, 1))
     for task, audit in audits.items():

@@ -45,11 +45,10 @@ def test_keys_as_answers(key, answer):
     assert rows_of((7,), "g") + rows_of((7,), "b") == (("7", "good"), ("7", "bad"))
 
 
-def test_it_ends_after_four_questions_where_no_demonstration_is_open(audit):
-    assert "open" not in audit.verdicts
+def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(audit):
     assert Asking(audit, 8, n_asked=3).question(audit) == audit.pair
     assert Asking(audit, 8, n_asked=4).question(audit) == audit.pair  # nothing was answered
-    sure = replace(audit, anchor="answers")
+    sure = replace(audit, verdicts=("good",) * 23 + ("bad",))
     assert Asking(audit, 8, n_asked=3).question(sure) == audit.pair
     assert Asking(audit, 8, n_asked=4).question(sure) == ()
     doubtful = audit.answered({0: "good"})
@@ -77,7 +76,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     assert session.question == audit.pair
     lines = session.answer(audit.pair, "1")
     assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
-    assert lines[0] == "Now: 0 good, 24 open, 0 bad."
+    assert lines[0] == "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad."
     assert session.version == session.asking.n_asked == 1
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
 
 MIN_QUESTIONS = 4
-"""From this one on a run ends where the answers leave no demonstration open."""
+"""From this one on a run ends where the answers make every demonstration good or bad."""
 
 N_MOVED = 3
 """Demonstrations of which it is said how far an answer moved them."""
@@ -59,7 +59,7 @@ class Asking:
 
     def question(self, audit: Audit) -> Question:
         """What to ask next."""
-        is_done = self.n_asked >= MIN_QUESTIONS and audit.anchor == "answers" and "open" not in audit.verdicts
+        is_done = self.n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
         if is_done or (self.most is not None and self.n_asked >= self.most):
             return ()
         if self.start.question is not None and not self.pair_passed:
