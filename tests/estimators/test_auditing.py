@@ -48,7 +48,7 @@ def printed(path, *more):
 def said(found):
     rows = json.loads(json.dumps(found.to_dict()))
     rows.pop("provenance")
-    return rows
+    return rows | {"keep": json.loads(json.dumps(found.choice.to_dict()))}
 
 
 def test_it_says_what_the_command_says(folder):
