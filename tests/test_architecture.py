@@ -199,6 +199,7 @@ WITHOUT_TESTS = {
     "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
     "policies/linear.py": "a table of two lines",
+    "results/judged.py": "a protocol; answers and weights read it",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "formats/csv.py": "every format passes tests/data/test_formats.py",
     "formats/npz.py": "as csv.py",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import expit
@@ -16,13 +16,13 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.demonstrators import Demonstrator, known_demonstrators, rank_demonstrators
+from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
 from rpil.results.groups import SECOND_WAY, TWO_GROUPS
+from rpil.results.judged import Judged
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
-from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import MIN_ANSWERS, weights_of
+from rpil.results.step_weights import weights_of
 from rpil.results.text import listed, printable
-from rpil.results.words import WORDS, Verdict, Words
+from rpil.results.words import WORDS, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
 
@@ -40,63 +40,6 @@ NEXT_STEPS = {
     "demonstrations.",
 }
 """What to do next, by finding."""
-
-
-class Judged(Protocol):
-    """What this module reads of an audit (`rpil.results.record.Audit`)."""
-
-    @property
-    def ids(self) -> tuple[Hashable, ...]: ...
-    @property
-    def offsets(self) -> Int[Array, " _"]: ...
-    @property
-    def anchor(self) -> str: ...
-    @property
-    def finding(self) -> str: ...
-    @property
-    def reliability(self) -> Float[Array, " M"]: ...
-    @property
-    def pair(self) -> tuple[Hashable, ...]: ...
-    @property
-    def answers(self) -> Answers: ...
-    @property
-    def columns(self) -> Float[Array, "M D"]: ...
-    @property
-    def claimed(self) -> Int[Array, " M"]: ...
-    @property
-    def copy_of(self) -> Int[Array, " M"]: ...
-    @property
-    def log_odds(self) -> Float[Array, " M"]: ...
-    @property
-    def from_actions(self) -> Float[Array, " M"]: ...
-    @property
-    def from_demonstrator(self) -> Float[Array, " M"]: ...
-    @property
-    def demonstrators(self) -> tuple[Demonstrator, ...]: ...
-    @property
-    def lengths(self) -> Int[Array, " M"]: ...
-    @property
-    def step_log_ratio(self) -> Float[Array, " N"]: ...
-    @property
-    def step_share(self) -> Float[Array, " N"]: ...
-    @property
-    def identifiable(self) -> bool: ...
-    @property
-    def competing(self) -> tuple[tuple[Hashable, ...], ...]: ...
-    @property
-    def verdicts(self) -> Sequence[str]: ...
-    @property
-    def words(self) -> Words: ...
-    @property
-    def doubts(self) -> tuple[str, ...]: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-    @property
-    def assumptions(self) -> tuple[str, ...]: ...
-    @property
-    def settings(self) -> AuditSettings: ...
-    def steps(self, index: int) -> slice: ...
-    def index(self, demonstration: Hashable) -> int: ...
 
 
 A = TypeVar("A", bound=Judged)
@@ -117,7 +60,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     log_odds = found.log_odds + from_demonstrator
     words = found.words * (np.sign(log_odds) == found.words)
     proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
-    is_decided = found.count >= MIN_ANSWERS
+    is_decided = found.count >= audit.settings.keep.min_answers
     answered = replace(  # type: ignore[type-var]  # every audit is a dataclass
         audit,
         finding="answered",
@@ -138,7 +81,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
         notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
-    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var, arg-type]
+    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var]
 
 
 def _is_of_groups(sentence: str) -> bool:

@@ -16,53 +16,15 @@ A demonstration weighs less for being called unlike only where the unlike ones h
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from typing import Protocol
-
 import numpy as np
 from scipy.special import expit
 
-from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
+from rpil.results.judged import Judged
 from rpil.results.words import SIDES
 
 
-class Weighable(Protocol):
-    """What this module reads of an audit (`rpil.results.record.Audit`)."""
-
-    @property
-    def ids(self) -> Sequence[Hashable]: ...
-    @property
-    def finding(self) -> str: ...
-    @property
-    def anchor(self) -> str: ...
-    @property
-    def answers(self) -> Answers: ...
-    @property
-    def copy_of(self) -> Int[Array, " M"]: ...
-    @property
-    def verdicts(self) -> Sequence[str]: ...
-    @property
-    def identifiable(self) -> bool: ...
-    @property
-    def expert_proba(self) -> Float[Array, " M"]: ...
-    @property
-    def from_actions(self) -> Float[Array, " M"]: ...
-    @property
-    def offsets(self) -> Int[Array, " _"]: ...
-    @property
-    def lengths(self) -> Int[Array, " M"]: ...
-    @property
-    def step_share(self) -> Float[Array, " N"]: ...
-    @property
-    def step_weight(self) -> Float[Array, " N"]: ...
-
-
-MIN_ANSWERS = 2
-"""Answers about different demonstrations from which they weigh others than those that were labelled."""
-
-
-def weights_of(audit: Weighable) -> Float[Array, " N"]:
+def weights_of(audit: Judged) -> Float[Array, " N"]:
     """The weights of the steps of an audit."""
     return step_weight(audit.lengths, *of_demonstrations(audit), audit.step_share)
 
@@ -79,13 +41,13 @@ def step_weight(
     return np.asarray(np.repeat(weight, lengths) * (1 + np.repeat(sign, lengths) * (2 * share - 1)))
 
 
-def of_demonstrations(audit: Weighable) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
+def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
     """W_m and c of each demonstration."""
     proba, known = audit.expert_proba, audit.answers
     if audit.anchor == "named adversary":
         return proba, np.zeros(len(proba))
     labels = known.shared(audit.copy_of).labels if len(known.labels) else np.zeros(len(proba), dtype=int)
-    if len(known.labels) and known.once(audit.copy_of).count >= MIN_ANSWERS:
+    if len(known.labels) and known.once(audit.copy_of).count >= audit.settings.keep.min_answers:
         return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
     is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     proba = np.where(labels, proba, expit(audit.from_actions))
@@ -101,7 +63,7 @@ def sign_with_answers(p_good: Float[Array, " M"], in_training_group: Array) -> f
     return float(p_good[in_training_group].mean() - p_good[~in_training_group].mean())
 
 
-def why_equal(audit: Weighable) -> str:
+def why_equal(audit: Judged) -> str:
     """One sentence that says why all demonstrations have the same mean weight, within 5 %; "" where they have not."""
     mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
     if np.ptp(mean) > 0.05 * mean.max():

@@ -22,7 +22,7 @@ from rpil.results.groups import SECOND_WAY, groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import MIN_ANSWERS, weights_of
+from rpil.results.step_weights import weights_of
 from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Anchor
 
@@ -37,7 +37,7 @@ def audit_from_judgement(
     steps, finding, claims = judgement.step_trust, judgement.finding, judgement.claims
     anchor: Anchor = "none" if judgement.answered is None else "answers"
     known = judgement.answered
-    is_decided = known is not None and known.count >= MIN_ANSWERS
+    is_decided = known is not None and known.count >= settings.keep.min_answers
     groups = None if is_decided else claims.groups
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     proba = shown_proba(log_odds, judgement.words, finding, settings.min_proba(anchor))
