@@ -30,7 +30,7 @@ demonstrations = rpil.Demonstrations.from_groups(
 )
 
 # %%
-# The weight of a step is near 1 where it follows the policy of the others.
+# The weight of a step is small where it does not follow the policy of the others.
 audit = rpil.audit(demonstrations)
 weight = audit.step_weight.reshape(N_DEMONSTRATIONS, N_STEPS)
 print(f"mean weight: {weight[slip].mean():.2f} of slips, {weight[~slip].mean():.2f} of all other steps")
@@ -42,7 +42,7 @@ figure, (above, below) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout=
 audit.plot.steps(0, ax=above)
 below.step(np.arange(N_STEPS), weight[0], where="mid")
 where = np.flatnonzero(slip[0])
-below.hlines(1.08, where[0], where[-1], linewidth=6, label="slipped")
-below.set(xlabel="Step", ylabel="Weight", ylim=(0, 1.15))
+below.hlines(2.1, where[0], where[-1], linewidth=6, label="slipped")
+below.set(xlabel="Step", ylabel="Weight", ylim=(0, 2.25))
 below.legend(loc="lower left")
 plt.show()

@@ -294,4 +294,4 @@ def test_the_table_fits_a_terminal_and_no_id_is_wrapped(folder, width, titles):
     assert {row.split()[0] for row in rows} == {*ids}
     assert all(len(line) <= width for line in lines[start : start + 14])
     assert all(title in lines[start] for title in [*titles, "P(good)", "verdict"])
-    assert all(re.search(r"\b(good|open|bad)\b", row) for row in rows)
+    assert all(re.search(r"\b(good|open|bad|typical|unlike)\b", row) for row in rows)

@@ -191,4 +191,4 @@ def test_each_task_counts_its_own_answers():
         assert result.exit_code == code
         assert kept_in("k.parquet") == {*range(n)} - (set() if code else BAD)
     result = ok("keep", data, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad"))
-    assert "by inference from your answers" in result.stdout
+    assert "Rejected: 1 by your labels, 3 unlike." in result.stdout

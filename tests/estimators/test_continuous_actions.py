@@ -124,7 +124,7 @@ def test_of_two_consistent_groups_only_answers_name_the_expert(kind, seed):
     sure = {"d1": "good", "d2": "good", "d7": "bad", "d8": "bad"}
     for labels in ({"d0": "better than d11"}, sure):
         told = RPIL().fit(toy.demonstrations, labels=labels)
-        assert told.audit_.identifiable
+        assert told.audit_.identifiable == (len(labels) > 1)  # one answer alone decides nothing
         assert roc_auc_score(toy.is_good, told.log_odds_) > 0.95, labels
         assert set(told.audit_.verdicts[:6]) <= {"good", "open"}
         assert set(told.audit_.verdicts[6:]) <= {"bad", "open"}

@@ -42,8 +42,8 @@ def test_the_answered_pair_decides_between_competing_groups():
     better, worse = sorted(audit.pair, key=lambda name: not is_good[name])
     assert is_good[better] > is_good[worse]
     labelled = RPIL().fit(toy.demonstrations, labels={better: f"better than {worse}"}).audit_
-    assert labelled.identifiable
-    assert labelled.notes == ()
+    assert not labelled.identifiable
+    assert labelled.competing
     assert set(labelled.verdicts) == {"open"}  # one answer alone
     assert roc_auc_score(toy.is_good, labelled.log_odds) > 0.95
     both = labelled.answered(

@@ -26,7 +26,6 @@ from rpil import DaskEngine, DataError, formats, open_dataset
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
-from rpil.results.settings import AuditSettings
 from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
 from rpil.scale.fit import StepWeights
@@ -133,7 +132,7 @@ def test_only_parameters_and_sums_are_sent(cluster):
     policy, _ = policy.m_step(policy.collect_suff_stats(problem, weight)[1], np.inf, hessian, np.empty((0, 2, 0, 0)))
     assert size(partial(block_statistics, policy=policy)) < 2 * policy.weights.nbytes + 4000
     # What a shard is told of demonstrations is of its own.
-    weigh = StepWeights(model.judge_, np.arange(120.0), 1.0, JudgeSettings(), AuditSettings())
+    weigh = StepWeights(model.judge_, None, np.arange(120.0), np.ones(120), 1.0, JudgeSettings())
     shards = data.shards(4, SAMPLE.block_steps)
     told = [engine._for_shard(weigh, shard) for shard in shards]
     assert sum(len(one.trust) for one in told) == 120

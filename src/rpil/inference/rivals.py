@@ -142,8 +142,9 @@ class OwnPolicy:
 
     @property
     def is_strong(self) -> bool:
-        """Whether it explains the lower group about as well as that of the upper group explains that."""
-        return self.is_credible and self.gain >= self.limits.min_own_gain * self.of_upper
+        """Whether it explains the lower group about as well as that of the upper group explains that, and better than
+        that of the upper group does."""
+        return self.is_credible and self.gain > max(self.limits.min_own_gain * self.of_upper, self.shared)
 
     @property
     def is_there(self) -> bool:

@@ -46,8 +46,9 @@ def gather_steps(
     With `on_disk` the arrays are in single precision in a temporary file, which goes when they go.
     """
     if not on_disk:
-        log_ratio, share, weight = map(np.concatenate, zip(*blocks, strict=True))
-        return (log_ratio, share, weight), float(weight.sum())
+        log_ratios, shares, weights = zip(*blocks, strict=True)
+        total = sum(float(weight.sum()) for weight in weights)  # by blocks, as below
+        return (np.concatenate(log_ratios), np.concatenate(shares), np.concatenate(weights)), total
     total = 0.0
     with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second, tempfile.TemporaryFile() as third:
         files = first, second, third
