@@ -14,7 +14,7 @@ import numpy as np
 from claims import Job, Row
 from claims import jobs as claims_jobs
 from rpil import RPIL
-from rpil.inference.answered import Answered, answer_about_different, most_telling
+from rpil.inference.answered import Answered, answer_about_different, learned_from, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from worlds import Array
@@ -51,7 +51,7 @@ def audited(job: Job) -> Row:
         audit = RPIL().fit(world.demonstrations).audit_
     pair = [audit.index(other) for other in audit.pair]
     of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair, "claimed": audit.claimed}
-    of_all |= {"finding": audit.finding}
+    of_all |= {"finding": audit.finding, "columns_within": audit.columns_within}
     return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
 
 
@@ -70,9 +70,14 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
             return np.asarray(chosen)
 
 
+def columns_for(audit: Row, answers: Answers) -> Array:
+    """The columns of an audit from which these answers learn."""
+    return learned_from(audit["columns"], audit["columns_within"], answers, SETTINGS)
+
+
 def answered(audit: Row, answers: Answers, settings: AnswerSettings) -> Answered:
     """What answers make of an audit."""
-    return answer_about_different(audit["columns"], answers, settings, audit["claimed"])
+    return answer_about_different(columns_for(audit, answers), answers, settings, audit["claimed"])
 
 
 def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = SETTINGS) -> Answered:
@@ -106,11 +111,17 @@ def mean(values: Iterable[float]) -> str:
     return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
 
 
+def next_asked(audit: Row, labels: Array, unknown: list[int]) -> int:
+    """The demonstration whose label is asked for next, none of the `unknown`."""
+    known = Answers.of_labels(labels)
+    return most_telling(columns_for(audit, known), known, SETTINGS, 1, unknown)[0]
+
+
 def suggested(audit: Row, count: int) -> Array:
     """The labels that are asked for one after the other, each answered before the next."""
     unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
     labels = np.zeros(len(audit["good"]), dtype=int)
     for _ in range(count):
-        chosen += most_telling(audit["columns"], Answers.of_labels(labels), SETTINGS, 1, unknown)
+        chosen.append(next_asked(audit, labels, unknown))
         labels[chosen[-1]] = 2 * audit["good"][chosen[-1]] - 1
     return np.array(chosen)

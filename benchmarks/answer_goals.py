@@ -12,10 +12,9 @@ from itertools import product
 
 import numpy as np
 
-from answer_draws import N_LEFT, SETTINGS, answered, labelled, mean, rest_of
+from answer_draws import N_LEFT, SETTINGS, answered, labelled, mean, next_asked, rest_of
 from claims import Row, auroc
 from rpil import RPIL
-from rpil.inference.answered import most_telling
 from rpil.inference.answers import Answers
 from value import worlds
 from worlds import Array
@@ -25,6 +24,8 @@ HIGH, SURE = 0.8, 0.9
 N_QUESTIONS = 32
 LONG = 200
 """Demonstrations of a set that is asked so many questions."""
+OF_EACH = "good", "columns", "columns_within", "claimed", "log_odds"
+"""Arrays of an audit with a row for each demonstration."""
 ARM_SIZE, ARM_BAD, ARM_SEED, ARM_SEEDS = 49, 0.45, 900, 3
 """Demonstrations of an arm's set, the share of bad ones, the first seed, and how many."""
 
@@ -65,7 +66,7 @@ def by_questions(sets: list[Row], draws: int) -> list[Row]:
         most, disobeyed = [], 0
         for draw in range(draws):
             order = np.random.default_rng(draw).permutation(len(audit["good"]))
-            shuffled = audit | {name: audit[name][order] for name in ("good", "columns", "claimed", "log_odds")}
+            shuffled = audit | {name: audit[name][order] for name in OF_EACH}
             called, missed = asked(shuffled)
             most, disobeyed = [*most, called], disobeyed + missed
         what = f"{audit['name']}, {N_QUESTIONS} true answers as asked: good ones called bad at any time"
@@ -79,7 +80,7 @@ def asked(audit: Row) -> tuple[int, int]:
     good, labels = audit["good"], np.zeros(len(audit["good"]), dtype=int)
     unknown, most, disobeyed = np.flatnonzero(good < 0).tolist(), 0, 0
     for _ in range(N_QUESTIONS):
-        m = most_telling(audit["columns"], Answers.of_labels(labels), SETTINGS, 1, unknown)[0]
+        m = next_asked(audit, labels, unknown)
         labels[m] = 2 * good[m] - 1
         words = answered(audit, Answers.of_labels(labels), SETTINGS).words
         most = max(most, int(((words < 0) & (good == 1)).sum()))
@@ -132,7 +133,7 @@ def of_success(task: str, seed: int) -> tuple[list[float], Array]:
         world = worlds.make_world(task, ARM_SIZE, ARM_BAD, seed)
         audit = RPIL().fit(world.demonstrations).audit_
     good, success = world.is_good.astype(int), world.success.astype(float)
-    row = {"good": good, "columns": audit.columns, "claimed": audit.claimed}
+    row = {"good": good, "columns": audit.columns, "claimed": audit.claimed, "columns_within": audit.columns_within}
     known = Answers(np.zeros(len(good), dtype=int), np.empty((0, 2), dtype=int), success)
     found = answered(row, known, SETTINGS)
     both = 1e6 * success + audit.log_odds

@@ -71,6 +71,7 @@ def make_audit(
         "pair": (),
         "answers": Answers.of_labels(np.zeros(size, dtype=np.int64)),
         "columns": np.empty((size, 0)),
+        "columns_within": np.empty((size, 0)),
         "claimed": np.zeros(size, dtype=np.int64),
         "copy_of": np.arange(size),
         "adversary": "uniform",

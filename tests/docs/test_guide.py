@@ -40,7 +40,10 @@ def test_snippets_run(pictures):
     assert names["audit"].verdicts == tuple("typical" if expert else "unlike" for expert in good)
     proba = names["answered"].expert_proba
     assert proba[good].min() > proba[~good].max()
-    assert {word for word, expert in zip(names["answered"].verdicts, good, strict=True) if expert} <= {"good", "typical"}
+    assert {word for word, expert in zip(names["answered"].verdicts, good, strict=True) if expert} <= {
+        "good",
+        "typical",
+    }
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps

@@ -19,6 +19,7 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets)
     assert audit.ids == tuple(ids)
+    assert audit.columns_within.shape == (21, 0)
     for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
         assert [audit.verdicts[m] for m in rows] == [*part.verdicts]
         assert [audit.reasons[m] for m in rows] == [*part.reasons]

@@ -52,6 +52,30 @@ def columns_of(
     return np.column_stack([normal_scores(channels), np.clip(log_odds, -bound, bound) / bound])
 
 
+def with_group(columns: Float[Array, "M D"], is_upper: bool) -> Float[Array, "M W"]:
+    """The columns of one of two groups that was judged by itself, and before the last one the group: 1 upper, -1 other.
+
+    So answers can learn that one group is better after all.
+    """
+    return np.insert(columns, -1, 1.0 if is_upper else -1.0, axis=1)
+
+
+def learned_from(
+    columns: Float[Array, "M D"], within: Float[Array, "M W"], answers: Answers, settings: AnswerSettings
+) -> Float[Array, "M _"]:
+    """The columns from which these answers learn: those `within` two groups, where labels call members of both good, or
+    members of both bad, and all answers together have more evidence by them."""
+    if not within.shape[1]:
+        return columns
+    is_upper = within[:, -2] > 0
+    alike = (
+        (answers.labels[is_upper] == label).any() & (answers.labels[~is_upper] == label).any() for label in (1, -1)
+    )
+    return (
+        max(columns, within, key=lambda one: posterior(one, answers, settings).log_evidence) if any(alike) else columns
+    )
+
+
 def answer(
     columns: Float[Array, "M D"],
     answers: Answers,

@@ -184,6 +184,8 @@ class Posterior:
     """How often a bad demonstration ends as a good one does, and the rate of wrong answers."""
     sharpness: float
     """See `AnswerSettings`."""
+    log_evidence: float
+    """log P(answers), nats."""
 
     def proba(self, channels: Float[Array, "M C"], outcome: Float[Array, " M"] | None = None) -> Float[Array, " M"]:
         """P(good) of each demonstration; where the rank of its `outcome` is known, given how often outcomes
@@ -225,7 +227,9 @@ def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerS
     mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
     direction, luck, error = np.array(parts).T
     log_weight = evidence + np.log([prior[d] for d in direction.tolist()])
-    return Posterior(mean, covariance, log_weight - logsumexp(log_weight), luck, error, settings.sharpness)
+    total = float(logsumexp(log_weight))
+    log_evidence = total - np.log(len(chances) * len(settings.error_rates))
+    return Posterior(mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence)
 
 
 def _laplace(

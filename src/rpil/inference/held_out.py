@@ -76,8 +76,8 @@ class HeldOutModel(Protocol):
         weight `other`, where there is a scale."""
         return self.evaluate(weight, ridge).log_prob
 
-    def dealt_again(self, seed: int) -> HeldOutModel | None:
-        """The same model with other folds of demonstrations; None where it deals its own."""
+    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel | None:
+        """The same model with other folds of its demonstrations, or of other `data`; None where it deals its own."""
         return None
 
     def cold_copy(self) -> HeldOutModel:
@@ -98,8 +98,8 @@ class HeldOutSoftmax(HeldOutModel):
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
 
-    def dealt_again(self, seed: int) -> HeldOutModel:
-        return held_out_model(self.data, seed, self.settings)
+    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
+        return held_out_model(self.data if data is None else data, seed, self.settings)
 
     def cold_copy(self) -> HeldOutSoftmax:
         return HeldOutSoftmax(self.data, self.fold, self.settings)
@@ -170,8 +170,8 @@ class HeldOutRidge(HeldOutModel):
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
 
-    def dealt_again(self, seed: int) -> HeldOutModel:
-        return held_out_model(self.data, seed, self.settings)
+    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
+        return held_out_model(self.data if data is None else data, seed, self.settings)
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
         return HeldOutLogProb.centred(log_density_of_errors(self.errors(weight, ridge), weight, self.settings), weight)

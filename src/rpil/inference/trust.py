@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.inference.answered import Answered, answer, columns_of
+from rpil.inference.answered import Answered, answer, columns_of, learned_from, with_group
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
@@ -45,6 +45,8 @@ class Judgement:
     scores: Scores
     columns: Float[Array, "M D"]
     """From which answers learn, see `rpil.inference.answered.columns_of`."""
+    columns_within: Float[Array, "M W"]
+    """From which they learn where both of two groups are good, or bad, see `columns_within`."""
     states: StateScale
     claims: Claims
     answered: Answered | None
@@ -112,10 +114,8 @@ def judge(
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
-    states = StateScale.of(data, scores.fit.group, settings.channels)
-    actions = scoring.indicators()
-    described = channels(data, scores.fit.held_out.log_prob, log_ratio, actions, states, settings.channels)
-    beside = facts_beside(data, actions, states, settings.channels)
+    states, columns = described(scoring, scores)
+    beside = facts_beside(data, scoring.indicators(), states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     against = np.zeros(len(log_ratio))
     is_open = claims.is_second_way or claims.finding == "nothing could be learned"
@@ -126,9 +126,10 @@ def judge(
     shares = step_shares(data, against, settings, whole_from)
     steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares, whole_from)
     answers = Answers.of_labels(data.labels) if answers is None else answers
-    columns = columns_of(described, scores.log_odds(settings), settings.answers)
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
-    evidence = Evidence(scores, columns, states, claims, pair, missing, beside, np.arange(data.n_demonstrations))
+    within = columns_within(scoring, claims.groups, seed)
+    own = np.arange(data.n_demonstrations)
+    evidence = Evidence(scores, columns, states, claims, pair, missing, beside, own, within)
     return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
@@ -150,6 +151,38 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     return scoring.score(scoring.fit_group(upper))
 
 
+def described(scoring: Scoring, scores: Scores) -> tuple[StateScale, Float[Array, "M D"]]:
+    """What channels of states are measured by, and the columns from which answers learn."""
+    data, settings, log_prob = scoring.data, scoring.settings, scores.fit.held_out.log_prob
+    states = StateScale.of(data, scores.fit.group, settings.channels)
+    found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
+    return states, columns_of(found, scores.log_odds(settings), settings.answers)
+
+
+def columns_within(scoring: Scoring, groups: tuple[Array, Array] | None, seed: int) -> Float[Array, "M W"]:
+    """The columns from which answers learn where both of two `groups` are good, or bad: each is judged by itself, and
+    its columns are `with_group`. A demonstration of neither is better explained by the policy of the upper one.
+
+    (M, 0) where there are not two groups, or the policy deals its own folds.
+    """
+    data, settings = scoring.data, scoring.settings
+    none = np.empty((data.n_demonstrations, 0))
+    if groups is None:
+        return none
+    upper, found = ~np.isin(np.arange(data.n_demonstrations), groups[1]), dict[bool, Array]()
+    for is_upper in (True, False):
+        own = data.select(np.flatnonzero(upper == is_upper))
+        model = scoring.model.dealt_again(seed, own)
+        if model is None:
+            return none
+        within = Scoring.of(own, model, settings)
+        scores = score_by_best_group(within, np.ones(own.n_demonstrations, dtype=bool))
+        found[is_upper] = with_group(described(within, scores)[1], is_upper)
+    columns = np.empty((data.n_demonstrations, found[True].shape[1]))
+    columns[upper], columns[~upper] = found[True], found[False]
+    return columns
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What is known of M demonstrations before anything is asked."""
@@ -164,6 +197,8 @@ class Evidence:
     """Facts from which no answer learns, see `rpil.inference.facts`."""
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
+    columns_within: Float[Array, "M W"]
+    """See `columns_within`."""
 
 
 def conclude(
@@ -183,7 +218,8 @@ def conclude(
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
-        answered = answer(evidence.columns, answers, settings.answers, evidence.copy_of, claims.words)
+        columns = learned_from(evidence.columns, evidence.columns_within, answers, settings.answers)
+        answered = answer(columns, answers, settings.answers, evidence.copy_of, claims.words)
         from_answers = answered.log_odds - from_actions
         words, labels = answered.words, answers.shared(evidence.copy_of).labels
         from_demonstrator, trust = trust_by_demonstrator(
@@ -200,6 +236,7 @@ def conclude(
         from_answers=from_answers,
         scores=scores,
         columns=evidence.columns,
+        columns_within=evidence.columns_within,
         states=evidence.states,
         claims=claims,
         answered=answered,
@@ -230,7 +267,7 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
         pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
     claims, columns = judged.claims.repeated(copies), judged.columns[place]
     beside = {name: values[place] for name, values in judged.beside.items()}
-    missing = judged.missing_steps
-    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of)
+    missing, within = judged.missing_steps, judged.columns_within[place]
+    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of, within)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import match_labels, match_pairs, parse_labels
-from rpil.inference.answered import Answered, answer, most_telling
+from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.mixture.demonstrator_prior import trust_by_demonstrator
@@ -53,7 +53,8 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, I
     check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
-    found = answer(audit.columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
+    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
+    found = answer(columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
     said = known.shared(audit.copy_of).labels
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
@@ -91,10 +92,10 @@ def _is_of_groups(sentence: str) -> bool:
 
 def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
-    said = sentence_of(audit.answers, audit.copy_of)
+    said = sentence_of(audit, audit.answers)
     old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
     kept = (one for one in audit.assumptions if one not in old and not (is_decided and _is_of_groups(one)))
-    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(known, audit.copy_of))
+    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(audit, known))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
@@ -140,16 +141,18 @@ def doubts_of_answers(found: Answered, ids: Sequence[Hashable]) -> tuple[str, ..
     )
 
 
-def sentence_of(known: Answers, copy_of: Int[Array, " M"]) -> str:
-    """How many answers there are, about different demonstrations."""
-    known = known.once(copy_of) if len(known.labels) else known
+def sentence_of(audit: Judged, known: Answers) -> str:
+    """How many answers there are, about different demonstrations, and whether two groups are ranked by themselves."""
+    is_within = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers) is not audit.columns
+    known = known.once(audit.copy_of) if len(known.labels) else known
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.pairs),
         "outcomes": int(np.isfinite(known.outcome).sum()),
     }
     given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
-    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
+    within = " Labels of both groups are alike: each group is ranked by itself." if is_within else ""
+    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong.{within}"
 
 
 def is_asked(audit: Judged) -> bool:
@@ -209,6 +212,7 @@ def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     if not audit.columns.size:
         order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
         return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
-    first, known = np.unique(audit.copy_of, return_index=True)[1], merged(audit, {}, ()).once(audit.copy_of)
-    chosen = first[most_telling(audit.columns[first], known, audit.settings.answers, k)]
+    first, known = np.unique(audit.copy_of, return_index=True)[1], merged(audit, {}, ())
+    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
+    chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.answers, k)]
     return tuple(audit.ids[m] for m in chosen.tolist())

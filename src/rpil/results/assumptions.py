@@ -46,7 +46,7 @@ def assumption_sentences(
         policy,
         *audit.doubts,
         *audit.notes,
-        sentence_of(audit.answers, audit.copy_of) if audit.anchor == "answers" else NOT_USED,
+        sentence_of(audit, audit.answers) if audit.anchor == "answers" else NOT_USED,
         "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
         "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
         f"{len(audit.labelled)} labels were taken as certain."

@@ -33,6 +33,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
     step_weight="N",
     history="iterations",
     columns="M channels",
+    columns_within="M within",
     claimed="M",
     copy_of="M",
 )
@@ -100,6 +101,10 @@ class Audit(AuditResult):
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
+    columns_within : (M, W) array
+        What they learn from where labels call members of both of two groups good, or members of both bad: each group
+        judged by itself (`rpil.inference.answered.with_group`); (M, 0) where there are not two groups, and where data
+        were judged by a sample, by a policy of the user's own or within several tasks.
     claimed : (M,) int array
         What was said without answers: 1 typical, 0 nothing, -1 unlike. It stays until answers contradict it.
     copy_of : (M,) int array

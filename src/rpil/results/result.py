@@ -67,6 +67,7 @@ class AuditResult:
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
+    columns_within: Float[Array, "M W"] = field(default_factory=lambda: np.empty((0, 0)))
     claimed: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     copy_of: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     deviations: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from rpil.results.record import Audit
 
 _OF_DEMONSTRATIONS = (
     *("log_odds", "from_actions", "from_demonstrator", "from_label"),
-    *("expert_proba", "reliability", "reliability_interval", "columns", "claimed"),
+    *("expert_proba", "reliability", "reliability_interval", "columns", "columns_within", "claimed"),
 )
 _OF_STEPS = "step_log_ratio", "step_share", "step_weight"
 

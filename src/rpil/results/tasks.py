@@ -143,7 +143,7 @@ def _gathered(
         for name, column in steps.items():
             column[rows] = getattr(audit, name)
         interval[places[task]] = audit.reliability_interval
-    return columns, steps, interval
+    return columns | {"columns_within": np.empty((n, 0))}, steps, interval
 
 
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:

@@ -108,7 +108,8 @@ def judge_everyone(
     limit = at_time_limit(lengths)
     beside = {} if limit is None else {TIME_LIMIT: limit}
     missing, own = judged.missing_steps, np.arange(len(score))
-    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, own)
+    within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all
+    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, own, within)
     return conclude(
         data, evidence, answers, StepTrust(reliability, interval, none, judged.step_trust.whole_from), none, settings
     )
