@@ -18,8 +18,8 @@ N_STEPS, REACHED = 40, 0.1
 
 
 # %%
-# The expert steers in a spiral to the goal at (0, 0). In every second demonstration a gust takes the hand to the right
-# for half of the time.
+# The expert steers in a spiral to the goal at (0, 0). In every second demonstration a gust takes the hand to one side,
+# each time to another one, for half of the time.
 def expert(place: np.ndarray) -> np.ndarray:
     turn = np.array([[-0.12, 0.08], [-0.08, -0.12]])
     return place @ turn.T
@@ -29,10 +29,11 @@ rng = np.random.default_rng(0)
 states, actions, blown = [], [], []
 for m in range(30):
     place = rng.uniform(-1, 1, size=2)
-    first = rng.integers(0, N_STEPS // 2)
+    first, side = rng.integers(0, N_STEPS // 2), rng.uniform(0, 2 * np.pi)
+    gust = 0.1 * np.array([np.cos(side), np.sin(side)])
     for step in range(N_STEPS):
         is_blown = m % 2 == 1 and first <= step < first + N_STEPS // 2
-        action = expert(place) + 0.01 * rng.normal(size=2) + [0.1 * is_blown, 0]
+        action = expert(place) + 0.01 * rng.normal(size=2) + is_blown * gust
         states.append(place)
         actions.append(action)
         blown.append(is_blown)

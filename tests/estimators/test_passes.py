@@ -13,6 +13,7 @@ from problems import make, make_continuous
 from rpil import DataError, Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
+from rpil.results.words import SIDES
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import Sample
 from rpil.scale.memory import InMemory
@@ -46,7 +47,8 @@ def assert_alike(model, other, most_open=0.0, least_correlation=0.99):
     one, two = model.audit_, other.audit_
     assert one.finding == two.finding
     assert np.corrcoef(one.log_odds, two.log_odds)[0, 1] > least_correlation
-    differ = [pair for pair in zip(one.verdicts, two.verdicts, strict=True) if pair[0] != pair[1]]
+    sides = [[SIDES[word] for word in audit.verdicts] for audit in (one, two)]
+    differ = [pair for pair in zip(*sides, strict=True) if pair[0] != pair[1]]
     assert len(differ) <= most_open * len(one.ids)
     assert all("open" in pair for pair in differ)
 

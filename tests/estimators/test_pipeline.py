@@ -90,7 +90,8 @@ def test_user_policy_scores_demonstrations_as_it_judged_them():
         assert ((again > 0) == (model.audit_.log_odds > 0)).all()
     toy = make_continuous("random", 0, n_good=8, n_bad=6, steps=(40, 60))
     far = Demonstrations.from_arrays(toy.observations, 50 * toy.actions, toy.offsets, toy.ids)
-    model = RPIL(policy=Ridge()).fit(far)
+    labels = {name: "good" if m < 8 else "bad" for m, name in enumerate(far.ids)}  # without them it says two groups
+    model = RPIL(policy=Ridge()).fit(far, labels=labels)
     assert ((model.score_demonstrations(far) > 0) == (model.audit_.log_odds > 0)).all()
 
 
