@@ -94,8 +94,8 @@ def test_after_two_answers_demonstrations_weigh_by_p_good_and_steps_as_far_as_th
 
 def test_who_scores_neither_high_nor_low_is_not_in_the_training_group():
     audit = make_audit(("open",) * 3, labels={0: 1, 2: -1}, anchor="answers")
-    audit = replace(audit, expert_proba=np.array([0.9, 0.5, 0.1]), from_actions=np.array([2.0, 0.0, -1.0]))
-    assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.5 + 0.1) / 2)
+    audit = replace(audit, expert_proba=np.array([0.9, 0.4, 0.1]), from_actions=np.array([2.0, 0.0, -1.0]))
+    assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.4 + 0.1) / 2)
 
 
 def test_an_audit_that_knows_of_no_answers_weighs_as_one_without_answers():
