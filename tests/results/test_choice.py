@@ -260,10 +260,19 @@ def test_a_choice_as_lists_and_lines():
     assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", "[1]", '[{"id": 1, "verdict": "typical"}, {"id": 2}]'])
-def test_files_that_are_no_verdicts_are_refused(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the file is empty"),
+        ("[]", r"cannot be read as JSON \(IndexError"),
+        ("{", r"cannot be read as JSON \(JSONDecodeError"),
+        ("[1]", "it must hold one object"),
+        ('[{"id": 1, "verdict": "typical"}, {"id": 2}]', r"cannot be read as JSON \(KeyError: 'verdict'"),
+    ],
+)
+def test_files_that_are_no_verdicts_are_refused(tmp_path, text, said):
     (tmp_path / "v.json").write_text(text)
-    with pytest.raises(DataError, match=r"v\.json"):
+    with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
         read_verdicts(tmp_path / "v.json")
 
 
