@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import runpy
 from pathlib import Path
 
@@ -52,8 +53,42 @@ def test_each_mutant_is_another_program_and_the_source_stays():
 def test_equivalent_mutants_exist_and_are_explained():
     for name, why in TOOL["EQUIVALENT"].items():
         module = name.partition(": ")[0]
-        source = (TOOL["ROOT"] / "src" / "rpil" / "inference" / f"{module}.py").read_text()
+        source = TOOL["path_of"](module).read_text()
         code = source.splitlines()
         every = {f"{module}: {code[line - 1].strip()}: {old} -> {new}" for line, old, new, _ in TOOL["mutants"](source)}
         assert name in every
         assert why.endswith(".")
+
+
+def test_each_module_has_its_own_tests_and_those_beside():
+    tests, named = TOOL["ROOT"] / "tests", {}
+    for module in TOOL["ROOMS"]:
+        assert TOOL["path_of"](module).is_file()
+        files = [name for name in TOOL["tests_of"](module) if name.endswith(".py")]
+        named[module] = [Path(name).relative_to(tests).as_posix() for name in files]
+        assert all(map(Path.is_file, map(Path, files)))
+    assert named["choice"] == ["results/test_choice.py", "cli/test_keep_rules.py"]
+    assert named["trust"] == ["inference/test_trust.py"]
+    assert {"inference/test_claims.py", "inference/test_trust.py"} <= {*named["claims"]}
+    assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
+
+
+@pytest.mark.parametrize("module", ["claims", "tasks"])
+def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
+    """The copy in which the tests run holds the changed module, and the library elsewhere."""
+
+    def run(folder, tests):
+        own = TOOL["path_of"](module, Path(folder) / "rpil")
+        files = [path for path in own.parent.glob("*.py") if path != own]
+        assert len(files) > 5
+        assert all(path.read_text() == TOOL["path_of"](module).with_name(path.name).read_text() for path in files)
+        assert tests == TOOL["tests_of"](module)
+        seen.append(own.read_text())
+
+    seen = []
+    monkeypatch.setattr(os, "fork", lambda: 0)  # the tests would run in the child
+    for name, value in (("run", run), ("waited", lambda child: child)):
+        monkeypatch.setitem(TOOL["passes"].__globals__, name, value)
+    for source in ("x = 1", None):
+        assert TOOL["passes"](module, source)
+    assert seen == ["x = 1", TOOL["path_of"](module).read_text()]

@@ -1,19 +1,19 @@
-"""Changes the judge in small ways, and counts the changes that the tests see.
+"""Changes the judge, and what follows from its words, in small ways, and counts the changes that the tests see.
 
 Usage
 -----
-``python tools/mutants.py`` makes 40 random mutants of each module of `MODULES`, runs the tests of the module and of the
-judge on each, and prints the survivors, by line, and the share that was killed. ``--modules claims,answers``,
-``--sample N`` (0 for all), ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
+``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
+survivors, by line, and the share that was killed. ``--modules claims,answers``, ``--sample N`` (0 for all),
+``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
 Notes
 -----
 A mutant has one change: a comparison, an operator of arithmetic or logic, `min` for `max` or `any` for `all`, a number
 one larger or twice as large, a negation left out, or a result that is replaced by None or turned round. Docstrings,
 annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder, and
-is killed where ``pytest -x`` fails on ``tests/inference/test_MODULE*.py`` and ``tests/inference/test_trust.py`` or
-takes longer than `SECONDS`. These run in a fork of a process that has imported the libraries of others, but nothing of
-rpil: most of the time would be spent on that. The tests must pass on the library as it is.
+is killed where ``pytest -x`` fails on ``tests/ROOM/test_MODULE*.py`` and the file of `MORE_TESTS`, or takes longer than
+`SECONDS`; slow tests of `results` are left out. These run in a fork of a process that has imported the libraries of
+others, but nothing of rpil: most of the time would be spent on that. The tests must pass on the library as it is.
 
 Some mutants are no faults. `EQUIVALENT` holds them, and says why.
 """
@@ -37,7 +37,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
-MODULES = ("claims", "answers", "answered", "rivals", "trust", "groups")
+JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
+ACTS = ("step_weights", "choice", "answering", "tasks")
+ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results")
+"""The modules that are changed, and their rooms."""
+MORE_TESTS = dict.fromkeys(JUDGE, "inference/test_trust.py") | {
+    "step_weights": "scale/test_fit.py",
+    "choice": "cli/test_keep_rules.py",
+    "tasks": "estimators/test_within_tasks.py",
+}
+"""Tests of a module beside those of its name."""
 GOAL = 0.9
 SECONDS = 120
 
@@ -172,17 +181,28 @@ def short(node: ast.AST) -> str:
     return ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
 
 
+def path_of(module: str, library: Path = ROOT / "src" / "rpil") -> Path:
+    """The file of a module."""
+    return library / ROOMS[module] / f"{module}.py"
+
+
+def tests_of(module: str) -> list[str]:
+    """What pytest is told to run for a module."""
+    tests = ROOT / "tests"
+    more = [tests / MORE_TESTS[module]] if module in MORE_TESTS else []
+    files = dict.fromkeys([*sorted((tests / ROOMS[module]).glob(f"test_{module}*.py")), *more])
+    return [*map(str, files), *["-m", "not slow"] * (module in ACTS)]
+
+
 def passes(module: str, source: str | None) -> bool:
     """Whether the tests pass on the library, with another source of the module."""
-    tests = sorted((ROOT / "tests" / "inference").glob(f"test_{module}*.py"))
-    tests += [ROOT / "tests" / "inference" / "test_trust.py"] * (module != "trust")
     with TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "src" / "rpil", Path(folder) / "rpil", ignore=shutil.ignore_patterns("__pycache__"))
         if source is not None:
-            (Path(folder) / "rpil" / "inference" / f"{module}.py").write_text(source)
+            path_of(module, Path(folder) / "rpil").write_text(source)
         child = os.fork()
         if child == 0:
-            run(folder, [str(path) for path in tests])
+            run(folder, tests_of(module))
         return waited(child) == 0
 
 
@@ -220,7 +240,7 @@ def waited(child: int) -> int:
 def main() -> None:
     """Print the survivors of each module and the share that was killed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--modules", default=",".join(MODULES))
+    parser.add_argument("--modules", default=",".join(ROOMS))
     parser.add_argument("--sample", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
@@ -230,7 +250,7 @@ def main() -> None:
     killed = total = 0
     with ThreadPoolExecutor(chosen.jobs) as pool:
         for module in chosen.modules.split(","):
-            source = (ROOT / "src" / "rpil" / "inference" / f"{module}.py").read_text()
+            source = path_of(module).read_text()
             if not passes(module, None):
                 sys.exit(f"The tests of {module} fail on the library as it is.")
             every = mutants(source)

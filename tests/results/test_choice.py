@@ -217,6 +217,16 @@ def test_words_of_the_first_version_are_read_and_unknown_ones_refused():
             choose(table | {"max_unlike": [number] * 3}, SETTINGS)
 
 
+@pytest.mark.parametrize(
+    ("column", "asked"),
+    [("verdict", Asked()), ("label", Asked()), ("label", Asked(share=0.5)), ("label", Asked(at_least=0.5))],
+)
+def test_a_table_with_a_longer_column_is_refused(column, asked):
+    """No row is left out in silence."""
+    with pytest.raises(ValueError, match="longer"):
+        choose(TABLE | {column: ["open"] * 6}, SETTINGS, asked)
+
+
 def test_labels_are_verdicts(tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n3,good\n4,bad\n5,expert\n")
     (tmp_path / "labels.json").write_text(json.dumps({"3": "good", "4": "bad", "5": "good"}))
@@ -250,10 +260,19 @@ def test_a_choice_as_lists_and_lines():
     assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", "[1]", '[{"id": 1, "verdict": "typical"}, {"id": 2}]'])
-def test_files_that_are_no_verdicts_are_refused(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the file is empty"),
+        ("[]", r"cannot be read as JSON \(IndexError"),
+        ("{", r"cannot be read as JSON \(JSONDecodeError"),
+        ("[1]", "it must hold one object"),
+        ('[{"id": 1, "verdict": "typical"}, {"id": 2}]', r"cannot be read as JSON \(KeyError: 'verdict'"),
+    ],
+)
+def test_files_that_are_no_verdicts_are_refused(tmp_path, text, said):
     (tmp_path / "v.json").write_text(text)
-    with pytest.raises(DataError, match=r"v\.json"):
+    with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
         read_verdicts(tmp_path / "v.json")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
+from rpil.inference.answers import Answers
 from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weights_of, why_equal
 
 LENGTHS = np.array([2, 1, 1])
@@ -59,6 +60,15 @@ def test_else_all_demonstrations_weigh_the_same_and_the_reason_is_said(changes):
     assert reason in why_equal(audit)
 
 
+@pytest.mark.parametrize(
+    ("mean", "is_equal"),
+    [((0.5, 0.476), True), ((0.5, 0.474), False), ((1.8, 1.72), True), ((1.8, 1.70), False), ((0.0, 0.0), True)],
+)
+def test_mean_weights_are_the_same_within_a_twentieth_of_the_largest(mean, is_equal):
+    audit = make_audit(("open",) * 2, finding="in doubt", lengths=[2, 3], step_weight=np.repeat(mean, [2, 3]))
+    assert bool(why_equal(audit)) is is_equal
+
+
 def test_between_two_groups_no_step_is_evidence():
     groups = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4))}
     np.testing.assert_array_equal(shared(make_audit(("open",) * 5, **groups)).step_weight, 1.0)
@@ -80,6 +90,20 @@ def test_after_two_answers_demonstrations_weigh_by_p_good_and_steps_as_far_as_th
     assert of_demonstrations(replace(audit, from_actions=-from_actions))[1] == pytest.approx(-0.7)
     # Once the ranking is right, no bad demonstration weighs more than a good one.
     assert in_mean(audit)[:2].min() > in_mean(audit)[2:].max()
+
+
+def test_who_scores_neither_high_nor_low_is_not_in_the_training_group():
+    audit = make_audit(("open",) * 3, labels={0: 1, 2: -1}, anchor="answers")
+    audit = replace(audit, expert_proba=np.array([0.9, 0.4, 0.1]), from_actions=np.array([2.0, 0.0, -1.0]))
+    assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.4 + 0.1) / 2)
+
+
+def test_an_audit_that_knows_of_no_answers_weighs_as_one_without_answers():
+    audit = make_audit()
+    for found, expected in zip(
+        of_demonstrations(replace(audit, answers=Answers.none())), of_demonstrations(audit), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_without_two_groups_steps_are_no_evidence_after_answers():

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from audits import make_audit, make_traces
-from rpil.results.tasks import ALONE, join_audits, split_by_task
+from rpil.inference.answers import Answers
+from rpil.results.record import Demonstrator, Interval
+from rpil.results.tasks import ALONE, join_audits, split_by_task, with_labels_alone
+
+IDS = (0, "a", 1, "b", "c")
+PLACES = {"one": [0, 2], "other": [1, 3], "alone": [4]}
+
+
+def joined(one=None, other=None, what="tasks"):
+    """The audit of two tasks of two demonstrations each, of one and three steps, and of one that is alone."""
+    steps = {"verdicts": ("open",) * 2, "lengths": [1, 3]}
+    parts = {"one": make_audit(**(steps | (one or {}))), "other": make_audit(**(steps | {"ids": "ab"} | (other or {})))}
+    return join_audits(parts, PLACES, IDS, np.array([0, 1, 2, 5, 8, 10]), what)
 
 
 def test_each_demonstration_keeps_what_its_own_task_says():
@@ -56,23 +68,14 @@ def test_unlike_ones_are_kept_until_their_own_task_has_two_answers(counts, n_kep
 
 
 def test_facts_stay_with_their_tasks():
-    steps = {"lengths": [1, 1]}
-    one = make_audit(
-        ("open",) * 2, **steps, beside={"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
-    )
-    other = make_audit(("open",) * 2, **steps, ids="ab", beside={"dynamics": np.array([0.25, 0.75])})
-    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
-    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    one = {"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
+    audit = joined({"beside": one}, {"beside": {"dynamics": np.array([0.25, 0.75])}})
     assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
 
 
 def test_traces_stay_with_their_demonstrations():
-    steps = {"lengths": [1, 1]}
-    one = make_audit(("open",) * 2, **steps, traces={1: make_traces(1)})
-    other = make_audit(("open",) * 2, **steps, ids="ab", traces={"a": make_traces(1, seed=1)})
-    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
-    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
-    assert audit.traces == {**one.traces, **other.traces}
+    one, other = {1: make_traces(3)}, {"a": make_traces(1, seed=1)}
+    assert joined({"traces": one}, {"traces": other}).traces == {**one, **other}
 
 
 def test_without_any_audit_nothing_is_known():
@@ -83,13 +86,109 @@ def test_without_any_audit_nothing_is_known():
 
 
 def test_copies_and_notes_keep_their_tasks():
-    steps, same = {"lengths": [1, 1]}, "One demonstration is a copy of 1 other: each is judged once."
-    one = make_audit(("open",) * 2, **steps, notes=(same, "Part 3 rests."), copy_of=np.array([0, 0]))
-    other = make_audit(("open",) * 2, **steps, ids="ab", notes=(same,), copy_of=np.array([0, 0]))
-    places = {"one": [0, 2], "other": [1, 3], "alone": [4]}
-    audit = join_audits({"one": one, "other": other}, places, [0, "a", 1, "b", "c"], np.arange(6))
+    same = "One demonstration is a copy of 1 other: each is judged once."
+    copies = {"copy_of": np.array([0, 0]), "notes": (same,)}
+    audit = joined(copies | {"notes": (same, "Part 3 rests.")}, copies)
     assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
     assert audit.notes == (same, "one: Part 3 rests.")
+
+
+def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
+    """A demonstration that is alone is in the middle of each column, of which all tasks have the same."""
+    one = {"claimed": np.array([1, -1]), "columns": np.array([[1.0, 2.0], [3.0, 4.0]])}
+    audit = joined(one, {"claimed": np.array([-1, 1]), "columns": np.array([[5.0, 6.0], [7.0, 8.0]])})
+    assert audit.claimed.tolist() == [1, -1, -1, 1, 0]
+    assert audit.columns.tolist() == [[1, 2], [5, 6], [3, 4], [7, 8], [0, 0]]
+    assert join_audits({}, {"": [0]}, [0], np.arange(2)).columns.shape == (1, 0)
+
+
+def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
+    one = Answers(np.array([1, 0]), np.array([[1, 0]]), np.array([np.nan, 2.0]))
+    other = Answers(np.array([0, -1]), np.array([[0, 1]]), np.array([0.5, np.nan]))
+    answers = joined({"answers": one}, {"answers": other}).answers
+    assert answers.labels.tolist() == [1, 0, 0, -1, 0]
+    assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
+    np.testing.assert_array_equal(answers.outcome, [np.nan, 0.5, 2.0, np.nan, np.nan])
+
+
+@pytest.mark.parametrize("is_known", [False, True])
+def test_deviations_are_kept_where_some_are_known(is_known):
+    audit = joined({"deviations": ("It drops.", "") if is_known else ("", "")}, {"deviations": ()})
+    assert audit.deviations == (("It drops.", "", "", "", "") if is_known else ())
+
+
+def test_of_a_demonstration_that_is_alone_nothing_is_known():
+    audit = joined()
+    for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed"):
+        assert getattr(audit, name)[4] == 0
+    assert (audit.expert_proba[4], audit.reliability[4], *audit.reliability_interval[4]) == (0.5, 0.5, 0, 1)
+    for name, nothing in (("step_log_ratio", 0.0), ("step_share", 0.5), ("step_weight", 1.0)):
+        assert getattr(audit, name)[8:].tolist() == [nothing] * 2
+    assert (audit.history.shape, audit.sessions, audit.within) == ((0,), (), "tasks")
+    assert joined(what="sessions").within == "sessions"
+
+
+def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():
+    opposed = {"identifiable": False, "competing": (("a",), ("b",)), "pair": ("a", "b")}
+    audit = joined({}, opposed)
+    assert (audit.identifiable, audit.competing, audit.pair) == (False, (("a",), ("b",)), ("a", "b"))
+    assert joined({"pair": (1, 0)}, opposed).pair == (1, 0)
+    audit = joined()
+    assert (audit.identifiable, audit.competing, audit.pair) == (True, (), ())
+
+
+def test_the_finding_that_says_most_and_an_anchor_that_all_share():
+    audit = joined({"finding": "in doubt"}, {"finding": "two groups"})
+    assert (audit.finding, audit.anchor) == ("two groups", "none")
+    assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
+    assert joined({"anchor": "answers"}, {}).anchor == "none"
+
+
+def test_demonstrators_doubts_and_contradictions_of_all_tasks():
+    who = [Demonstrator(name, None, (first,)) for name, first in (("Ann", 0), ("Bob", "b"))]
+    one = {"demonstrators": (who[0],), "doubts": ("Few.", "Slow."), "contradicting": (1,), "adversary": "fitted"}
+    audit = joined(one, {"demonstrators": (who[1],), "doubts": ("Few.", "Late."), "contradicting": ("a",)})
+    assert audit.demonstrators == tuple(who)
+    assert (audit.doubts, audit.contradicting, audit.adversary) == (("Few.", "Slow.", "Late."), (1, "a"), "fitted")
+
+
+def test_the_prior_is_the_mean_over_demonstrations():
+    one = make_audit(("open",), lengths=[1], prior=Interval(0.1, 0.0, 0.2))
+    three = make_audit(("open",) * 3, lengths=[1] * 3, prior=Interval(0.5, 0.4, 0.8))
+    prior = join_audits({"one": one, "three": three}, {"one": [0], "three": [1, 2, 3]}, range(4), np.arange(5)).prior
+    assert (prior.mean, prior.low, prior.high) == pytest.approx((0.4, 0.3, 0.65))
+    assert join_audits({}, {"": [0]}, [0], np.arange(2)).prior == Interval(0.5, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "sessions", "places"),
+    [
+        ({}, (), {"": [0, 1, 2]}),
+        ({"0": "lift", "1": "lift", "2": "lift"}, (), {"lift": [0, 1, 2]}),
+        ({"0": "lift", "2": "lift"}, (), {"lift": [0, 2], "": [1]}),
+        ({}, ("Ann", "Bob", "Ann"), {"Ann": [0, 2], "Bob": [1]}),
+        ({"0": "lift", "1": "lift", "2": "lift"}, ("Ann", "Ann", "Bob"), {"Ann": [0, 1], "Bob": [2]}),
+        ({"0": "lift", "1": "lift"}, ("Ann", "Bob", "Bob"), {"lift, Ann": [0], "lift, Bob": [1], "no task, Bob": [2]}),
+    ],
+)
+def test_the_names_of_tasks_and_sessions(tasks, sessions, places):
+    """A session is named alone where there is one task."""
+    assert split_by_task([0, 1, 2], tasks, sessions) == places
+
+
+@pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1), ("", 0)])
+def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_as_an_answer_is(label, sign):
+    before = joined({"labels": {0: 1}})
+    audit = with_labels_alone(before, [4], {"c": label, "a": "bad"} if label else {"a": "bad"})
+    odds = 1e6 - 1  # P(good) is 1 - 1e-6 (`AnswerSettings.min_proba_bound`)
+    assert audit.log_odds[4] == audit.from_label[4] == pytest.approx(sign * np.log(odds))
+    assert audit.expert_proba[4] == pytest.approx({1: odds / (1 + odds), 0: 0.5, -1: 1 / (1 + odds)}[sign])
+    assert audit.step_weight[8:] == pytest.approx([1.0 if not sign else audit.expert_proba[4]] * 2)
+    assert (audit.verdicts[4], audit.reasons[4]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
+    assert audit.answers.labels.tolist() == [1, 0, 0, 0, sign]
+    for name in ("log_odds", "from_label", "expert_proba", "verdicts", "reasons"):  # those of tasks stay
+        assert list(getattr(audit, name)[:4]) == list(getattr(before, name)[:4])
+    np.testing.assert_array_equal(audit.step_weight[:8], before.step_weight[:8])
 
 
 def test_a_note_names_five_tasks_at_most():

@@ -158,8 +158,8 @@ def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
 
 
 def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
-    """The columns of all tasks, which are ranks within each; 0 for a demonstration without a task."""
-    columns = np.zeros((n, max((audit.columns.shape[1] for audit in audits.values()), default=0)))
+    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged."""
+    columns = np.zeros((n, next((audit.columns.shape[1] for audit in audits.values()), 0)))
     for task, audit in audits.items():
         columns[places[task]] = audit.columns
     return columns

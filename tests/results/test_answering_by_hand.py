@@ -1,0 +1,196 @@
+"""Answers to made-up audits: what is known without them, what is asked, and the words, by hand."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from audits import make_audit
+from rpil import DataError
+from rpil.inference.answered import Answered, Lone
+from rpil.inference.answers import Answers
+from rpil.inference.findings import FINDINGS
+from rpil.results.answering import NOT_USED, doubts_of_answers, stretch_of, verdicts_of, where_to_look
+from rpil.results.groups import SECOND_WAY, TWO_GROUPS
+from rpil.results.record import Demonstrator
+from rpil.results.words import WORDS
+
+OF_GROUPS, OF_ALL = f"{TWO_GROUPS}A has 3 demonstrations and B 3.", "Part 3 rests."
+COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
+"""From which the first demonstrations seem good."""
+
+
+def two_groups(**changes):
+    """Six demonstrations, of which the first three are one group and the others another."""
+    known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
+    said = FINDINGS["two groups"], WORDS["none"].explanation, OF_GROUPS, SECOND_WAY, OF_ALL, "Slow.", NOT_USED
+    known |= {"notes": (OF_GROUPS, SECOND_WAY, OF_ALL), "doubts": ("Slow.",), "assumptions": said}
+    return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
+
+
+def sentence(counts):
+    return f"P(good) is learned from {counts}, each of which may be wrong."
+
+
+def test_two_groups_are_told_until_a_second_answer():
+    audit, words = two_groups(), (FINDINGS["answered"], WORDS["answers"].explanation)
+    one = audit.answered({0: "good"})
+    assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
+    assert one.assumptions == (*words, OF_GROUPS, SECOND_WAY, OF_ALL, sentence("1 label"))
+    for two in (audit.answered({0: "good", 3: "bad"}), one.answered({3: "bad"})):
+        assert (two.identifiable, two.competing, two.notes) == (True, (), (OF_ALL,))
+        assert two.assumptions == (*words, OF_ALL, sentence("2 labels"))
+    assert two_groups(identifiable=True).answered({0: "good"}).identifiable
+
+
+@pytest.mark.parametrize(
+    ("labels", "pairs", "outcome", "counts"),
+    [
+        ({0: "good"}, [], [], "1 label"),
+        ({}, [(0, 3)], [], "1 pair"),
+        ({}, [(0, 3), (1, 4)], [], "2 pairs"),
+        ({0: "good", 1: "good"}, [(0, 3)], [1.0], "2 labels, 1 pair, 1 outcome"),
+        ({0: "good"}, [], [0.0, 1.0], "1 label, 2 outcomes"),
+    ],
+)
+def test_answers_are_counted(labels, pairs, outcome, counts):
+    """Outcomes are those of the last demonstrations; they stay when answers come."""
+    known = Answers.of_labels(np.zeros(6, dtype=np.int64))
+    known.outcome[6 - len(outcome) :] = outcome
+    audit = two_groups(answers=known).answered(labels, pairs)
+    assert audit.assumptions[-1] == sentence(counts)
+    np.testing.assert_array_equal(audit.answers.outcome, known.outcome)
+    assert audit.answers.pairs.tolist() == [list(pair) for pair in pairs]
+    assert audit.answers.labels.tolist() == [int(m in labels) for m in range(6)]
+
+
+def test_an_audit_that_knows_of_no_answers_is_answered_as_one_without_answers():
+    none, audit = two_groups(answers=Answers.none()), two_groups()
+    assert none.suggest_labels(2) == audit.suggest_labels(2)
+    found, expected = none.answered({0: "good", 3: "bad"}), audit.answered({0: "good", 3: "bad"})
+    np.testing.assert_array_equal(found.log_odds, expected.log_odds)
+    assert found.assumptions == expected.assumptions
+    assert found.answers.labels.tolist() == [1, 0, 0, -1, 0, 0]
+
+
+def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
+    """Ann has one demonstration that seems good, and others that are labelled bad."""
+    columns = np.repeat([1.0, 0.8, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
+    people = Demonstrator("Ann", None, (1, *range(6, 12))), Demonstrator("Bob", None, (0, *range(2, 6)))
+    labels = dict.fromkeys(range(2, 6), "good") | dict.fromkeys(range(6, 12), "bad")
+    audit = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns)
+    alone = audit.answered(labels)
+    of_ann = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns, demonstrators=people).answered(labels)
+    np.testing.assert_allclose(sum(of_ann.evidence.values()), of_ann.log_odds)
+    assert (alone.verdicts[1], of_ann.verdicts[1], of_ann.verdicts[0]) == ("good", "open", "good")
+    assert alone.log_odds[1] > 0 > of_ann.log_odds[1]
+    assert of_ann.log_odds[1] == alone.log_odds[1] + of_ann.from_demonstrator[1]
+    assert [one.name for one in of_ann.demonstrators] == ["Bob", "Ann"]
+
+
+def test_words_of_answers_stand_above_those_that_stay():
+    words, stays = np.array([1, 1, 0, 0, 0, -1, -1]), np.array([0, -1, 1, 0, -1, 1, 0])
+    found = verdicts_of(words, "answers", stays)
+    assert found == ("good", "good", "typical", "open", "unlike", "bad", "bad")
+    assert verdicts_of(np.array([1, 0, -1]), "none") == ("typical", "open", "unlike")
+    assert verdicts_of(np.array([1, 0, -1]), "answers") == ("good", "open", "bad")
+
+
+def test_doubts_of_answers():
+    odds, none = np.zeros(4), np.zeros(4, dtype=int)
+    lone = Lone((1,), 3, 1_200), Lone((0, 2), 1, 30)
+
+    def doubts(count, *lone):
+        return doubts_of_answers(Answered(odds, none, none, none[:0], lone, count), "abcd")
+
+    assert ["One answer is not enough" in doubt for doubt in doubts(1, *lone)] == [True]
+    assert doubts(2) == ()
+    assert doubts(2, *lone) == (
+        "The answer about b alone would change 1,200 words, and changes none before another answer agrees: look at it "
+        "again, and label d.",
+        "The answer about a and c alone would change 30 words, and changes none before another answer agrees: look at "
+        "it again, and label b.",
+    )
+
+
+def asking(ratio=(), **changes):
+    """Two demonstrations of ten steps, of which the second one's log-ratios are 1 but for those of `ratio`."""
+    steps = np.ones(20)
+    for step, value in ratio:
+        steps[10 + step] = value
+    made = {"verdicts": ("typical", "unlike"), "lengths": [10, 10], "step_log_ratio": steps, "pair": (0, 1)}
+    return make_audit(**(made | changes))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "look_at", "where", "seconds"),
+    [
+        ([(4, -6.0)], [4, 4], "step 4", "0.4 to 0.5 s"),
+        ([(4, -6.0), (5, -6.0), (6, -6.0)], [4, 6], "steps 4 to 6", "0.4 to 0.7 s"),
+        ([(0, -60.0), (1, -np.inf)], [0, 1], "steps 0 to 1", "0.0 to 0.2 s"),
+        # -60 is no more than -50: else the steps between would be a part of the stretch.
+        ([(1, -60.0), (2, 40.0), (3, 15.0), (4, -50.0)], [1, 1], "step 1", "0.1 to 0.2 s"),
+        ([(4, -4.9)], None, "", ""),
+    ],
+)
+def test_where_to_look(ratio, look_at, where, seconds):
+    audit = asking(ratio)
+    assert stretch_of(audit, 0) is None
+    assert stretch_of(audit, 1) == look_at
+    assert where_to_look(audit, 1) == (f"1 (look at {where})" if where else "1")
+    assert where_to_look(audit, 1, 10.0) == (f"1 (look at {where}, {seconds})" if where else "1")
+
+
+def test_nothing_is_to_see_where_steps_are_not_kept():
+    kept = {"step_log_ratio": np.empty(0), "step_share": np.empty(0), "step_weight": np.empty(0)}
+    assert stretch_of(asking(**kept), 1) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_asked"),
+    [
+        ({}, True),
+        ({"finding": "two groups"}, True),
+        ({"finding": "nothing could be learned"}, False),
+        ({"pair": ()}, False),
+        ({"pair": (), "finding": "nothing could be learned"}, False),
+        ({"labels": {0: 1}}, False),  # as of tasks, of which one has answers
+        ({"anchor": "answers"}, False),
+        ({"anchor": "answers", "labels": {0: 1}}, False),
+    ],
+)
+def test_the_pair_is_asked_about_before_any_answer(changes, is_asked):
+    text = "Which is better: 0 or 1 (look at step 4)?"
+    audit = asking([(4, -6.0)], **changes)
+    asked = audit.to_dict()["question"]
+    assert (audit.question, asked and asked["text"]) == ((text, text) if is_asked else (None, None))
+    if is_asked:
+        assert json.loads(json.dumps(asked)) == {"pair": [0, 1], "look_at": [None, [4, 4]], "text": text}
+
+
+@pytest.mark.parametrize(
+    ("log_odds", "order"),
+    [
+        ([0.3, -5, 9], [0, 1, 2]),
+        ([7, 1, 3, 2, -1], [3, 1, 2, 0, 4]),
+        ([4, 3, 2, 1], [1, 2, 0, 3]),  # those as near are in the order of the data
+        ([8, 1, 7, 2, 6, 3, 5, 4], [6, 7, 4, 5, 2, 3, 0, 1]),
+    ],
+)
+def test_without_columns_those_nearest_to_the_middle_are_asked_first(log_odds, order):
+    audit = make_audit(("open",) * len(log_odds), log_odds=np.array(log_odds, dtype=float))
+    assert audit.suggest_labels(len(order)) == tuple(order)
+    assert audit.suggest_labels(1) == (order[0],)
+    with pytest.raises(DataError, match="k=0 labels cannot be suggested; ask for one at least"):
+        audit.suggest_labels(0)
+    labelled = make_audit(("open",) * len(order), log_odds=np.array(log_odds, dtype=float), labels={order[0]: -1})
+    assert labelled.suggest_labels(9) == tuple(order[1:])
+
+
+def test_of_copies_the_first_is_suggested_and_none_of_a_labelled_one():
+    copy_of, columns = np.array([0, 0, 2, 3, 2, 5]), COLUMNS[[0, 0, 2, 3, 2, 5]]
+    audit = two_groups(copy_of=copy_of, columns=columns)
+    assert {*audit.suggest_labels(9)} == {0, 2, 3, 5}
+    assert {*two_groups(copy_of=copy_of, columns=columns, labels={4: 1}).suggest_labels(9)} == {0, 3, 5}
