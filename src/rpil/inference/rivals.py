@@ -126,7 +126,7 @@ class OwnPolicy:
         limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
         few, is_lower = _sample(data, upper, lower, limits.max_steps)
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
-        few = replace(few, features=features.design(few.features))
+        few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
         folds = replace(settings.held_out, max_folds_continuous=settings.held_out.max_folds_discrete)  # many columns
         model = held_out_model(few, 0, folds)
 
