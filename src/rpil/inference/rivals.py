@@ -28,6 +28,10 @@ from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
 
 
+MAX_ENTRIES = 160_000
+"""Of the features from which policies that can bend learn, of either group: they bound the memory."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lower:
     """The demonstrations below the upper group, against those in it."""
@@ -124,10 +128,12 @@ class OwnPolicy:
     ) -> OwnPolicy:
         """Fitted to a sample of the demonstrations, where the groups have many steps."""
         limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
-        few, is_lower = _sample(data, upper, lower, limits.max_steps)
+        few, is_lower = _sample(data, upper, lower, min(limits.max_steps, MAX_ENTRIES // data.features.shape[1]))
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
-        folds = replace(settings.held_out, max_folds_continuous=settings.held_out.max_folds_discrete)  # many columns
+        # Few folds: the columns are many, and a softmax policy keeps a matrix of their squares for each fold.
+        several = settings.held_out.max_folds_discrete
+        folds = replace(settings.held_out, max_folds_continuous=several, max_folds_discrete=2)
         model = held_out_model(few, 0, folds)
 
         def own_gains(group: Array) -> Array:

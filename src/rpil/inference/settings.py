@@ -149,7 +149,7 @@ class RivalSettings:
     min_own_gain: float = 1 / 3
     """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
     which they may be a second way. benchmarks/claims.py prints it of every set."""
-    max_steps: int = 4_000
+    max_steps: int = 10_000
     """Steps of either group from which such policies learn, at most."""
 
     def __post_init__(self) -> None:
