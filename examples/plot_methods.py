@@ -1,10 +1,10 @@
 """
-Sessions, and methods compared
-==============================
+Sessions, and rankings compared
+===============================
 
 On the second of three days the zero of a joint was set anew. Everybody of that day is then unlike the others, and
 nobody is to blame. `audit.plot.sessions()` shows it; judged within each day, the demonstrations that are really bad are
-found. `rpil.compare_methods` counts how well, because here it is known who is good.
+found. The area under the ROC curve says how well, because here it is known who is good.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow as pa
+from sklearn.metrics import roc_auc_score
 
 import rpil
 
@@ -46,11 +47,11 @@ within.plot.sessions(ax=axes[1])
 plt.show()
 
 # %%
-# Methods compared on the demonstrations of one day, with the truth, which no method sees.
+# Rankings compared on the demonstrations of one day, with the truth, which no method sees.
 monday = rpil.read(table.filter(pa.array(day == 0)), exclude="day")
-methods = {"RPIL": rpil.RPIL(), "RM-ENT, told how many": rpil.RMEnt(17), "all alike": rpil.BehavioralCloning()}
-found = rpil.compare_methods(methods, monday, truth=is_good[:20], backend="pyarrow")
-for row in found.to_pylist():
-    print(
-        f"{row['method']:22} AUROC {row['auroc']:.2f}; {row['right']} right, {row['wrong']} wrong, {row['open']} open"
-    )
+scores = {
+    "RPIL": rpil.RPIL().fit(monday).audit_.log_odds,
+    "RM-ENT, told how many": rpil.RMEnt(17).fit(monday).log_likelihood_,
+}
+for name, score in scores.items():
+    print(f"{name:22} AUROC {roc_auc_score(is_good[:20], score):.2f}")

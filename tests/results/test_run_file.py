@@ -120,7 +120,6 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("command", "rpil audit x.csv --scheduler=tcp://evil.example:8786"),
         ("command", "rpil evaluate x.py:f --env CartPole-v1"),
         ("command", "rpil keep x.csv -o x.csv"),
-        ("command", "rpil --install-completion bash"),
         ("command", "rpil"),
         ("command", "rpil audit x.csv; ~/evil"),
         ("command", "rpil audit ~/$(evil)"),

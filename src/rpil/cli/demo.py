@@ -21,7 +21,6 @@ from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Bool, Float, Shaped
 from rpil.results.html.number_format import format_number
 from rpil.results.html.page import Article, html_environment, write_page
-from rpil.results.html.pictures import returns_figure, score_figure
 from rpil.results.record import Audit
 from rpil.results.view import About, make_view
 from rpil.results.words import SIDES
@@ -216,7 +215,6 @@ def _render_section(macro: str, *values: Any) -> Markup:
 
 def _overcooked_article(result: OvercookedResult) -> Article:
     low, high = result.auroc_ci95
-    figure = score_figure(result.audit, result.quality, "Score of the player")
     about = About("Overcooked: real people", "cramped_room", seconds=result.seconds)
     return Article(
         make_view(result.audit, about),
@@ -224,7 +222,7 @@ def _overcooked_article(result: OvercookedResult) -> Article:
         f"AUROC {result.auroc:.2f} (95\u00a0% interval {low:.2f} to {high:.2f}).",
         sections=[
             ("The data", _render_section("overcooked_data", result)),
-            ("Does the ranking agree with an unseen score?", _render_section("overcooked_agreement", result, figure)),
+            ("Does the ranking agree with an unseen score?", _render_section("overcooked_agreement", result)),
         ],
     )
 
@@ -236,8 +234,7 @@ def _lunarlander_article(result: LunarLanderResult) -> Article:
     else:
         means = {name: format_number(played.mean) for name, played in result.returns.items()}
         summary += f" Mean return {means['rpil']}, and {means['trust_all']} when all are trusted."
-        figure = returns_figure([(POLICY_NAMES[name], p.mean, *p.ci95) for name, p in result.returns.items()])
-        section = _render_section("lunarlander_returns", result, figure, POLICY_NAMES)
+        section = _render_section("lunarlander_returns", result, POLICY_NAMES)
     about = About("LunarLander: half of the demonstrations corrupted", LANDER_ENV, seconds=result.seconds)
     return Article(
         make_view(result.audit, about),

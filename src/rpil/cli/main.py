@@ -21,7 +21,6 @@ from rpil.cli.commands import (
     fit_rpil,
     open_recording,
 )
-from rpil.cli.completion import install_completion
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
@@ -47,16 +46,6 @@ def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="rpil")
-@click.option(
-    "--install-completion",
-    metavar="[bash|zsh|fish]",
-    is_flag=False,
-    flag_value="",
-    expose_value=False,
-    is_eager=True,
-    callback=install_completion,
-    help="Let the shell complete commands, options and files; by default the shell of $SHELL.",
-)
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
     """Find out which demonstrations are unlike the others, or bad, and learn a policy from the rest.
