@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,27 @@ def test_each_module_has_its_own_tests_and_those_beside():
     assert named["trust"] == ["inference/test_trust.py"]
     assert {"inference/test_claims.py", "inference/test_trust.py"} <= {*named["claims"]}
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
+
+
+def test_any_module_is_named_by_its_room_with_more_tests():
+    """Modules of a name in two rooms stay apart; a module of `ROOMS` has the same tests with its room."""
+    root = TOOL["ROOT"]
+    assert TOOL["path_of"]("data/cells") == root / "src" / "rpil" / "data" / "cells.py"
+    assert TOOL["path_of"]("results/groups") != TOOL["path_of"]("groups") == TOOL["path_of"]("inference/groups")
+    assert TOOL["tests_of"]("results/choice") == TOOL["tests_of"]("choice")
+    assert [Path(name).name for name in TOOL["tests_of"]("results/groups")] == ["test_groups.py", "-m", "not slow"]
+    named = TOOL["tests_of"]("choice", "cli/test_keep_rules.py", "results/test_text.py")
+    assert [Path(name).name for name in named[:-2]] == ["test_choice.py", "test_keep_rules.py", "test_text.py"]
+
+
+@pytest.mark.parametrize(
+    ("module", "remedy"), [("results/nothing", "write ROOM/NAME"), ("results/judged", "name some with --tests")]
+)
+def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch):
+    """Without files pytest would run every test of the library on each mutant."""
+    monkeypatch.setattr(sys, "argv", ["mutants.py", "--modules", module])
+    with pytest.raises(SystemExit, match=remedy):
+        TOOL["main"]()
 
 
 @pytest.mark.parametrize("module", ["claims", "tasks"])

@@ -3,7 +3,8 @@
 Usage
 -----
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
-survivors, by line, and the share that was killed. ``--modules claims,answers``, ``--sample N`` (0 for all),
+survivors, by line, and the share that was killed. ``--modules claims,data/cells`` names others, with their room where
+they are not in `ROOMS`; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
 Notes
@@ -12,8 +13,8 @@ A mutant has one change: a comparison, an operator of arithmetic or logic, `min`
 one larger or twice as large, a negation left out, or a result that is replaced by None or turned round. Docstrings,
 annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder, and
 is killed where ``pytest -x`` fails on ``tests/ROOM/test_MODULE*.py`` and the file of `MORE_TESTS`, or takes longer than
-`SECONDS`; slow tests of `results` are left out. These run in a fork of a process that has imported the libraries of
-others, but nothing of rpil: most of the time would be spent on that. The tests must pass on the library as it is.
+`SECONDS`; slow tests are left out, but for the judge. These run in a fork of a process that has imported the libraries
+of others, but nothing of rpil: most of the time would be spent on that. The tests must pass on the library as it is.
 
 Some mutants are no faults. `EQUIVALENT` holds them, and says why.
 """
@@ -30,7 +31,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -40,7 +41,7 @@ ROOT = Path(__file__).parents[1]
 JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results")
-"""The modules that are changed, and their rooms."""
+"""The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = dict.fromkeys(JUDGE, "inference/test_trust.py") | {
     "step_weights": "scale/test_fit.py",
     "choice": "cli/test_keep_rules.py",
@@ -181,20 +182,28 @@ def short(node: ast.AST) -> str:
     return ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
 
 
+def place_of(module: str) -> tuple[str, str]:
+    """The room and the name of a module, ``ROOM/NAME`` or a name of `ROOMS`."""
+    room, _, name = module.rpartition("/")
+    return room or ROOMS.get(name, ""), name
+
+
 def path_of(module: str, library: Path = ROOT / "src" / "rpil") -> Path:
     """The file of a module."""
-    return library / ROOMS[module] / f"{module}.py"
+    room, name = place_of(module)
+    return library / room / f"{name}.py"
 
 
-def tests_of(module: str) -> list[str]:
-    """What pytest is told to run for a module."""
-    tests = ROOT / "tests"
-    more = [tests / MORE_TESTS[module]] if module in MORE_TESTS else []
-    files = dict.fromkeys([*sorted((tests / ROOMS[module]).glob(f"test_{module}*.py")), *more])
-    return [*map(str, files), *["-m", "not slow"] * (module in ACTS)]
+def tests_of(module: str, *more: str) -> list[str]:
+    """What pytest is told to run for a module, and `more` files of tests."""
+    tests, (room, name) = ROOT / "tests", place_of(module)
+    known = room == ROOMS.get(name)  # another room may have a module of the same name
+    beside = [MORE_TESTS[name], *more] if known and name in MORE_TESTS else more
+    files = dict.fromkeys([*sorted((tests / room).glob(f"test_{name}*.py")), *(tests / file for file in beside)])
+    return [*map(str, files), *["-m", "not slow"] * (not known or name in ACTS)]
 
 
-def passes(module: str, source: str | None) -> bool:
+def passes(module: str, source: str | None, more: Sequence[str] = ()) -> bool:
     """Whether the tests pass on the library, with another source of the module."""
     with TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "src" / "rpil", Path(folder) / "rpil", ignore=shutil.ignore_patterns("__pycache__"))
@@ -202,7 +211,7 @@ def passes(module: str, source: str | None) -> bool:
             path_of(module, Path(folder) / "rpil").write_text(source)
         child = os.fork()
         if child == 0:
-            run(folder, tests_of(module))
+            run(folder, tests_of(module, *more))
         return waited(child) == 0
 
 
@@ -241,22 +250,30 @@ def main() -> None:
     """Print the survivors of each module and the share that was killed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--modules", default=",".join(ROOMS))
+    parser.add_argument("--tests", default="")
     parser.add_argument("--sample", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     chosen = parser.parse_args()
+    modules, more = chosen.modules.split(","), [name for name in chosen.tests.split(",") if name]
+    for module in modules:
+        if not path_of(module).is_file():
+            sys.exit(f"{path_of(module)} is not there; write ROOM/NAME for a module.")
+        if not any(name.endswith(".py") for name in tests_of(module, *more)):
+            sys.exit(f"{module} has no tests of its name; name some with --tests.")
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported: a fork has no other threads
     for name in LIBRARIES:
         __import__(name)
     killed = total = 0
     with ThreadPoolExecutor(chosen.jobs) as pool:
-        for module in chosen.modules.split(","):
+        for module in modules:
             source = path_of(module).read_text()
-            if not passes(module, None):
+            if not passes(module, None, more):
                 sys.exit(f"The tests of {module} fail on the library as it is.")
             every = mutants(source)
             random.Random(f"{chosen.seed} {module}").shuffle(every)
             sample = every[: chosen.sample or None]
-            lives = pool.map(partial(passes, module), [text for *_, text in sample])
+            lives = pool.map(partial(passes, module, more=more), [text for *_, text in sample])
             code = [text.strip() for text in source.splitlines()]
             named = [(line, f"{code[line - 1]}: {old} -> {new}") for line, old, new, _ in sample]
             alive = [mutant for mutant, yes in zip(named, lives, strict=True) if yes]
