@@ -52,13 +52,13 @@ def test_each_mutant_is_another_program_and_the_source_stays():
 
 
 def test_equivalent_mutants_exist_and_are_explained():
-    for name, why in TOOL["EQUIVALENT"].items():
-        module = name.partition(": ")[0]
+    every = set()
+    for module in {name.partition(": ")[0] for name in TOOL["EQUIVALENT"]}:
         source = TOOL["path_of"](module).read_text()
         code = source.splitlines()
-        every = {f"{module}: {code[line - 1].strip()}: {old} -> {new}" for line, old, new, _ in TOOL["mutants"](source)}
-        assert name in every
-        assert why.endswith(".")
+        every |= {f"{module}: {code[line - 1].strip()}: {a} -> {b}" for line, a, b, _ in TOOL["mutants"](source)}
+    assert {*TOOL["EQUIVALENT"]} <= every
+    assert all(why.endswith(".") for why in TOOL["EQUIVALENT"].values())
 
 
 def test_each_module_has_its_own_tests_and_those_beside():

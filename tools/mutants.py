@@ -163,7 +163,7 @@ def mutants(source: str) -> list[tuple[int, str, str, str]]:
         before = getattr(parent, name) if index is None else getattr(parent, name)[index]
         for other in changed(before):
             put(parent, name, index, ast.copy_location(other, before))
-            text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(tree)))
+            text = ast.unparse(ast.fix_missing_locations(tree))
             put(parent, name, index, before)
             found.append((before.lineno, short(before), short(other), text))
     return found
