@@ -93,6 +93,15 @@ def test_copies_and_notes_keep_their_tasks():
     assert audit.notes == (same, "one: Part 3 rests.")
 
 
+def test_of_tasks_with_unlike_ones_the_smallest_share_may_be_rejected():
+    """None where those of one task have a policy of their own; a task without unlike ones does not count."""
+    fifth = {"verdicts": ("unlike", "typical")}
+    none = fifth | {"identifiable": False}
+    assert joined(fifth, fifth).max_unlike == 0.2
+    assert joined(none, fifth).max_unlike == joined(fifth, none).max_unlike == 0
+    assert joined({"identifiable": False}, fifth).max_unlike == 0.2
+
+
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     """A demonstration that is alone is in the middle of each column, of which all tasks have the same."""
     one = {"claimed": np.array([1, -1]), "columns": np.array([[1.0, 2.0], [3.0, 4.0]])}
