@@ -138,7 +138,7 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
         ("3,better than 77\n", "no demonstration is called '77'"),
         ("77,good\n", "no demonstration is called '77'"),
         ("3,better than 3\n", "labels.csv, demonstration '3': it is compared with itself"),
-        ("3,better than 4\n4,better than 3\n", "labels.csv, '4' and '3': each is better"),
+        ("3,better than 4\n4,better than 3\n", "labels.csv, '4' and '3': two answers contradict"),
     ],
 )
 @pytest.mark.parametrize("command", ["label", "audit"])

@@ -123,9 +123,9 @@ def test_a_saved_audit_keeps_its_answers(tmp_path):
     ("labels", "pairs", "match"),
     [
         ({"nobody": "good"}, (), "no demonstration is called 'nobody'"),
-        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad' or 'better than ID'"),
+        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad', 'better than ID'"),
         ({}, [("d0", "d0")], "it is compared with itself; name two"),
-        ({}, [("d0", "d1"), ("d1", "d0")], "each is better than the other; keep one answer"),
+        ({}, [("d0", "d1"), ("d1", "d0")], "two answers contradict each other; keep one answer"),
         ({}, [("d0", "nobody")], "no demonstration is called 'nobody'"),
     ],
 )
@@ -159,7 +159,7 @@ def test_labels_of_copies_are_counted_once(copied):
 
 
 def test_an_answer_that_contradicts_an_earlier_one_is_refused(audit):
-    with pytest.raises(DataError, match="each is better than the other"):
+    with pytest.raises(DataError, match="two answers contradict each other"):
         audit.answered(pairs=[("d0", "d9")]).answered(pairs=[("d9", "d0")])
 
 

@@ -72,7 +72,7 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         assert browser.evaluate("location.href") == f"http://127.0.0.1:{client.gate.port}/", "the token is not shown"
         assert "Which is better" in browser.text(".ask h2")
         after(browser, 1, "1")
-        assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+        assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})
         asked = audit.answered({}, [audit.pair]).suggest_labels(1)[0]
         browser.wait(f"{CHOSEN} === '{asked}'")  # the next question is chosen
         assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad." in browser.text(".ask [role=status]")

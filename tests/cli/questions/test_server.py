@@ -64,7 +64,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     assert list(state["asked"]["buttons"].items()) == [("g", "Good"), ("b", "Bad"), ("u", "Cannot tell"), ("s", "Skip")]
     assert state["asked"]["demonstrations"] == [audit.index(name) for name in answered.suggest_labels(1)]
     assert (state["version"], state["n_answers"], state["can_undo"]) == (1, 1, True)
-    assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+    assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})
 
 
 def test_any_demonstration_can_be_answered_and_undone(client):

@@ -120,17 +120,17 @@ def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     start = audit.answered(*read_answers(name))
     session = Session(start, name, before, None)
     session.answer((1,), "b")
-    assert read_answers(name) == ({"1": "bad", "2": "good"}, [("1", "3")])
+    assert read_answers(name) == ({"1": "bad", "2": "good"}, {("1", "3"): "better than"})
     assert session.audit.answers.labels[1] == -1
     session.undo()
-    assert read_answers(name) == ({"1": "good", "2": "good"}, [("1", "3")])
+    assert read_answers(name) == ({"1": "good", "2": "good"}, {("1", "3"): "better than"})
     assert session.audit.answers.labels[1] == 1
 
 
 def test_what_cannot_be_written_changes_nothing(audit):
     Path("labels.csv").write_text("id,label\n1,better than 3\n")
     session = Session(audit.answered({}, [(1, 3)]), "labels.csv", Path("labels.csv").read_bytes(), None)
-    with pytest.raises(DataError, match="each is better than the other"):
+    with pytest.raises(DataError, match="two answers contradict each other"):
         session.answer((3, 1), "1")
     Path("labels.csv").write_text("id,label\n1,better than 3\n5,bad\n")
     with pytest.raises(DataError, match="another program has changed it"):
