@@ -100,6 +100,25 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
 
 @needs_chromium
 @pytest.mark.slow
+def test_no_difference_has_a_button_and_a_key(audit, browser):
+    a, b = map(str, audit.pair)
+    with serving(review_of(audit, page=page_of)) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        assert browser.text(".ask [data-key='5']").split() == ["No", "difference", "5"]
+        after(browser, 1, "5")
+        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
+        after(browser, 2, "z")
+        browser.click(".ask [data-key='5']")
+        browser.wait(f"{VERSION} === 3")
+        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
+        browser.press("5")  # no pair is asked about
+        after(browser, 4, "s")
+        assert client.get("/api/view")["n_answers"] == 1
+
+
+@needs_chromium
+@pytest.mark.slow
 def test_the_private_page_of_a_browser_leads_to_the_question(audit, browser, tmp_path):
     with serving(review_of(audit, page=page_of)) as client:
         page = tmp_path / "review.html"

@@ -37,6 +37,7 @@ def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
         ("2", (("7", "better than a"),)),
         ("3", (("a", "good"), ("7", "good"))),
         ("4", (("a", "bad"), ("7", "bad"))),
+        ("5", (("a", "same as 7"),)),
         ("u", ()),
     ],
 )
@@ -99,7 +100,7 @@ def test_undo_goes_back_to_the_first_question(audit):
 
 def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
     session = Session(audit, "labels.csv", None, None)
-    for question, key in (((1,), "g"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
+    for question, key in (((1,), "g"), ((4, 3), "5"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
         session.answer(question, key)
     assert rows() == ["id,label", "1,bad", "4,better than 3", "3,better than 1"]
     assert session.audit.labelled == (1,)
