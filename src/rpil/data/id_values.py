@@ -177,7 +177,9 @@ def same_question(m: str, word: str) -> frozenset[str]:
 def _compared(word: object) -> tuple[Relation, str] | None:
     """The relation to the other demonstration of a pair, and its id; None where the word makes none."""
     found = _COMPARED.fullmatch(word) if isinstance(word, str) else None
-    return (("same as" if found[1][0] in "sS" else "better than"), found[2]) if found else None
+    if not found:
+        return None
+    return "same as" if found[1].lower().startswith("same") else "better than", found[2]
 
 
 def _id_in(cell: str | None, ids: Collection[str]) -> str:
