@@ -69,6 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
+        parts += [partial(by_ties, sets, draws)]
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_one_side, sets, 2 * draws, k, side) for side in (1, -1) for k in (1, 2, 3)]
         parts += [partial(by_questions, [audit], draws) for audit in sets]
@@ -162,6 +163,33 @@ def by_pair(audits: list[Row]) -> list[Row]:
         words = sum(int((found.words != 0).sum()) for _, found in answered if found)
         rows.append({"what": f"{kind}: words after this one answer", "figure": f"{words}"})
     return rows
+
+
+def by_ties(sets: list[Row], draws: int, count: int = 8) -> list[Row]:
+    """True answers about random pairs, of which two of the same kind are the same: this is said, or left out."""
+    means = []
+    for audit in sets:
+        good, known = audit["good"], np.flatnonzero(audit["good"] >= 0)
+        own = []
+        for draw in range(draws):
+            rng = np.random.default_rng(draw)
+            pairs = np.array([rng.choice(known, 2, replace=False) for _ in range(count)])
+            pairs = np.take_along_axis(pairs, np.argsort(-good[pairs], axis=1, kind="stable"), axis=1)  # the good first
+            same, rest = good[pairs[:, 0]] == good[pairs[:, 1]], rest_of(audit, pairs)
+            if min((good[rest] == 1).sum(), (good[rest] == 0).sum()) >= N_LEFT:
+                left_out = replace(Answers.of_labels(np.zeros(len(good), dtype=int)), pairs=pairs[~same])
+                ways = replace(left_out, tied=pairs[same]), left_out
+                own.append([auroc(good[rest], answered(audit, way, FAST).log_odds[rest]) for way in ways])
+        means += [np.mean(own, axis=0)] if own else []
+    said, left = np.reshape(means, (-1, 2)).T
+    return [
+        {"what": f"{count} random pairs, those of one kind the same: AUROC of the rest", "figure": mean(said)},
+        {"what": f"{count} random pairs, those of one kind left out: AUROC of the rest", "figure": mean(left)},
+        {
+            "what": "the first over the second",
+            "figure": f"{mean(said - left)}; lowest {min(said - left, default=0):+.3f}",
+        },
+    ]
 
 
 def by_one_wrong(sets: list[Row], draws: int) -> list[Row]:

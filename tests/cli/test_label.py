@@ -56,7 +56,7 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
     pair = re.search(r"Question 1 of 8 at most. Which is better: (\d+) .*or (\d+) .*\?", out)
     assert len(BAD & {int(name) for name in pair.groups()}) == 1
     assert re.search(r"steps \d+ to \d+, \d\.\d to \d\.\d s", out)
-    assert "Give one of 1, 2, 3, 4, u, s, z, q." in out
+    assert "Give one of 1, 2, 3, 4, 5, u, s, z, q." in out
     single = re.search(r"Question 2 of 8 at most. Is it good or bad: (\d+)", out)[1]
     assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
     assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad.\nNo word changed.\n" in out
@@ -79,6 +79,18 @@ def test_a_run_goes_on_where_the_last_one_ended(data):
     assert rows() == ["note,id,label", "seen,3,BAD", ",0,better than 3", ",1,good",
                       f",{asked[0]},good", f",{asked[1]},bad"]  # fmt: skip
     assert not {"1", "3"} & set(asked)
+
+
+def test_no_difference_is_an_answer_about_the_pair(data):
+    out = label("5q", data)
+    assert "4 both bad, 5 no difference, u cannot tell" in out
+    first, second = re.search(r"better: (\d+) .*or (\d+) ", out).groups()
+    assert rows() == ["id,label", f"{first},same as {second}"]
+    assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad.\nNo word changed.\n" in out
+    found = json.loads(ok("audit", data, "--observations", "x,v", "--labels", "labels.csv", "--json").stdout)
+    assert (found["finding"], found["question"]) == ("answered", None)
+    assert "P(good) is learned from 1 pair, each of which may be wrong." in found["assumptions"]
+    assert "Question 1 of 8 at most. Is it good or bad" in label("q", data)  # the next run does not ask it again
 
 
 def test_undo_takes_back_the_last_answer_and_asks_again(data):
@@ -138,7 +150,10 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
         ("3,better than 77\n", "no demonstration is called '77'"),
         ("77,good\n", "no demonstration is called '77'"),
         ("3,better than 3\n", "labels.csv, demonstration '3': it is compared with itself"),
-        ("3,better than 4\n4,better than 3\n", "labels.csv, '4' and '3': each is better"),
+        ("3,better than 4\n4,better than 3\n", "labels.csv, '4' and '3': two answers contradict"),
+        ("3,same as 4\n4,better than 3\n", "labels.csv, '4' and '3': two answers contradict"),
+        ("3,same as 3\n", "labels.csv, demonstration '3': it is compared with itself"),
+        ("3,same as 77\n", "no demonstration is called '77'"),
     ],
 )
 @pytest.mark.parametrize("command", ["label", "audit"])
@@ -213,7 +228,7 @@ def test_whatever_the_ids_are_the_answers_are_read_again():
     out = label("3gbgbgbq", name)
     label("gbgbgb", name)  # goes on
     labels, pairs = read_answers("labels.csv", ids)
-    assert (len(labels), pairs) == (14, [])
+    assert (len(labels), pairs) == (14, {})
     assert set(labels) == set(ids)
     assert out.count("Question") == 8
     options = ["--observations", "x,v", "-q"]

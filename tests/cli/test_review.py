@@ -61,7 +61,7 @@ def test_what_was_answered_outlives_the_server(data):
         assert client.get("/api/view")["view"]["demonstrations"]["verdict"].count("bad") == len(BAD)
         process.send_signal(signal.SIGKILL)
     labels = {str(m): "bad" if key == "b" else "good" for m, key in given.items()}
-    assert read_answers("labels.csv") == (labels, [])
+    assert read_answers("labels.csv") == (labels, {})
     with reviewing(data, "--observations", "x,v") as (process, client):
         state = client.get("/api/view")
         assert len(state["view"]["answers"]) == 10
@@ -87,7 +87,7 @@ def test_what_was_answered_outlives_the_server(data):
         out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[-2:] == ["2 answers of this run in labels.csv.", f"Then run: {command}"]
-    assert read_answers("labels.csv") == (labels | {"11": "good", "3": "good"}, [])
+    assert read_answers("labels.csv") == (labels | {"11": "good", "3": "good"}, {})
 
 
 @pytest.mark.slow

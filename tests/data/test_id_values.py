@@ -10,7 +10,6 @@ import pytest
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
-    better_than,
     match_pairs,
     parse_labels,
     read_answers,
@@ -63,7 +62,7 @@ def test_labels_in_a_mapping_are_read_in_old_words_and_in_any_case():
         (
             "l.csv",
             "id,label\n7,great\n",
-            "demonstration '7': unknown label 'great'; write 'good', 'bad' or 'better than ID'",
+            "demonstration '7': unknown label 'great'; write 'good', 'bad', 'better than ID'",
         ),
         ("l.csv", "id,label\n7,\n", "unknown label ''"),
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
@@ -88,16 +87,23 @@ def test_bad_labels(tmp_path, name, text, match):
     refused(match, formats.read_labels, path)
 
 
+def better(pairs):
+    return dict.fromkeys(pairs, "better than")
+
+
 def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     path = tmp_path / "answers.csv"
     path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
-    assert formats.read_answers(path) == ({"7": "good"}, [("7", "3"), ("7", "a,b"), ("3", "a b")])
+    assert formats.read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
     assert formats.read_labels(path) == {"7": "good"}
     path = tmp_path / "answers.json"
     path.write_text(json.dumps({"12": "better than 7", "7": ["bad", "better than 3", "better than 4"]}))
-    assert formats.read_answers(path) == ({"7": "bad"}, [("12", "7"), ("7", "3"), ("7", "4")])
+    assert formats.read_answers(path) == ({"7": "bad"}, better([("12", "7"), ("7", "3"), ("7", "4")]))
     path.write_text('{"12": "better than 7"}')
-    assert formats.read_answers(path) == ({}, [("12", "7")])
+    assert formats.read_answers(path) == ({}, better([("12", "7")]))
+    path.write_text('{"12": ["Same  AS 7", "same as a same as b"], "7": ["same as 12", "same as 3"]}')
+    same = dict.fromkeys([("12", "7"), ("12", "a same as b"), ("3", "7")], "same as")  # neither is the first
+    assert formats.read_answers(path) == ({}, same)
     refused("labels no demonstration", formats.read_labels, path)
 
 
@@ -107,7 +113,7 @@ def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
     assert formats.read_labels(path) == {"7": "good", "a,b": "bad"}
     write_answers(path, path.read_bytes(), [("8", "better than 7")])
     assert path.read_text() == "id;label\n7;good\na,b;bad\n8;better than 7\n"
-    assert formats.read_answers(path)[1] == [("8", "7")]
+    assert formats.read_answers(path)[1] == better([("8", "7")])
     write_answers(path, path.read_bytes(), [("7", "bad")])
     assert path.read_text() == "id;label\na,b;bad\n8;better than 7\n7;bad\n"
 
@@ -116,8 +122,14 @@ def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
     ("text", "match"),
     [
         ("7,better than 7\n", "demonstration '7': it is compared with itself; name two"),
-        ("7,better than 3\n3,BETTER than 7\n", "'3' and '7': each is better than the other; keep one answer"),
-        ("7,better than\n", "demonstration '7': unknown label 'better than'; write 'good', 'bad' or 'better than ID'"),
+        ("7,better than 3\n3,BETTER than 7\n", "'3' and '7': two answers contradict each other; keep one answer"),
+        ("7,better than\n", "demonstration '7': unknown label 'better than'; write 'good', 'bad', 'better than ID'"),
+        ("7,same as 7\n", "demonstration '7': it is compared with itself; name two"),
+        ("7,same as 3\n7,better than 3\n", "'7' and '3': two answers contradict each other; keep one answer"),
+        ("7,better than 3\n3,same as 7\n", "'3' and '7': two answers contradict each other; keep one answer"),
+        ("3,better than 7\n7,same as 3\n", "'3' and '7': two answers contradict each other; keep one answer"),
+        ("7,same as\n", "unknown label 'same as'; write .* or 'same as ID'"),
+        ("7,equal to 3\n", "unknown label 'equal to 3'"),
         ("7,worse than 3\n", "unknown label 'worse than 3'"),
         ("7,good\n7,better than 3\n7,good\n", "demonstration '7': it is labelled twice"),
     ],
@@ -136,15 +148,17 @@ def test_bad_lists_of_answers(tmp_path, content):
 
 
 def test_pairs_are_numbers_of_demonstrations():
-    assert match_pairs([(7, "a"), ("b", 7), ("7", "a")], ["a", 7, "b"]).tolist() == [[1, 0], [2, 1]]
-    assert match_pairs([], ["a"]).shape == (0, 2)
+    given = [((7, "a"), "better than"), (("b", "a"), "same as"), (("b", 7), "better than"), (("7", "a"), "better than")]
+    pairs, tied = match_pairs([*given, (("a", "b"), "same as")], ["a", 7, "b"])
+    assert (pairs.tolist(), tied.tolist()) == ([[1, 0], [2, 1]], [[0, 2]])
+    assert [found.shape for found in match_pairs([], ["a"])] == [(0, 2)] * 2
     for pairs, match in (
         ([("a", "c")], "no demonstration is called 'c'"),
         ([("a", "a")], "demonstration 'a': it is compared with itself"),
-        ([("a", 7), (7, "a")], "'7' and 'a': each is better than the other"),
+        ([("a", 7), (7, "a")], "'7' and 'a': two answers contradict each other"),
     ):
         with pytest.raises(DataError, match=match):
-            match_pairs(pairs, ["a", 7])
+            match_pairs(better(pairs).items(), ["a", 7])
 
 
 @pytest.mark.parametrize(
@@ -161,18 +175,18 @@ def test_pairs_are_numbers_of_demonstrations():
 )
 def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, after):
     path = tmp_path / "labels.csv"
-    write_answers(path, before, [("7", "good"), ("a,b", better_than("7")), ("=1", "bad")])
+    write_answers(path, before, [("7", "good"), ("a,b", "better than 7"), ("=1", "bad")])
     assert path.read_bytes() == after
     labels, pairs = formats.read_answers(path)
     assert labels == {"7": "good", "=1": "bad"} | ({"3": "good" if b"EXPERT" in after else "bad"} if before else {})
-    assert pairs == [("a,b", "7")]
+    assert pairs == better([("a,b", "7")])
 
 
 def test_answers_are_added_to_json(tmp_path):
     path = tmp_path / "labels.json"
-    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', [("7", "good"), ("7", better_than("\u00e9"))])
+    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', [("7", "good"), ("7", "better than \u00e9")])
     assert json.loads(path.read_text("utf-8")) == {"3": "bad", "7": ["better than 3", "good", "better than \u00e9"]}
-    assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, [("7", "3"), ("7", "\u00e9")])
+    assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, better([("7", "3"), ("7", "\u00e9")]))
     write_answers(path, None, [("7", "good")])
     assert json.loads(path.read_text()) == {"7": "good"}
 
@@ -244,18 +258,19 @@ def _npz(folder):
 def test_labels_are_a_mapping_or_pairs(labels):
     with pytest.raises(DataError, match="the labels must be a mapping of ids to words, or pairs"):
         parse_labels(labels, ["a", 3])
-    assert parse_labels([("a", "bad"), (3, "better than a")], ["a", 3]) == ({"a": "bad"}, [("3", "a")])
-    assert parse_labels({3: "Good "}, [3]) == ({"3": "good"}, [])
-    assert parse_labels(None, [3]) == parse_labels({}, [3]) == ({}, [])
+    assert parse_labels([("a", "bad"), (3, "better than a")], ["a", 3]) == ({"a": "bad"}, better([("3", "a")]))
+    assert parse_labels({"a": "same as 3"}, ["a", 3]) == ({}, {("3", "a"): "same as"})
+    assert parse_labels({3: "Good "}, [3]) == ({"3": "good"}, {})
+    assert parse_labels(None, [3]) == parse_labels({}, [3]) == ({}, {})
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\u2028b", "a\x85b", "a\x0bb", 'a"\n"b'])
 def test_an_id_may_hold_the_end_of_a_line(tmp_path, name):
     path = tmp_path / "labels.csv"
-    write_answers(path, None, [(name, "bad"), ("c", better_than(name))])
-    assert read_answers(path) == ({name: "bad"}, [("c", name)])
+    write_answers(path, None, [(name, "bad"), ("c", f"better than {name}")])
+    assert read_answers(path) == ({name: "bad"}, better([("c", name)]))
     write_answers(path, path.read_bytes(), [(name, "good")])
-    assert read_answers(path) == ({name: "good"}, [("c", name)])
+    assert read_answers(path) == ({name: "good"}, better([("c", name)]))
 
 
 ODD = (" ", "  ", "\t", "\n", "\r", "\r\n", "\x0b", "\x1c", "\x85", "\u00a0", "\u2028", "\u3000", "\ufeff", "\u200b")
@@ -272,6 +287,7 @@ SIGNS = (
     "1e5",
     "a",
     "better than ",
+    "same as ",
     "good",
     "\u00e9",
     "{",
@@ -294,12 +310,14 @@ def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, n
     before = {"excel.csv": b"id;note;label\n", "windows.csv": b"\xef\xbb\xbfid,label\r\n"}.get(name)
     half = len(ids) // 2
     words = [(m, "bad") for m in ids[:half]]
-    pairs = [(ids[0], ids[-1]), *zip(ids[half:], ids[half + 1 :], strict=False)]
-    write_answers(path, before, [*words, *((m, better_than(worse)) for m, worse in pairs)], ids)
+    pairs = better([(ids[0], ids[-1]), *zip(ids[half:], ids[half + 1 :], strict=False)])
+    pairs |= {(min(a, b), max(a, b)): "same as" for a, b in zip(ids[:half], ids[half:], strict=False) if a != ids[0]}
+    compared = [(m, f"{word} {other}") for (m, other), word in pairs.items()]
+    write_answers(path, before, [*words, *compared], ids)
     assert read_answers(path, ids) == (dict(words), pairs)
     write_answers(path, path.read_bytes(), [(m, "good") for m in ids], ids)  # a label replaces another one
     assert read_answers(path, ids) == (dict.fromkeys(ids, "good"), pairs)
-    assert parse_labels([*words, *((m, better_than(worse)) for m, worse in pairs)], ids) == (dict(words), pairs)
+    assert parse_labels([*words, *compared], ids) == (dict(words), pairs)
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "labels.json"])
@@ -310,13 +328,13 @@ def test_white_space_around_an_id_is_left_out_unless_an_id_has_it(tmp_path, name
     else:
         path.write_text(json.dumps({" a": "good", "b": " bad ", "7": "better than  a", "+5": "better  than b "}))
     ids = [" a", "b", 7, "+5", "c"]
-    assert read_answers(path, ids) == ({" a": "good", "b": "bad"}, [("7", " a"), ("+5", "b")])
+    assert read_answers(path, ids) == ({" a": "good", "b": "bad"}, better([("7", " a"), ("+5", "b")]))
 
 
 def test_numbers_as_ids_may_have_white_space_around_them(tmp_path):
     path = tmp_path / "labels.csv"
     path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
-    assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, [("-8", "7")])
+    assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, better([("-8", "7")]))
 
 
 def test_demonstrators_of_ids_with_white_space_at_their_ends(tmp_path):

@@ -81,11 +81,11 @@ def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
 
 
 def test_labels_and_pairs_go_to_their_task(both):
-    labels = [(0, "good"), (1, "better than 101"), (2, "better than 9")]
-    with pytest.warns(UserWarning, match="the labels: 1 pair compares demonstrations of different tasks, and is left"):
+    labels = [(0, "good"), (1, "better than 101"), (2, "better than 9"), (3, "same as 5"), (4, "same as 102")]
+    with pytest.warns(UserWarning, match="the labels: 2 pairs compare demonstrations of different tasks, and are left"):
         audit = rpil_of(rpil.open(both), labels=labels).audit_
     assert audit.answers.labels[0] == 1
-    assert audit.answers.pairs.tolist() == [[2, 9]]
+    assert (audit.answers.pairs.tolist(), audit.answers.tied.tolist()) == ([[2, 9]], [[3, 5]])
     with pytest.raises(DataError, match="no demonstration is called '77'"):
         rpil_of(rpil.open(both), labels={77: "good"})
     left_out = rpil_of(

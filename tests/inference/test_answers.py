@@ -18,10 +18,11 @@ from rpil.inference.settings import AnswerSettings
 NAN, SETTINGS = np.nan, AnswerSettings()
 
 
-def answers_of(labels=(), pairs=(), outcome=None, m=None) -> Answers:
+def answers_of(labels=(), pairs=(), outcome=None, m=None, tied=()) -> Answers:
     labels = np.asarray(labels if len(labels) else np.zeros(m or 0), dtype=np.int64)
     outcome = np.full(len(labels), NAN) if outcome is None else np.asarray(outcome, dtype=float)
-    return Answers(labels, np.array(pairs, dtype=np.int64).reshape(-1, 2), outcome)
+    pairs, tied = (np.array(numbers, dtype=np.int64).reshape(-1, 2) for numbers in (pairs, tied))
+    return Answers(labels, pairs, outcome, tied)
 
 
 def test_what_is_known_is_counted():
@@ -30,27 +31,31 @@ def test_what_is_known_is_counted():
     some = answers_of([1, 0, -1, 0], [(0, 1)], [NAN, 2.0, 3.0, NAN])
     assert some.any
     assert some.count == 4  # the outcome of one that is labelled is no answer more
+    assert answers_of([1, 0, -1, 0], [(0, 1)], tied=[(0, 2), (1, 3)]).count == 5
     labelled = Answers.of_labels(np.array([1, 0, -1]))
     assert labelled.count == 2
     assert labelled.pairs.shape == (0, 2)
 
 
 def test_answers_about_some_of_the_demonstrations():
-    some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2), (2, 0)], [NAN, 2.0, 3.0, 4.0]).select([2, 0, 3])
+    some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2), (2, 0)], [NAN, 2.0, 3.0, 4.0], tied=[(0, 3), (1, 3)])
+    some = some.select([2, 0, 3])
     assert some.labels.tolist() == [-1, 1, 0]
     assert some.pairs.tolist() == [[2, 0], [0, 1]]
+    assert some.tied.tolist() == [[1, 2]]
     np.testing.assert_array_equal(some.outcome, [3.0, NAN, 4.0])
     assert answers_of([1, 0], [(0, 1)]).select([1]).pairs.shape == (0, 2)
 
 
 def test_some_of_the_answers_in_the_order_of_rows():
-    some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2)], [NAN, 2.0, 3.0, 1.0])
-    assert some.about == [(0,), (2,), (1,), (3,), (0, 1), (3, 2)]
-    assert len(some.rows(np.eye(4))[1]) == some.count == 6
-    less = some.only(np.array([False, True, True, False, False, True]))
+    some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2)], [NAN, 2.0, 3.0, 1.0], tied=[(1, 2), (0, 3)])
+    assert some.about == [(0,), (2,), (1,), (3,), (1, 2), (0, 3), (0, 1), (3, 2)]
+    assert len(some.rows(np.eye(4))[1]) == some.count == len(some.are_outcomes) == 8
+    assert some.are_outcomes.tolist() == [False, False, True, True, False, False, False, False]
+    less = some.only(np.array([False, True, True, False, False, True, False, True]))
     assert less.labels.tolist() == [0, 0, -1, 0]
     np.testing.assert_array_equal(less.outcome, [NAN, 2.0, 3.0, NAN])
-    assert less.pairs.tolist() == [[3, 2]]
+    assert (less.pairs.tolist(), less.tied.tolist()) == ([[3, 2]], [[0, 3]])
     assert some.labels.tolist() == [1, 0, -1, 0]
 
 
@@ -62,6 +67,9 @@ def test_sides_of_answers():
     assert answers_of([1, 0], outcome=[0.0, NAN]).sides == {1}  # a label goes first
     assert answers_of(m=2, pairs=[(0, 1)]).sides == {1, -1}
     assert answers_of([1, -1, 0, 0], [(0, 1)], [NAN, NAN, 0.0, 1.0]).say_bad.tolist() == [1, 2, 4]
+    assert answers_of(m=2, tied=[(0, 1)]).sides == set()
+    assert answers_of([1, 0], tied=[(0, 1)]).sides == {1}
+    assert answers_of([1, -1, 0], [(0, 1)], tied=[(0, 2)]).say_bad.tolist() == [1, 3]
 
 
 def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half():
@@ -84,18 +92,19 @@ def test_unknown_outcomes_have_no_rank():
 
 def test_rows_are_labels_then_outcomes_then_differences_of_pairs():
     channels = np.array([[1.0, 2.0], [3.0, 5.0], [7.0, 11.0], [13.0, 17.0]])
-    some = answers_of([0, -1, 0, 1], [(0, 2), (3, 1)], [4.0, 5.0, 6.0, NAN])
+    some = answers_of([0, -1, 0, 1], [(0, 2), (3, 1)], [4.0, 5.0, 6.0, NAN], tied=[(1, 0)])
     rows, targets = some.rows(channels)
     assert rows.tolist() == [
         [1, 3, 5],
         [1, 13, 17],
         [1, 1, 2],
         [1, 7, 11],
+        [0, 2, 3],
         [0, -6, -9],
         [0, 10, 12],
     ]
     # 1 is labelled: its outcome is known, and counts in the ranks of the others alone
-    np.testing.assert_allclose(targets, [0, 1, 1 / 6, 5 / 6, 1, 1])
+    np.testing.assert_allclose(targets, [0, 1, 1 / 6, 5 / 6, 0.5, 1, 1])
 
 
 def made(seed=0, m=14, columns=3):
@@ -104,7 +113,7 @@ def made(seed=0, m=14, columns=3):
     channels = rng.normal(size=(m, columns))
     labels = np.where(rng.random(m) < 0.4, np.sign(channels[:, 1] + 0.3 * rng.normal(size=m)), 0).astype(np.int64)
     outcome = np.where(rng.random(m) < 0.4, channels[:, 0] + rng.normal(size=m), NAN)
-    return channels, answers_of(labels, [(0, 1), (2, 3), (5, 4)], outcome)
+    return channels, answers_of(labels, [(0, 1), (2, 3), (5, 4)], outcome, tied=[(6, 7), (8, 3)])
 
 
 def prior(columns, direction):
@@ -148,7 +157,7 @@ def test_covariances_are_inverse_expected_information():
 
 
 PAIR_CHANNEL = np.array([0.9, -0.4, 0.3, -1.2, 0.5, 0.1])
-PAIRS = [(0, 1), (2, 3), (1, 3), (5, 4), (0, 4)]
+PAIRS, TIED = [(0, 1), (2, 3), (1, 3), (5, 4), (0, 4)], [(0, 3), (4, 5)]
 
 
 def integrated(rows, targets, direction, error):
@@ -162,7 +171,7 @@ def integrated(rows, targets, direction, error):
 
 
 def test_evidence_is_that_of_numerical_integration():
-    rows, targets = answers_of(m=6, pairs=PAIRS).rows(PAIR_CHANNEL[:, None])
+    rows, targets = answers_of(m=6, pairs=PAIRS, tied=TIED).rows(PAIR_CHANNEL[:, None])
     for direction, error in components():
         anchor, precision = np.array([0.0, direction * 2.0]), np.array([0.25, 1.0])
         _, _, evidence = module._laplace(rows, targets, anchor, precision, np.full(len(rows), error), error)

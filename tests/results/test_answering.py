@@ -71,6 +71,27 @@ def test_steps_are_weighed_after_answers_as_the_fit_was_told_to(audit, tmp_path)
     assert np.abs(audit.answered(LABELS).step_weight - together.step_weight).max() > 0.01
 
 
+def test_ties_of_an_audit_are_those_of_a_fit(audit, tmp_path):
+    words = [("d0", "same as d9"), ("d3", "better than d8"), ("d4", "better than d7")]
+    later, model = audit.answered(words), RPIL().fit(TOY.demonstrations, labels=words)
+    assert later.answers.tied.tolist() == [[0, 9]]
+    assert "P(good) is learned from 3 pairs, each of which may be wrong." in later.assumptions
+    without = audit.answered(words[1:])
+    assert np.ptp(later.log_odds[[0, 9]]) < np.ptp(without.log_odds[[0, 9]])
+    save(model, tmp_path / "model.rpil")
+    pairs = {("d0", "d9"): "same as", ("d3", "d8"): "better than"}
+    in_turn = audit.answered(pairs=pairs).answered(pairs=[("d4", "d7")])
+    of_dict = Audit.from_dict(later.to_dict(arrays=True)).answered({"d0": "good"})
+    np.testing.assert_array_equal(of_dict.log_odds, later.answered({"d0": "good"}).log_odds)
+    for same in (model.audit_, load(tmp_path / "model.rpil").audit_, in_turn):
+        np.testing.assert_allclose(same.log_odds, later.log_odds, atol=1e-9)
+        assert same.answers.tied.tolist() == [[0, 9]]
+    with pytest.raises(DataError, match="'d9' and 'd0': two answers contradict each other; keep one answer"):
+        later.answered(pairs=[("d9", "d0")])
+    with pytest.raises(DataError, match="A named adversary learns from labels alone"):
+        RPIL(adversary="uniform").fit(TOY.demonstrations, labels=words[:1])
+
+
 def test_answers_in_turn_are_answers_at_once(audit):
     one = audit.answered({"d0": "good", "d9": "good"}).answered({"d9": "bad"}, [("d3", "d8")])
     both = audit.answered({"d0": "good", "d9": "bad"}, [("d3", "d8")])
@@ -123,9 +144,9 @@ def test_a_saved_audit_keeps_its_answers(tmp_path):
     ("labels", "pairs", "match"),
     [
         ({"nobody": "good"}, (), "no demonstration is called 'nobody'"),
-        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad' or 'better than ID'"),
+        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad', 'better than ID'"),
         ({}, [("d0", "d0")], "it is compared with itself; name two"),
-        ({}, [("d0", "d1"), ("d1", "d0")], "each is better than the other; keep one answer"),
+        ({}, [("d0", "d1"), ("d1", "d0")], "two answers contradict each other; keep one answer"),
         ({}, [("d0", "nobody")], "no demonstration is called 'nobody'"),
     ],
 )
@@ -159,7 +180,7 @@ def test_labels_of_copies_are_counted_once(copied):
 
 
 def test_an_answer_that_contradicts_an_earlier_one_is_refused(audit):
-    with pytest.raises(DataError, match="each is better than the other"):
+    with pytest.raises(DataError, match="two answers contradict each other"):
         audit.answered(pairs=[("d0", "d9")]).answered(pairs=[("d9", "d0")])
 
 

@@ -30,7 +30,8 @@ def fitted():
     parts = {"x": select(one, range(6)), "y": select(one, range(6, 11))}
     places = {"x": [*range(6)], "y": [*range(6, 11)]}
     tasks = join_audits(parts, places, demonstrations.ids, demonstrations.offsets)
-    said = rpil.audit(demonstrations, {one.ids[0]: "good", one.ids[9]: "bad"}, settings=FAST)
+    words = {one.ids[0]: "good", one.ids[9]: "bad", one.ids[3]: f"same as {one.ids[5]}"}
+    said = rpil.audit(demonstrations, words, settings=FAST)
     mixture = RPIL(adversary="uniform").fit(demonstrations).audit_
     return {"one": one, "part": parts["y"], "tasks": tasks, "answered": said, "mixture": mixture}
 
@@ -132,6 +133,15 @@ def test_values_that_do_not_belong_together_are_refused(change):
     whole = through_json(make_audit())
     with pytest.raises(DataError, match="its parts do not belong together"):
         Audit.from_dict(whole | {"audit": whole["audit"] | change})
+
+
+@pytest.mark.parametrize("name", ["pairs", "tied"])
+@pytest.mark.parametrize("other", [-1, 10])
+def test_pairs_of_other_demonstrations_are_refused(name, other):
+    whole = through_json(make_audit())
+    whole["audit"]["answers"][name] = {"type": "int64", "shape": [1, 2], "values": [0, other]}
+    with pytest.raises(DataError, match="its parts do not belong together"):
+        Audit.from_dict(whole)
 
 
 def test_a_recording_of_tasks_says_within_what(fitted):

@@ -62,7 +62,9 @@ def full_view():
         command="rpil audit 'my $data; x.csv'",
         seconds=1.5,
     )
-    given = replace(audit, answers=Answers(np.arange(10) % 2, np.array([[0, 1]]), audit.answers.outcome))
+    given = replace(
+        audit, answers=Answers(np.arange(10) % 2, np.array([[0, 1]]), audit.answers.outcome, np.array([[2, 3]]))
+    )
     view = make_view(audit, about)
     return view | {"answers": make_view(given, about)["answers"]}
 

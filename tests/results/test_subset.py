@@ -30,7 +30,7 @@ def test_each_demonstration_keeps_what_was_found_among_all():
 
 def test_names_of_demonstrations_that_are_left_out_are_left_out():
     audit = make_audit()
-    known = Answers(np.array([1, 1, -1] + [0] * 7), np.array([[2, 3], [0, 2]]), np.arange(10.0))
+    known = Answers(np.array([1, 1, -1] + [0] * 7), np.array([[2, 3], [0, 2]]), np.arange(10.0), np.array([[3, 2]]))
     changes = {"answers": known, "pair": audit.ids[1:3], "contradicting": audit.ids[:3]}
     changes |= {"columns": np.arange(20.0).reshape(10, 2), "beside": {"dynamics": np.linspace(0, 0.9, 10)}}
     part = select(replace(audit, **changes), [2, 3])
@@ -40,6 +40,7 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     assert part.pair == ()  # one of a pair is no question
     np.testing.assert_array_equal(part.answers.labels, [-1, 0])
     np.testing.assert_array_equal(part.answers.pairs, [[0, 1]])
+    np.testing.assert_array_equal(part.answers.tied, [[1, 0]])
     np.testing.assert_array_equal(part.answers.outcome, [2.0, 3.0])
     np.testing.assert_array_equal(part.columns, [[4.0, 5.0], [6.0, 7.0]])
 

@@ -112,11 +112,12 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
 
 
 def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
-    one = Answers(np.array([1, 0]), np.array([[1, 0]]), np.array([np.nan, 2.0]))
-    other = Answers(np.array([0, -1]), np.array([[0, 1]]), np.array([0.5, np.nan]))
+    one = Answers(np.array([1, 0]), np.array([[1, 0]]), np.array([np.nan, 2.0]), np.array([[0, 1]]))
+    other = Answers(np.array([0, -1]), np.array([[0, 1]]), np.array([0.5, np.nan]), np.array([[1, 0]]))
     answers = joined({"answers": one}, {"answers": other}).answers
     assert answers.labels.tolist() == [1, 0, 0, -1, 0]
     assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
+    assert [[IDS[m] for m in pair] for pair in answers.tied.tolist()] == [[0, 1], ["b", "a"]]
     np.testing.assert_array_equal(answers.outcome, [np.nan, 0.5, 2.0, np.nan, np.nan])
 
 

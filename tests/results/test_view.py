@@ -58,10 +58,11 @@ def test_the_pair_and_contradicting_labels_are_looked_at_before_unlike_open_and_
 
 def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
     audit = make_audit(pair=(1, 7), labels={3: 1, 5: -1})
-    audit = replace(audit, answers=Answers(audit.answers.labels, np.array([[2, 4]]), audit.answers.outcome))
+    pairs, tied = np.array([[2, 4]]), np.array([[6, 7]])
+    audit = replace(audit, answers=Answers(audit.answers.labels, pairs, audit.answers.outcome, tied))
     found = view(audit)
     assert (found["question"], found["pair"]) == ("", [])
-    assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"]]
+    assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"], [6, "same as 7"]]
 
 
 def test_seconds_are_said_where_frames_a_second_are_known():

@@ -39,7 +39,7 @@ WITHOUT = "labels", "resume", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 _OTHER_KEYS = "u cannot tell, s skip, z undo, q quit"
-_KEYS_OF_PAIR = f"1 the first, 2 the second, 3 both good, 4 both bad, {_OTHER_KEYS}"
+_KEYS_OF_PAIR = f"1 the first, 2 the second, 3 both good, 4 both bad, 5 no difference, {_OTHER_KEYS}"
 _KEYS_OF_ONE = f"g good, b bad, {_OTHER_KEYS}"
 
 

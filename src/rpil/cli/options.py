@@ -189,7 +189,7 @@ FIT_OPTIONS = (
         "--labels",
         type=click.Path(),
         metavar="FILE",
-        help="Answers: good, bad, better than ID; CSV (id,label) or JSON.",
+        help="Answers: good, bad, better than ID, same as ID; CSV (id,label) or JSON.",
     ),
     outcome_option,
     click.option(

@@ -287,7 +287,7 @@ def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: b
         content = [row] if add else ["id,label", row]
     verb = "Add" if add else "Write"
     return [
-        f"{verb} good, bad or better than ... for those you can judge to {labels_file}; if {name} is {label}:",
+        f"{verb} good, bad, better than or same as ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
     ]
 

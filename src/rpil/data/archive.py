@@ -30,7 +30,7 @@ VERSION = 8
 
 _HEADER = "header.json"
 _STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
-_INTEGERS = dict.fromkeys(("offsets", "labels", "pairs", "claimed", "copy_of"), (np.int64,))
+_INTEGERS = dict.fromkeys(("offsets", "labels", "pairs", "tied", "claimed", "copy_of"), (np.int64,))
 _TYPES = {**_INTEGERS, **dict.fromkeys(("step_log_ratio", "step_share", "step_weight"), _STEP_TYPES)}
 """Types of array fields by their names; all others are float64."""
 _MAY_BE_MISSING = ("outcome",)

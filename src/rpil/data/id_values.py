@@ -1,4 +1,4 @@
-"""Values of some demonstrations, by id: labels, pairs of which one is better, and demonstrators."""
+"""Values of some demonstrations, by id: labels, pairs that were compared, and demonstrators."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, TypeVar, cast
+from typing import Literal, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -22,14 +22,15 @@ from rpil.data.names import EPISODE, quoted
 from rpil.numerics.types import Array, Int
 
 Label = Literal["good", "bad"]
-Pair = tuple[str, str]
-"""Ids, as text, of a better and of a worse demonstration."""
+Relation = Literal["better than", "same as"]
+Pairs = dict[tuple[str, str], Relation]
+"""What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
 Key = TypeVar("Key", bound=Hashable)
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
 """Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
 
-_BETTER = re.compile(r"\s*better\s+than\s(.*)", re.IGNORECASE | re.DOTALL)
+_COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
 
 _EXTENSIONS = (".csv", ".json")
 
@@ -51,14 +52,14 @@ def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:
     return labels
 
 
-def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], list[Pair]]:
+def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], Pairs]:
     """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
 
     Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
-    makes a pair: a demonstration has one label at most, and any number of pairs, in JSON a list of both. Ids come back
-    as text, see `match_labels`, and without white space at their ends, unless one of the `ids` has it. A `DataError`
-    names the file and the demonstration: unknown words, an id labelled twice, a demonstration that is compared with
-    itself, two pairs that contradict each other, no answers.
+    makes a pair, and ``same as ID`` one without a difference: a demonstration has one label at most, and any number of
+    pairs, in JSON a list of both. Ids come back as text, see `match_labels`, and without white space at their ends,
+    unless one of the `ids` has it. A `DataError` names the file and the demonstration: unknown words, an id labelled
+    twice, a demonstration that is compared with itself, two pairs that contradict each other, no answers.
     """
     path, ids = check_labels_file(path), {*map(str, ids)}
     rows: list[tuple[str, object]] = []
@@ -74,36 +75,36 @@ def check_labels_file(path: StrPath) -> Path:
 
 def parse_answers(
     rows: Iterable[tuple[str, object]], source: str, ids: Iterable[object]
-) -> tuple[dict[str, Label], list[Pair]]:
+) -> tuple[dict[str, Label], Pairs]:
     """Labels and pairs from ids and words; of white space and errors as `read_answers`."""
     labels: dict[str, Label] = {}
-    pairs: dict[Pair, None] = {}
+    pairs: Pairs = {}
     known = {*map(str, ids)}
     for m, word in rows:
-        label, worse = _label(word), _worse(word) or ""
-        if other := worse if worse in known else worse.strip():
-            _add_pair(pairs, (m, other), source)
+        label, (relation, second) = _label(word), _compared(word) or ("same as", "")
+        if other := second if second in known else second.strip():
+            _add_pair(pairs, (m, other), relation, source)
             continue
         if label is None:
             raise DataError(
-                f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad' or 'better than "
-                "ID', and leave out the demonstrations you cannot judge."
+                f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad', 'better than "
+                "ID' or 'same as ID', and leave out the demonstrations you cannot judge."
             )
         if m in labels:
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
         labels[m] = label
     if not labels and not pairs:
         raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
-    return labels, list(pairs)
+    return labels, pairs
 
 
-def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], list[Pair]]:
+def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
     """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
     given = labels.items() if isinstance(labels, Mapping) else labels or ()
     rows: list[Parsed] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
         raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
-    return parse_answers(((str(m), word) for m, word in rows), "the labels", ids) if rows else ({}, [])
+    return parse_answers(((str(m), word) for m, word in rows), "the labels", ids) if rows else ({}, {})
 
 
 def write_answers(
@@ -126,7 +127,7 @@ def _csv_with(before: str, answers: Sequence[tuple[str, str]], ids: Collection[s
     header = csv.DictReader(_lines(before), skipinitialspace=True, delimiter=comma).fieldnames or ()
     id_column = _id_column(header)
     end = "\r\n" if "\r\n" in before else "\n"
-    before = _without_labels(before, {m for m, word in answers if _worse(word) is None}, ids)
+    before = _without_labels(before, {m for m, word in answers if _compared(word) is None}, ids)
     added = [end * (not before.endswith("\n"))]
     for m, word in answers:
         row = {id_column: to_cell(m), "label": word}
@@ -148,7 +149,7 @@ def _without_labels(text: str, labelled: Collection[str], ids: Collection[str]) 
     id_column, lines = _id_column(rows.fieldnames or ()) or "", _lines(text)
     kept, first = lines[: rows.line_num], rows.line_num
     for row in rows:
-        if _id_in(row[id_column], ids) not in labelled or _worse(row["label"]) is not None:
+        if _id_in(row[id_column], ids) not in labelled or _compared(row["label"]):
             kept += lines[first : rows.line_num]
         first = rows.line_num
     return "".join([*kept, *lines[first:]])
@@ -157,10 +158,10 @@ def _without_labels(text: str, labelled: Collection[str], ids: Collection[str]) 
 def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
     before = before.removeprefix("\ufeff")
     words: dict[str, list[str]] = {}
-    labelled = {m for m, word in answers if _worse(word) is None}
+    labelled = {m for m, word in answers if _compared(word) is None}
     for m, given in parse(before, "", LARGEST_TABLE, list):
         old = given if isinstance(given, list) else [given]
-        words.setdefault(m, []).extend(word for word in old if m not in labelled or _worse(word) is not None)
+        words.setdefault(m, []).extend(word for word in old if m not in labelled or _compared(word))
     for m, word in answers:
         words.setdefault(m, []).append(word)
     content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
@@ -169,18 +170,16 @@ def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
 
 def same_question(m: str, word: str) -> frozenset[str]:
     """The ids of the demonstrations that an answer is about; two answers about the same ones exclude each other."""
-    return frozenset((m, _worse(word) or m))
+    _, other = _compared(word) or (word, m)
+    return frozenset((m, other))
 
 
-def better_than(worse: str) -> str:
-    """The word that makes a pair with the demonstration `worse`."""
-    return f"better than {worse}"
-
-
-def _worse(word: object) -> str | None:
-    """The other demonstration of a pair; None where the word makes none."""
-    found = _BETTER.fullmatch(word) if isinstance(word, str) else None
-    return found[1] if found else None
+def _compared(word: object) -> tuple[Relation, str] | None:
+    """The relation to the other demonstration of a pair, and its id; None where the word makes none."""
+    found = _COMPARED.fullmatch(word) if isinstance(word, str) else None
+    if not found:
+        return None
+    return "same as" if found[1].lower().startswith("same") else "better than", found[2]
 
 
 def _id_in(cell: str | None, ids: Collection[str]) -> str:
@@ -189,14 +188,13 @@ def _id_in(cell: str | None, ids: Collection[str]) -> str:
     return name if name in ids else from_cell((cell or "").strip())
 
 
-def _add_pair(pairs: dict[Pair, None], pair: Pair, source: str) -> None:
-    """Add a pair of ids as text, of which `source` says that the first is the better one, unless it is there."""
-    better, worse = pair
-    if better == worse:
-        raise DataError(f"{source}, demonstration {better!r}: it is compared with itself; name two.")
-    if (worse, better) in pairs:
-        raise DataError(f"{source}, {better!r} and {worse!r}: each is better than the other; keep one answer.")
-    pairs[pair] = None
+def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: str) -> None:
+    """Add a pair of ids as text, of which `source` says what the first is to the second, unless it is there."""
+    first, second = sorted(pair) if relation == "same as" else pair
+    if first == second:
+        raise DataError(f"{source}, demonstration {first!r}: it is compared with itself; name two.")
+    if (second, first) in pairs or pairs.setdefault((first, second), relation) != relation:
+        raise DataError(f"{source}, {first!r} and {second!r}: two answers contradict each other; keep one answer.")
 
 
 def _label(word: object) -> Label | None:
@@ -216,17 +214,24 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
     return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
 
 
-def match_pairs(pairs: Sequence[tuple[Hashable, Hashable]], ids: Sequence[object]) -> Int[Array, "P 2"]:
-    """Numbers of the better and the worse demonstration of each pair; ids are compared as text.
+def match_pairs(
+    pairs: Iterable[tuple[tuple[Hashable, Hashable], Relation]], ids: Sequence[object]
+) -> tuple[Int[Array, "P 2"], Int[Array, "T 2"]]:
+    """Numbers of the better and the worse demonstration of each pair, and of the two of each without a difference.
 
-    A `DataError` where an id is not among `ids`, a demonstration is compared with itself, or two pairs contradict.
+    Ids are compared as text. A `DataError` where one is not among `ids`, a demonstration is compared with itself, or
+    two pairs contradict.
     """
     number = {str(name): m for m, name in enumerate(ids)}
-    found: dict[Pair, None] = {}
-    for better, worse in pairs:
-        check_ids([better, worse], ids, "the pairs", "the pairs")
-        _add_pair(found, (str(better), str(worse)), "The pairs")
-    return np.array([(number[better], number[worse]) for better, worse in found], dtype=int).reshape(-1, 2)
+    found: Pairs = {}
+    for (first, second), relation in pairs:
+        check_ids([first, second], ids, "the pairs", "the pairs")
+        _add_pair(found, (str(first), str(second)), relation, "The pairs")
+    better, tied = (
+        np.array([[number[m] for m in pair] for pair in found if found[pair] == kind], dtype=int).reshape(-1, 2)
+        for kind in get_args(Relation)
+    )
+    return better, tied
 
 
 def is_id_file(where: str) -> bool:

@@ -44,7 +44,7 @@ def audit(
     ----------
     data : path, frame, Demonstrations, Recording or iterable of trajectories
         As for `rpil.read`; large files stay on disk.
-    labels : mapping of id to {"good", "bad", "better than ID"}, sequence of such pairs, or path, optional
+    labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
     outcome : str, mapping of id to number, or sequence of M numbers, optional
         How each demonstration ended: a column, "length", or numbers, of which more is better; in the name of a column

@@ -87,7 +87,7 @@ class Options:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-        if not self.judges and (len(task.pairs) or task.outcome is not None):
+        if not self.judges and (len(task.answers.compared) or task.outcome is not None):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
         if not self.judges and (task.labels < 0).all():
             raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")

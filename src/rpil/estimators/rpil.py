@@ -175,7 +175,7 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step; needed where X is an array, see the parameter of the constructor.
-        labels : mapping of id to {"good", "bad", "better than ID"}, or sequence of such pairs, optional
+        labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, or sequence of such pairs, optional
             Answers about demonstrations, in the place of the constructor's.
         demonstrators : mapping of id to name, or sequence of M names, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's

@@ -47,12 +47,14 @@ class Task:
     """The place of each demonstration in the order in which they were made, where that is stated."""
     pairs: Int[Array, "P 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
     """The better and the worse demonstration of each pair that was compared."""
+    tied: Int[Array, "T 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
+    """The two demonstrations of each pair without a difference."""
 
     @property
     def answers(self) -> Answers:
         """All that is known of the demonstrations."""
         unknown = np.full(len(self.labels), np.nan)
-        return Answers(self.labels, self.pairs, unknown if self.outcome is None else self.outcome)
+        return Answers(self.labels, self.pairs, unknown if self.outcome is None else self.outcome, self.tied)
 
     @classmethod
     def of(
@@ -73,8 +75,8 @@ class Task:
         groups = group_by_demonstrator(demonstrators, source)
         known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
         by_id, pairs = parse_labels(labels, source.ids)
-        compared = match_pairs(pairs, source.ids)
-        return cls(source, space, classes, label_codes(by_id, source), groups, *known, compared)
+        compared = match_pairs(pairs.items(), source.ids)
+        return cls(source, space, classes, label_codes(by_id, source), groups, *known, *compared)
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""

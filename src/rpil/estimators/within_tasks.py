@@ -15,7 +15,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
 from rpil.data.files import StrPath
-from rpil.data.id_values import Label, Pair, better_than, check_ids, parse_labels
+from rpil.data.id_values import Label, Pairs, check_ids, parse_labels
 from rpil.data.reference import with_reference
 from rpil.estimators.task import DemonstratorNames, Labels
 from rpil.formats import read_answers, read_demonstrators
@@ -41,7 +41,7 @@ class Known:
     """What is known of demonstrations beside their steps; answers and demonstrators by ids as text."""
 
     labels: Mapping[str, Label]
-    pairs: Sequence[Pair]
+    pairs: Pairs
     demonstrators: Mapping[str, Hashable]
     facts: Facts
     reference: Demonstrations | None = None
@@ -100,7 +100,7 @@ class Known:
     @property
     def answers(self) -> list[tuple[str, str]]:
         """Labels and pairs as ids and words."""
-        return [*self.labels.items(), *((better, better_than(worse)) for better, worse in self.pairs)]
+        return [*self.labels.items(), *((m, f"{word} {other}") for (m, other), word in self.pairs.items())]
 
     @property
     def arguments(self) -> Beside:
@@ -113,7 +113,7 @@ class Known:
         return replace(
             self,
             labels={m: label for m, label in self.labels.items() if m in ids},
-            pairs=[pair for pair in self.pairs if ids >= {*pair}],
+            pairs={pair: word for pair, word in self.pairs.items() if ids >= {*pair}},
             demonstrators={m: name for m, name in self.demonstrators.items() if m in ids},
             facts=self.facts.select(rows),
         )

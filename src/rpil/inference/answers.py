@@ -3,22 +3,23 @@
     P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
 
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
-(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". Labels of one sort alone, as of a reference,
-were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome is an answer t
-in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share of the bad
-demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration whose outcome
-is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on the group of
-scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The direction d is 1, or
--1 where the ones that agree are bad; answers of one side alone cannot tell, and d is 1. e is the rate of wrong answers,
-on a grid. For each d, luck and e the posterior of w is Laplace's approximation, and its evidence weighs it; P(good)
-integrates over w (MacKay 1992). Channels are correlated, and this posterior is wider than it should be: so the logit is
-multiplied by `sharpness`.
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". "No difference" is half a win of either, t =
+1/2 in P(yes)^t P(no)^(1 - t): the model of Davidson (1970) where such answers are rare. Labels of one sort alone, as of
+a reference, were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome
+is an answer t in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share
+of the bad demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration
+whose outcome is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on
+the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
+direction d is 1, or -1 where the ones that agree are bad; answers of one side alone cannot tell, and d is 1. e is the
+rate of wrong answers, on a grid. For each d, luck and e the posterior of w is Laplace's approximation, and its evidence
+weighs it; P(good) integrates over w (MacKay 1992). Channels are correlated, and this posterior is wider than it should
+be: so the logit is multiplied by `sharpness`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -32,7 +33,7 @@ from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
-@stored(labels="M", pairs="compared 2", outcome="M")
+@stored(labels="M", pairs="compared 2", outcome="M", tied="tied 2")
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What is known of M demonstrations."""
@@ -43,6 +44,8 @@ class Answers:
     """The better and the worse demonstration of each pair that was compared."""
     outcome: Float[Array, " M"]
     """Higher is better; NaN where it is unknown."""
+    tied: Int[Array, "T 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    """The two demonstrations of each pair without a difference."""
     _flag: bool | None = None
     """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
 
@@ -64,20 +67,30 @@ class Answers:
     @property
     def count(self) -> int:
         """R, the number of labels, of known outcomes of other demonstrations, and of pairs."""
-        return int(np.count_nonzero(self.labels)) + len(self._graded) + len(self.pairs)
+        return sum(self._counts)
+
+    @property
+    def _counts(self) -> list[int]:
+        """The numbers of labels, of outcomes of others, of pairs without a difference, and of other pairs."""
+        return [int(np.count_nonzero(self.labels)), len(self._graded), len(self.tied), len(self.pairs)]
 
     def select(self, indices: Sequence[int]) -> Answers:
         """The answers about some of the demonstrations, and about pairs of them."""
-        place = {m: k for k, m in enumerate(indices)}
-        pairs = [(place[a], place[b]) for a, b in self.pairs.tolist() if a in place and b in place]
-        chosen = list(indices)
-        return Answers(self.labels[chosen], np.array(pairs, dtype=np.int64).reshape(-1, 2), self.outcome[chosen])
+        chosen, place = list(indices), np.full(len(self.labels), -1)
+        place[chosen] = np.arange(len(chosen))
+        pairs, tied = _renumbered(self.pairs, place), _renumbered(self.tied, place)
+        return Answers(self.labels[chosen], pairs, self.outcome[chosen], tied)
 
     @property
     def about(self) -> list[tuple[int, ...]]:
         """The demonstrations that each of the R answers is about, in the order of `rows`."""
         alone = [*np.flatnonzero(self.labels).tolist(), *self._graded.tolist()]
-        return [*((m,) for m in alone), *map(tuple, self.pairs.tolist())]
+        return [*((m,) for m in alone), *map(tuple, self.compared.tolist())]
+
+    @property
+    def compared(self) -> Int[Array, "_ 2"]:
+        """The pairs without a difference, and the others."""
+        return np.concatenate([self.tied, self.pairs])
 
     @property
     def _graded(self) -> Int[Array, " _"]:
@@ -86,15 +99,14 @@ class Answers:
 
     @property
     def _signs(self) -> Int[Array, " R"]:
-        """Of the R answers, 1 for good, -1 for bad, 0 for a pair, which says both, or an outcome in the middle."""
+        """Of the R answers, 1 for good, -1 for bad, 0 for a pair or an outcome in the middle."""
         graded = np.sign(self.ranks()[self._graded] - 0.5).astype(int)
-        return np.concatenate([self.labels[self.labels != 0], graded, np.zeros(len(self.pairs), dtype=int)])
+        return np.concatenate([self.labels[self.labels != 0], graded, np.zeros(len(self.compared), dtype=int)])
 
     @property
     def are_outcomes(self) -> Bool[Array, " R"]:
         """Which of the R answers are outcomes."""
-        counts = [int(np.count_nonzero(self.labels)), len(self._graded), len(self.pairs)]
-        return np.repeat([False, True, False], counts)
+        return np.repeat([False, True, False, False], self._counts)
 
     @property
     def say_bad(self) -> Int[Array, " _"]:
@@ -108,11 +120,11 @@ class Answers:
 
     def only(self, kept: Bool[Array, " R"]) -> Answers:
         """Those of the R answers, in the order of `rows`, that are `kept`."""
-        of_labels, of_outcomes, of_pairs = np.split(kept, np.cumsum([np.count_nonzero(self.labels), len(self._graded)]))
+        of_labels, of_outcomes, of_tied, of_pairs = np.split(kept, np.cumsum(self._counts[:-1]))
         labels, outcome = self.labels.copy(), self.outcome.copy()
         labels[np.flatnonzero(labels)[~of_labels]] = 0
         outcome[self._graded[~of_outcomes]] = np.nan
-        return replace(self, labels=labels, pairs=self.pairs[of_pairs], outcome=outcome, _flag=self.is_flag)
+        return Answers(labels, self.pairs[of_pairs], outcome, self.tied[of_tied], self.is_flag)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
         """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
@@ -123,13 +135,14 @@ class Answers:
         total = np.bincount(place[known], self.outcome[known], len(first))
         count = np.bincount(place[known], minlength=len(first))
         outcome = np.divide(total, count, out=np.full(len(first), np.nan), where=count > 0)
-        pairs = place[self.pairs]
-        return Answers(labels, np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0), outcome, self.is_flag)
+        pairs = np.unique(_renumbered(self.pairs, place), axis=0)
+        tied = np.unique(np.sort(_renumbered(self.tied, place)), axis=0)
+        return Answers(labels, pairs, outcome, tied, self.is_flag)
 
     def shared(self, copy_of: Int[Array, " M"]) -> Answers:
         """The same, where a label or an outcome is that of all copies."""
         once, place = self.once(copy_of), np.unique(copy_of, return_inverse=True)[1]
-        return Answers(once.labels[place], self.pairs, once.outcome[place])
+        return Answers(once.labels[place], self.pairs, once.outcome[place], self.tied)
 
     @property
     def is_flag(self) -> bool:
@@ -153,11 +166,18 @@ class Answers:
         """The matrix A and the answers t."""
         columns = np.column_stack([np.ones(len(channels)), channels])
         labelled, ranks, known = np.flatnonzero(self.labels), self.ranks(), self._graded
-        compared = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
+        compared = columns[self.compared[:, 0]] - columns[self.compared[:, 1]]
         if not len(known) and len({*self.labels[labelled].tolist()}) == 1:
             columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
-        targets = [(self.labels[labelled] > 0).astype(float), ranks[known], np.ones(len(compared))]
+        of_pairs = np.repeat([0.5, 1.0], [len(self.tied), len(self.pairs)])
+        targets = [(self.labels[labelled] > 0).astype(float), ranks[known], of_pairs]
         return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
+
+
+def _renumbered(pairs: Int[Array, "P 2"], place: Int[Array, " M"]) -> Int[Array, "_ 2"]:
+    """The pairs by the new numbers, `place`: those of two demonstrations of which both have one, none -1."""
+    new = place[pairs]
+    return np.asarray(new[(new[:, 0] != new[:, 1]) & (new >= 0).all(axis=1)])
 
 
 def check_copied_labels(
@@ -199,9 +219,10 @@ class Posterior:
         return np.asarray(expit(logit_by_channels) @ np.exp(self.log_weight))
 
     def proba_of(self, rows: Float[Array, "R D"], targets: Float[Array, " R"]) -> Float[Array, " R"]:
-        """P of answers t to the rows A, of which none is wrong."""
+        """P of answers t to the rows A, of which none is wrong; of a tie, its share of the most that it can be."""
         yes = expit(self._moderated(rows)) @ np.exp(self.log_weight)
-        return np.asarray(targets * yes + (1 - targets) * (1 - yes))
+        is_tie = (rows[:, 0] == 0) & (targets == 0.5)
+        return np.asarray(np.where(is_tie, 2 * np.sqrt(yes * (1 - yes)), targets * yes + (1 - targets) * (1 - yes)))
 
     def _moderated(self, rows: Float[Array, "R D"]) -> Float[Array, "R K"]:
         """The logit of each row and distribution, nearer to 0 the less is known (MacKay 1992)."""

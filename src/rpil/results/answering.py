@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.errors import DataError
-from rpil.data.id_values import match_labels, match_pairs, parse_labels
+from rpil.data.id_values import Relation, match_labels, match_pairs, parse_labels
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
@@ -45,7 +45,7 @@ NEXT_STEPS = {
 A = TypeVar("A", bound=Judged)
 
 
-def with_answers(audit: A, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> A:
+def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> A:
     """The audit with answers beside those that it has; see `Audit.answered`."""
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
@@ -98,16 +98,18 @@ def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, 
     return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(audit, known))
 
 
-def merged(audit: Judged, labels: Mapping[Id, str], pairs: Sequence[tuple[Id, Id]]) -> Answers:
+def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
     words, more = parse_labels(labels, audit.ids)
     signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
     for m, is_good in match_labels(words, audit.ids).items():
         signs[m] = 1 if is_good else -1
-    old = [(audit.ids[better], audit.ids[worse]) for better, worse in known.pairs.tolist()]
-    compared = match_pairs([*old, *more, *pairs], audit.ids)
-    return Answers(signs, compared, known.outcome if len(known.outcome) else unknown)
+    old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
+    before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
+    given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
+    compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
+    return Answers(signs, compared, known.outcome if len(known.outcome) else unknown, tied)
 
 
 def shown_proba(
@@ -147,7 +149,7 @@ def sentence_of(audit: Judged, known: Answers) -> str:
     known = known.once(audit.copy_of) if len(known.labels) else known
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
-        "pairs": len(known.pairs),
+        "pairs": len(known.compared),
         "outcomes": int(np.isfinite(known.outcome).sum()),
     }
     given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)

@@ -49,7 +49,7 @@ def check_sound(audit: AuditResult) -> None:
     sound &= bool((audit.lengths > 0).all()) and {*audit.verdicts} <= SIDES.keys()
     sound &= audit.finding in FINDINGS and audit.anchor in WORDS and {*known.labels.tolist()} <= {-1, 0, 1}
     sound &= audit.columns_within.shape[1] in (0, audit.columns.shape[1] + 1)
-    numbers = np.concatenate([audit.copy_of, known.pairs.ravel()])
+    numbers = np.concatenate([audit.copy_of, known.compared.ravel()])
     sound &= bool(((numbers >= 0) & (numbers < n)).all())
     prior = np.array([audit.prior.mean, audit.prior.low, audit.prior.high])
     of_demonstrations = (audit.expert_proba, audit.reliability, audit.reliability_interval)

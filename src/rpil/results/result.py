@@ -6,7 +6,7 @@ Pictures and tables read it from here; `rpil.results.record.Audit` is what users
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -220,14 +220,14 @@ class AuditResult:
         """
         return answering.suggest(self, k)
 
-    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Sequence[tuple[Id, Id]] = ()) -> Self:
+    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Collection[tuple[Id, Id]] = ()) -> Self:
         """The same audit with these answers beside those that it has; no policy is fitted again.
 
         Parameters
         ----------
-        labels : mapping of id to {"good", "bad", "better than ID"}
-        pairs : sequence of (id, id)
-            The better and the worse of two demonstrations.
+        labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}
+        pairs : sequence of (id, id), or mapping of them to {"better than", "same as"}
+            The better and the worse of two demonstrations, or what the first is to the second.
 
         Raises
         ------

@@ -148,13 +148,14 @@ def _gathered(
 
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
     """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
-    joined = Answers(np.zeros(n, dtype=np.int64), np.empty((0, 2), dtype=np.int64), np.full(n, np.nan))
-    pairs = [joined.pairs]
+    joined = Answers.of_labels(np.zeros(n, dtype=np.int64))
+    pairs, tied = [joined.pairs], [joined.tied]
     for task, audit in audits.items():
         own, rows = audit.answers, np.asarray(places[task])
         joined.labels[rows], joined.outcome[rows] = own.labels, own.outcome
         pairs.append(rows[own.pairs])
-    return Answers(joined.labels, np.concatenate(pairs), joined.outcome)
+        tied.append(rows[own.tied])
+    return replace(joined, pairs=np.concatenate(pairs), tied=np.concatenate(tied))
 
 
 def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:

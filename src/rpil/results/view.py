@@ -26,7 +26,7 @@ doubts, notes, assumptions, lost, read
 contradicting
     Demonstrations whose label contradicts the other answers.
 answers
-    The labels and pairs that were given: [demonstration, "good", "bad" or "better than ID"].
+    The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
 demonstrations
     Columns of M: id (text), verdict, log_odds, rank (the place in the ranking, from 1, the most trusted, on), p (None
     where the place is shown in its stead), evidence (dict of columns, the parts of log_odds), reliability, low,
@@ -67,7 +67,6 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from rpil.data.id_values import better_than
 from rpil.faults.record import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
@@ -201,7 +200,8 @@ def _answers(audit: AuditResult) -> list[list[object]]:
     """The labels and pairs that were given, as a file of labels has them."""
     labels = audit.answers.labels
     given = [[m, "good" if labels[m] > 0 else "bad"] for m in np.flatnonzero(labels).tolist()]
-    return given + [[a, better_than(str(audit.ids[b]))] for a, b in audit.answers.pairs.tolist()]
+    compared = {"better than": audit.answers.pairs, "same as": audit.answers.tied}
+    return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
 
 
 def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:

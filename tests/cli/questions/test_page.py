@@ -72,7 +72,7 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         assert browser.evaluate("location.href") == f"http://127.0.0.1:{client.gate.port}/", "the token is not shown"
         assert "Which is better" in browser.text(".ask h2")
         after(browser, 1, "1")
-        assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+        assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})
         asked = audit.answered({}, [audit.pair]).suggest_labels(1)[0]
         browser.wait(f"{CHOSEN} === '{asked}'")  # the next question is chosen
         assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad." in browser.text(".ask [role=status]")
@@ -96,6 +96,25 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         browser.evaluate("location.reload()")
         browser.wait("document.querySelector('.ask')?.innerText.includes('3 answers of this run')")
         assert all(url.startswith((f"http://{client.host}/", "data:", "blob:")) for url in browser.requests[1:])
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_no_difference_has_a_button_and_a_key(audit, browser):
+    a, b = map(str, audit.pair)
+    with serving(review_of(audit, page=page_of)) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        assert browser.text(".ask [data-key='5']").split() == ["No", "difference", "5"]
+        after(browser, 1, "5")
+        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
+        after(browser, 2, "z")
+        browser.click(".ask [data-key='5']")
+        browser.wait(f"{VERSION} === 3")
+        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
+        browser.press("5")  # no pair is asked about
+        after(browser, 4, "s")
+        assert client.get("/api/view")["n_answers"] == 1
 
 
 @needs_chromium

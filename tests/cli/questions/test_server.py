@@ -41,7 +41,7 @@ def test_the_state_is_the_view_and_the_question(client, review, audit):
     state = client.get("/api/view")
     view = make_view(audit, review.about, 0) | {"question": "", "pair": [], "look_at": []}
     assert state["view"] == json.loads(json.dumps(view))
-    assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "u", "s"]
+    assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "5", "u", "s"]
     pair = [audit.index(name) for name in audit.pair]
     assert state["asked"]["demonstrations"] == pair
     assert state["asked"]["sentence"].startswith("Which is better: ")
@@ -64,7 +64,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     assert list(state["asked"]["buttons"].items()) == [("g", "Good"), ("b", "Bad"), ("u", "Cannot tell"), ("s", "Skip")]
     assert state["asked"]["demonstrations"] == [audit.index(name) for name in answered.suggest_labels(1)]
     assert (state["version"], state["n_answers"], state["can_undo"]) == (1, 1, True)
-    assert read_answers("labels.csv") == ({}, [tuple(map(str, audit.pair))])
+    assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})
 
 
 def test_any_demonstration_can_be_answered_and_undone(client):
@@ -114,7 +114,7 @@ def test_of_answers_at_once_one_counts(client):
         {},
         {"demonstrations": [0]},
         *({"demonstrations": [0], "key": key} for key in ("1", "3", "z", "gb", "", None, 1, ["g"])),
-        *({"demonstrations": [0, 1], "key": key} for key in ("g", "5")),
+        *({"demonstrations": [0, 1], "key": key} for key in ("g", "6")),
         *({"demonstrations": m, "key": "g"} for m in (0, "0", None, [], ["0"], [True], [0.0], [-1], [24], [[0]])),
         *({"demonstrations": m, "key": "1"} for m in ([0, 0], [0, 1, 2], [0, 24])),
     ],

@@ -37,6 +37,7 @@ def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
         ("2", (("7", "better than a"),)),
         ("3", (("a", "good"), ("7", "good"))),
         ("4", (("a", "bad"), ("7", "bad"))),
+        ("5", (("a", "same as 7"),)),
         ("u", ()),
     ],
 )
@@ -99,7 +100,7 @@ def test_undo_goes_back_to_the_first_question(audit):
 
 def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
     session = Session(audit, "labels.csv", None, None)
-    for question, key in (((1,), "g"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
+    for question, key in (((1,), "g"), ((4, 3), "5"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
         session.answer(question, key)
     assert rows() == ["id,label", "1,bad", "4,better than 3", "3,better than 1"]
     assert session.audit.labelled == (1,)
@@ -120,17 +121,17 @@ def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     start = audit.answered(*read_answers(name))
     session = Session(start, name, before, None)
     session.answer((1,), "b")
-    assert read_answers(name) == ({"1": "bad", "2": "good"}, [("1", "3")])
+    assert read_answers(name) == ({"1": "bad", "2": "good"}, {("1", "3"): "better than"})
     assert session.audit.answers.labels[1] == -1
     session.undo()
-    assert read_answers(name) == ({"1": "good", "2": "good"}, [("1", "3")])
+    assert read_answers(name) == ({"1": "good", "2": "good"}, {("1", "3"): "better than"})
     assert session.audit.answers.labels[1] == 1
 
 
 def test_what_cannot_be_written_changes_nothing(audit):
     Path("labels.csv").write_text("id,label\n1,better than 3\n")
     session = Session(audit.answered({}, [(1, 3)]), "labels.csv", Path("labels.csv").read_bytes(), None)
-    with pytest.raises(DataError, match="each is better than the other"):
+    with pytest.raises(DataError, match="two answers contradict each other"):
         session.answer((3, 1), "1")
     Path("labels.csv").write_text("id,label\n1,better than 3\n5,bad\n")
     with pytest.raises(DataError, match="another program has changed it"):

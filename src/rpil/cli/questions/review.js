@@ -48,9 +48,9 @@ const live = (() => {
     });
   };
   const press = (key, m) => {
-    const isPair = asked.length === 2, ofPair = "1234".includes(key) || ("us".includes(key) && asked.includes(m));
+    const isPair = asked.length === 2, ofPair = "12345".includes(key) || ("us".includes(key) && asked.includes(m));
     if (isPair && ofPair) post("/api/answer", { demonstrations: asked, key });
-    else if (!"1234".includes(key) && m !== null) post("/api/answer", { demonstrations: [m], key });
+    else if (!"12345".includes(key) && m !== null) post("/api/answer", { demonstrations: [m], key });
   };
   const undo = () => post("/api/undo", {});
 

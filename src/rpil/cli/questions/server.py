@@ -64,7 +64,7 @@ class Review:
             asked["sentence"] = question_sentence(audit, question, self.about.fps)
             asked["why"] = WHY[len(question)]
             asked["facts"] = list(fact_lines(audit, question))
-            words = [*first, "Both good", "Both bad"] if len(question) == 2 else ["Good", "Bad"]
+            words = [*first, "Both good", "Both bad", "No difference"] if len(question) == 2 else ["Good", "Bad"]
             keys = ANSWER_KEYS[len(question)]
             asked["buttons"] = dict(zip(keys, [*words, "Cannot tell", "Skip"], strict=True))
         return {

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
-from rpil.data.id_values import better_than, parse_answers, same_question, write_answers
+from rpil.data.id_values import parse_answers, same_question, write_answers
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
 from rpil.results.text import listed, printable
@@ -32,7 +32,7 @@ Question = tuple[Hashable, ...]
 Rows = tuple[tuple[str, str], ...]
 """Answers as a file of labels has them: ids as text, and words."""
 
-ANSWER_KEYS = {1: "gbus", 2: "1234us"}
+ANSWER_KEYS = {1: "gbus", 2: "12345us"}
 """The keys that answer a question about so many demonstrations."""
 
 
@@ -85,9 +85,9 @@ class Asking:
 def rows_of(question: Question, key: str) -> Rows:
     """The answer that a key gives to a question."""
     ids = [str(name) for name in question]
-    if key in ("1", "2"):
-        better, worse = ids if key == "1" else ids[::-1]
-        return ((better, better_than(worse)),)
+    if key in ("1", "2", "5"):
+        first, second = ids[::-1] if key == "2" else ids
+        return ((first, f"{'same as' if key == '5' else 'better than'} {second}"),)
     word = {"g": "good", "3": "good", "b": "bad", "4": "bad"}.get(key)
     return tuple((name, word) for name in ids) if word else ()
 

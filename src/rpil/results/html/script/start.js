@@ -117,7 +117,7 @@ const start = (article, prefix, before = null) => {
     "/": () => search.focus(),
     Escape: () => { filters.clear(); changed(); table.focus(); },
   };
-  if (live) for (const key of "us1234") keys[key] = () => live.press(key, chosen);
+  if (live) for (const key of "us12345") keys[key] = () => live.press(key, chosen);
   return { show, choose, kept: () => ({ chosen, state, look: view.demonstrations.look, n_review: view.n_review }), press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
 };
 
