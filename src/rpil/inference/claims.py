@@ -56,9 +56,6 @@ class Claims:
     """The demonstrations below the upper group, where the scores are two groups."""
     contrast: Contrast | None = None
     """How two groups differ that each have a policy of their own."""
-    is_second_way: bool = False
-    """Whether those that are unlike may follow a policy of their own (`rpil.inference.rivals.OwnPolicy`), so that
-    nothing may be done about them before an answer."""
     do_steps_tell: bool = False
     """Whether steps are compared by policies of the training group and of the others
     (`rpil.inference.rivals.do_steps_tell`)."""
@@ -102,7 +99,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if split.lower.gain_upper <= 0:
         return Claims("nothing could be learned", nobody, lower=split.lower)
     if split.lower.is_rival:
-        return Claims("two groups", nobody, (), split.lower, contrast(scoring, split.lower, scores.fit.ridge))
+        return two_groups(scoring, scores, split.lower)
     if split is groups and chance is not None:
         split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
     doubts = tuple(doubts_of(scoring, scores, split, order))
@@ -114,8 +111,15 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if not unlike.any():
         return Claims("nobody stands out", nobody, (), split.lower)
     upper = np.isin(np.arange(len(unlike)), split.lower.upper)
-    own = OwnPolicy.of(data, upper, unlike, scores.fit.ridge, scoring.settings)
-    return Claims("some are unlike", split.words, (), split.lower, is_second_way=own.is_there)
+    if OwnPolicy.of(data, upper, unlike, scores.fit.ridge, scoring.settings).is_there:
+        return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(unlike)))
+    return Claims("some are unlike", split.words, (), split.lower)
+
+
+def two_groups(scoring: Scoring, scores: Scores, lower: Lower) -> Claims:
+    """The claim that the `lower` group has a policy of its own: neither group is unlike the other."""
+    nobody = np.zeros(scoring.data.n_demonstrations, dtype=int)
+    return Claims("two groups", nobody, (), lower, contrast(scoring, lower, scores.fit.ridge))
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,12 +53,12 @@ def _evidence(scoring: Scoring, lower: Lower, ridge: float) -> Float[Array, " J"
     """e_j, nats a step; 0 where the policy has no parts."""
     data = scoring.data
     if isinstance(data.space, Discrete):
-        assert lower.log_ratio is not None  # a rival has it
+        log_pi_a, log_pi_b = (_log_prob(scoring, group, ridge) for group in (lower.upper, lower.rival))
         cell = data.per_step(np.arange(data.n_demonstrations)) * data.space.n + data.actions
-        sums = np.bincount(cell, lower.log_ratio, data.n_demonstrations * data.space.n).reshape(-1, data.space.n)
+        sums = np.bincount(cell, log_pi_b - log_pi_a, data.n_demonstrations * data.space.n).reshape(-1, data.space.n)
     else:
-        of_both = [_log_prob_of_parts(scoring, group, ridge) for group in (lower.upper, lower.rival)]
-        of_upper, of_rival = of_both
+        weights = (_weight(scoring, group) for group in (lower.upper, lower.rival))
+        of_upper, of_rival = (scoring.model.log_prob_of_parts(weight, ridge) for weight in weights)
         if of_upper is None or of_rival is None:
             return np.zeros(data.actions.shape[1])
         sums = data.sum_steps(of_rival - of_upper)
@@ -66,7 +66,11 @@ def _evidence(scoring: Scoring, lower: Lower, ridge: float) -> Float[Array, " J"
     return np.maximum(np.median(means[lower.rival], axis=0) - np.median(means[lower.upper], axis=0), 0.0)
 
 
-def _log_prob_of_parts(scoring: Scoring, group: Array, ridge: float) -> Float[Array, "N A"] | None:
-    """Held-out log-densities of the parts of the action, by policies of a `group`."""
-    weight = scoring.data.per_step(np.isin(np.arange(scoring.data.n_demonstrations), group).astype(float))
-    return scoring.model.log_prob_of_parts(weight, ridge)
+def _log_prob(scoring: Scoring, group: Array, ridge: float) -> Float[Array, " N"]:
+    """Held-out log-probabilities by policies of a `group`."""
+    return scoring.model.cold_copy().evaluate(_weight(scoring, group), ridge).log_prob
+
+
+def _weight(scoring: Scoring, group: Array) -> Float[Array, " N"]:
+    """1 in the steps of a `group`, 0 elsewhere."""
+    return scoring.data.per_step(np.isin(np.arange(scoring.data.n_demonstrations), group).astype(float))

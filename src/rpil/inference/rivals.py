@@ -44,8 +44,6 @@ class Lower:
     """Whether the rival group has a policy of its own."""
     is_noise: bool
     """Whether a policy of all lower demonstrations explains nothing."""
-    log_ratio: Float[Array, " N"] | None = None
-    """Of each step, log pi_B - log pi_A in nats, where the rival group has a policy of its own."""
 
 
 def look_below(
@@ -74,8 +72,7 @@ def look_below(
         of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
         shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
         has_policy = shared < limits.max_shared_gain * float(np.median(own))
-    log_ratio = log_pi_rival - log_pi if has_policy else None
-    return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise), log_ratio)
+    return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
 
 
 def is_learnable(

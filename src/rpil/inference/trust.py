@@ -118,8 +118,7 @@ def judge(
     beside = facts_beside(data, scoring.indicators(), states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     against = np.zeros(len(log_ratio))
-    is_open = claims.is_second_way or claims.finding == "nothing could be learned"
-    if not is_open and do_steps_tell(data, scores.fit, settings):
+    if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
         claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
     typical = float(np.median(against_others(data, against, settings)[scores.fit.group]))
     whole_from = settings.steps.whole_reliability * typical

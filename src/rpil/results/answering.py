@@ -17,7 +17,7 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
-from rpil.results.groups import SECOND_WAY, TWO_GROUPS
+from rpil.results.groups import TWO_GROUPS
 from rpil.results.judged import Judged
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.step_weights import weights_of
@@ -79,22 +79,17 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id,
         max_unlike_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, audit.ids),
-        notes=tuple(note for note in audit.notes if not (is_decided and _is_of_groups(note))),
+        notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
         assumptions=_assumptions(audit, known, is_decided),
     )
     return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var]
-
-
-def _is_of_groups(sentence: str) -> bool:
-    """Whether a sentence is about groups without answers."""
-    return TWO_GROUPS in sentence or SECOND_WAY in sentence
 
 
 def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
     said = sentence_of(audit, audit.answers)
     old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and not (is_decided and _is_of_groups(one)))
+    kept = (one for one in audit.assumptions if one not in old and not (is_decided and TWO_GROUPS in one))
     return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(audit, known))
 
 

@@ -18,12 +18,6 @@ from rpil.results.text import printable
 TWO_GROUPS = "The two groups: "
 """How the sentences begin."""
 
-SECOND_WAY = (
-    "Those that are unlike may follow a policy of their own, which may be as good: without an answer they weigh as "
-    "much as the others, and none of them is rejected."
-)
-"""The note where `rpil.inference.claims.Claims.is_second_way` holds."""
-
 MAX_P = 0.01
 """Probability of so different facts by chance (Mann and Whitney 1947), up to which a difference is named."""
 MIN_SEPARATION = 0.8

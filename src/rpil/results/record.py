@@ -77,8 +77,8 @@ class Audit(AuditResult):
     prior : Interval
         Share of the demonstrations that the upper one of `words` describes.
     identifiable : bool
-        False where two groups of demonstrations, or those that are unlike, have a policy of their own, and fewer than
-        two answers say which one is good.
+        False where two groups of demonstrations have policies of their own, and fewer than two answers say which one is
+        good.
     competing : tuple of tuple of ids
         These two groups.
     pair : tuple of ids

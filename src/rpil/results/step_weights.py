@@ -7,11 +7,10 @@ s_n is the share of step n in its demonstration (`rpil.inference.step_trust`), w
 evidence: 1 for that of the training group T, -1 for that of the others R, 0 where nothing says which is better.
 
     without answers    W_m = P(typical), where m is called unlike;  W_m = 1, elsewhere
-                       c = 1;  0 where two groups, or those that are unlike, have a policy of their own
+                       c = 1;  0 where two groups have policies of their own
     two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
 
-A demonstration weighs less for being called unlike only where the unlike ones have no policy of their own
-(`AuditResult.identifiable`). One answer alone changes the weight of its own demonstration.
+One answer alone changes the weight of its own demonstration.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ def why_equal(audit: Judged) -> str:
     mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
     if np.ptp(mean) > 0.05 * mean.max():
         return ""
-    reason = f'the finding is "{audit.finding}"'
-    if audit.finding == "some are unlike":
-        reason = "those that are unlike may follow a policy of their own, which may be as good"
-    return f"all demonstrations have the same mean weight, because {reason}; answers to the questions change that."
+    return (
+        f'all demonstrations have the same mean weight, because the finding is "{audit.finding}"; answers to the '
+        "questions change that."
+    )

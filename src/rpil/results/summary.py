@@ -18,7 +18,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
 from rpil.results.demonstrators import Interval, rank_demonstrators
 from rpil.results.facts import ranks_beside
-from rpil.results.groups import SECOND_WAY, groups_differ
+from rpil.results.groups import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
@@ -42,8 +42,7 @@ def audit_from_judgement(
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     proba = shown_proba(log_odds, judgement.words, finding, settings.min_proba(anchor))
     doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
-    differ = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
-    notes = (SECOND_WAY,) if claims.is_second_way and not is_decided else differ
+    notes = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -60,7 +59,7 @@ def audit_from_judgement(
         step_share=steps.share,
         step_weight=steps.share,
         prior=Interval(*judgement.expert_share),
-        identifiable=is_decided or not (claims.finding == "two groups" or claims.is_second_way),
+        identifiable=is_decided or claims.finding != "two groups",
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
