@@ -13,7 +13,7 @@ from rpil.inference.answered import Answered, Lone
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NOT_USED, doubts_of_answers, stretch_of, verdicts_of, where_to_look
-from rpil.results.groups import SECOND_WAY, TWO_GROUPS
+from rpil.results.groups import TWO_GROUPS
 from rpil.results.record import Demonstrator
 from rpil.results.words import WORDS
 
@@ -25,8 +25,8 @@ COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 def two_groups(**changes):
     """Six demonstrations, of which the first three are one group and the others another."""
     known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
-    said = FINDINGS["two groups"], WORDS["none"].explanation, OF_GROUPS, SECOND_WAY, OF_ALL, "Slow.", NOT_USED
-    known |= {"notes": (OF_GROUPS, SECOND_WAY, OF_ALL), "doubts": ("Slow.",), "assumptions": said}
+    said = FINDINGS["two groups"], WORDS["none"].explanation, OF_GROUPS, OF_ALL, "Slow.", NOT_USED
+    known |= {"notes": (OF_GROUPS, OF_ALL), "doubts": ("Slow.",), "assumptions": said}
     return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
 
 
@@ -38,7 +38,7 @@ def test_two_groups_are_told_until_a_second_answer():
     audit, words = two_groups(), (FINDINGS["answered"], WORDS["answers"].explanation)
     one = audit.answered({0: "good"})
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
-    assert one.assumptions == (*words, OF_GROUPS, SECOND_WAY, OF_ALL, sentence("1 label"))
+    assert one.assumptions == (*words, OF_GROUPS, OF_ALL, sentence("1 label"))
     for two in (audit.answered({0: "good", 3: "bad"}), one.answered({3: "bad"})):
         assert (two.identifiable, two.competing, two.notes) == (True, (), (OF_ALL,))
         assert two.assumptions == (*words, OF_ALL, sentence("2 labels"))

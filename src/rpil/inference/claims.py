@@ -111,7 +111,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if not unlike.any():
         return Claims("nobody stands out", nobody, (), split.lower)
     upper = np.isin(np.arange(len(unlike)), split.lower.upper)
-    if OwnPolicy.of(data, upper, unlike, scores.fit.ridge, scoring.settings).is_there:
+    if OwnPolicy.of(data, upper, unlike, scoring.settings).is_there:
         return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(unlike)))
     return Claims("some are unlike", split.words, (), split.lower)
 

@@ -22,7 +22,7 @@ import numpy as np
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
-from rpil.inference.trimming import TrimmedFit
+from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
@@ -98,7 +98,7 @@ def do_steps_tell(data: FitData, fit: TrimmedFit, settings: JudgeSettings) -> bo
     others = ~fit.group
     if others.sum() < settings.rivals.min_group:
         return False
-    return not OwnPolicy.of(data, fit.group, others, fit.ridge, settings).is_strong
+    return not OwnPolicy.of(data, fit.group, others, settings).is_strong
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +120,10 @@ class OwnPolicy:
 
     @classmethod
     def of(
-        cls, data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], ridge: float, settings: JudgeSettings
+        cls, data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], settings: JudgeSettings
     ) -> OwnPolicy:
         """Fitted to a sample of the demonstrations, where the groups have many steps."""
-        limits, ridge = settings.rivals, max(ridge, FeatureSettings().ridge_per_step)
+        limits = settings.rivals
         few, is_lower = _sample(data, upper, lower, min(limits.max_steps, MAX_ENTRIES // data.features.shape[1]))
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
@@ -132,12 +132,14 @@ class OwnPolicy:
         folds = replace(settings.held_out, max_folds_continuous=several, max_folds_discrete=2)
         model = held_out_model(few, 0, folds)
 
-        def own_gains(group: Array) -> Array:
+        ridge_a, ridge_b = (choose_ridge(few, model.cold_copy(), group) for group in (~is_lower, is_lower))
+
+        def own_gains(group: Array, ridge: float) -> Array:
             return gains(few, _log_prob(few, model.cold_copy(), group, ridge), group, settings.held_out)
 
-        own, of_upper = own_gains(is_lower), max(float(np.median(own_gains(~is_lower))), 0.0)
+        own, of_upper = own_gains(is_lower, ridge_b), max(float(np.median(own_gains(~is_lower, ridge_a))), 0.0)
         of_others, of_own = few.per_step((~is_lower).astype(float)), few.per_step(is_lower.astype(float))
-        shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge), is_lower, settings)
+        shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge_a), is_lower, settings)
         gain = float(np.median(own))
         credible = is_credible(own, limits.standard_errors) and gain > limits.max_noise * of_upper
         return cls(gain, of_upper, shared, credible, limits)

@@ -1,8 +1,8 @@
 """The demonstrations to keep, and the rule by which each of the others is rejected.
 
 What a person said is obeyed in full: labels, faults that were named, a share, a least probability. Without two answers
-what the audit infers rejects no more than a fifth as unlike, and no group that has a policy of its own: the data cannot
-tell whether those that are unlike are worse.
+what the audit infers rejects no more than a fifth as unlike: the data cannot tell whether those that are unlike are
+worse.
 """
 
 from __future__ import annotations
@@ -198,8 +198,7 @@ def _too_many(count: int, table: Table, settings: KeepSettings) -> str:
     most = float(_numbers(table, "max_unlike").min()) if n and "max_unlike" in table else settings.max_unlike
     if count <= most * n:
         return ""
-    why = f"more than {most:.0%} of all" if most else "and they have a policy of their own"
-    unlike = f"{count:,} of {n:,} demonstrations are unlike the others, {why}"
+    unlike = f"{count:,} of {n:,} demonstrations are unlike the others, more than {most:.0%} of all"
     return f"{unlike}: they are kept, because without two answers it is not known whether they are worse."
 
 

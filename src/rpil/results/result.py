@@ -145,7 +145,7 @@ class AuditResult:
             return self.max_unlike_of_parts
         if self._answers_of_copies().once(self.copy_of).count >= self.settings.keep.min_answers:
             return 1.0
-        return self.settings.keep.max_unlike if self.identifiable else 0.0
+        return self.settings.keep.max_unlike
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:
