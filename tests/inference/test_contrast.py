@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hand_made import same_actions, scoring_of
 from rpil.inference.contrast import contrast
+from rpil.inference.held_out import HeldOutLogProb
 from rpil.inference.rivals import Lower
 from rpil.inference.settings import JudgeSettings
 
 UPPER, RIVAL = np.array([0, 1, 2]), np.array([3, 4])
 
 
-def lower(log_ratio=None):
-    return Lower(UPPER, RIVAL, gain_upper=1.0, is_rival=True, is_noise=False, log_ratio=log_ratio)
+LOWER = Lower(UPPER, RIVAL, gain_upper=1.0, is_rival=True, is_noise=False)
 
 
 def scoring(discrete=False, of_upper=None, of_rival=None, lengths=None):
@@ -38,7 +39,7 @@ def scoring(discrete=False, of_upper=None, of_rival=None, lengths=None):
 def test_share_of_each_part_of_a_continuous_action():
     of_upper = [[2.0, 1.0, 0.0]] * 2 + [[-90.0, 1.0, 0.0]] + [[0.0, 1.0, 0.0]] * 3
     of_rival = [[0.0, 0.5, 1.0]] * 3 + [[1.0, 1.0, 0.5]] * 2 + [[50.0] * 3]
-    found = contrast(scoring(of_upper=of_upper, of_rival=of_rival), lower(), 0.01)
+    found = contrast(scoring(of_upper=of_upper, of_rival=of_rival), LOWER, 0.01)
     # In the first part: 2 - 0 in the median demonstration of A, and 1 - 0 in B; the last part speaks for neither group.
     np.testing.assert_allclose(found.share, np.array([3.0, 0.5, 0.0]) / 3.5)
     np.testing.assert_allclose(found.use[0], found.use[1])  # all take the same actions
@@ -51,7 +52,7 @@ def test_the_median_of_each_part_in_each_group():
     steps = made.data.per_step(np.arange(6))
     actions[steps == 3], actions[steps == 4], actions[steps == 5] = 5.0, 7.0, 100.0
     made = replace(made, data=replace(made.data, actions=actions))
-    found = contrast(made, lower(), 0.01)
+    found = contrast(made, LOWER, 0.01)
     np.testing.assert_allclose(found.use[1], 6.0)
     np.testing.assert_allclose(found.use[0], np.median(actions[steps < 3], axis=0))
     near = np.abs(actions[steps < 3] - found.use[0]), np.abs(actions[(steps == 3) | (steps == 4)] - 6.0)
@@ -62,14 +63,23 @@ def test_the_median_of_each_part_in_each_group():
 def test_share_of_each_discrete_action():
     made = scoring(discrete=True)  # each demonstration takes 0, 1, 0, 1
     steps, action = made.data.per_step(np.arange(6)), made.data.actions
-    ratio = np.where(np.isin(steps, UPPER), -1.0, 1.0) * np.where(action == 0, 3.0, 1.0)
-    found = contrast(made, lower(ratio), 0.01)
+    own = np.where(action == 0, 3.0, 1.0)
+    sides = [np.isin(steps, group) for group in (UPPER, RIVAL)]
+
+    def evaluate(weight, ridge):
+        log_prob = np.where(sides[int(weight[0] == 0)], own / 2, -own / 2)
+        return HeldOutLogProb(sign * log_prob, log_prob)
+
+    made.model.cold_copy = lambda: SimpleNamespace(evaluate=evaluate)
+    sign = 1
+    found = contrast(made, LOWER, 0.01)
     np.testing.assert_allclose(found.share, [0.75, 0.25])
     np.testing.assert_allclose(found.use, 0.5)
-    assert contrast(made, lower(-ratio), 0.01).share.tolist() == [0.0, 0.0]
+    sign = -1
+    assert contrast(made, LOWER, 0.01).share.tolist() == [0.0, 0.0]
 
 
 def test_median_lengths():
     lengths = [1, 2, 9, 3, 8, 7]
-    found = contrast(scoring(lengths=lengths), lower(), 0.01)
+    found = contrast(scoring(lengths=lengths), LOWER, 0.01)
     assert found.length.tolist() == pytest.approx([2.0, 5.5])
