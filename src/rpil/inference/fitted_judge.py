@@ -168,7 +168,7 @@ class FittedJudge:
             return mean, squares
         actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
         own = own_log_prob(data, actions, settings.channels)
-        return mean - np.maximum(own - self.typical_own, 0.0), squares
+        return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
 
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
         """Log-odds of the upper group against the lower, of demonstrations whose steps have these log-ratios."""

@@ -1,11 +1,11 @@
 """Scores of demonstrations: means of held-out log-ratios, with their variances and groups.
 
     discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
-    continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o)
+    continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
 
 o_m is the mean log-density of the actions of demonstration m by their own distribution, whatever the state. To hold
 still, or to do little, is easy to predict by any policy with wide errors; so actions that are easier to predict without
-the state than those of most demonstrations must be explained that much better.
+the state than those of most demonstrations must be explained better.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Scoring:
     """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
     None where actions are discrete."""
     monotony: Float[Array, " M"] | float = 0.0
-    """By how much that of each demonstration is larger, at least 0."""
+    """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
@@ -81,7 +81,8 @@ class Scoring:
             return cls(data, model, settings, ridge, log_q, predicts)
         own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.channels)
         typical = float(np.median(own))
-        return cls(data, model, settings, ridge, log_q, predicts, typical, np.maximum(own - typical, 0.0))
+        excess = settings.monotony * np.maximum(own - typical, 0.0)
+        return cls(data, model, settings, ridge, log_q, predicts, typical, excess)
 
     def dealt_again(self, seed: int) -> Scoring | None:
         """The same with other folds; None where the policy deals its own."""
