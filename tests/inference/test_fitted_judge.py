@@ -9,7 +9,9 @@ import pytest
 
 from hand_made import groups_of
 from problems import fit_data_of, make, make_continuous
-from rpil.inference.channels import StateScale, channels
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
+from rpil.inference.channels import StateScale, channels, own_log_prob
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import held_out_model
 from rpil.inference.scores import mean_variance
@@ -34,9 +36,9 @@ def judged(request):
 def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
     data, judgement, kept, (log_prob, log_ratio) = judged
     measure = log_ratio if data.space.kind == "discrete" else log_prob
-    score = data.mean_steps(measure)
+    score, _ = kept.score(data, measure, SETTINGS)
     np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
-    again = kept.log_odds(measure, data.offsets, SETTINGS)
+    again = kept.log_odds(data, measure, SETTINGS)
     np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
 
@@ -62,6 +64,21 @@ def test_log_odds_by_hand():
     kept = FittedJudge(None, groups_of(0.9), 2.0, 0.5, StateScale(np.zeros(1), np.ones(1), 0.0, np.zeros((1, 1))))
     variance = mean_variance(np.array([2.0, 0.08]), np.array([3, 2]), 2.0, np.array([1.5, 1.0]), 20.0)
     by_hand = kept.groups.log_odds(np.array([1.0, 0.0]), variance, SETTINGS.groups)
-    np.testing.assert_allclose(kept.log_odds(log_ratio, offsets, SETTINGS), by_hand)
-    other = replace(kept, effective_per_step=0.1).log_odds(log_ratio, offsets, SETTINGS)
+    steps = FitData(np.ones((5, 1)), np.zeros(5, dtype=int), offsets, Discrete(2), np.zeros(2, dtype=int))
+    np.testing.assert_allclose(kept.log_odds(steps, log_ratio, SETTINGS), by_hand)
+    other = replace(kept, effective_per_step=0.1).log_odds(steps, log_ratio, SETTINGS)
     assert (np.abs(other) < np.abs(by_hand)).all()
+
+
+def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(judged):
+    data, _, kept, (log_prob, _) = judged
+    if data.space.kind == "discrete":
+        assert kept.typical_own is None
+        return
+    still = replace(
+        data, actions=np.where(data.per_step(np.arange(data.n_demonstrations) == 3)[:, None], 0.0, data.actions)
+    )
+    own = own_log_prob(still, kept.ratio.indicators(still.actions), SETTINGS.channels)
+    lost = data.mean_steps(log_prob) - kept.score(still, log_prob, SETTINGS)[0]
+    np.testing.assert_allclose(lost, np.maximum(own - kept.typical_own, 0.0) / 3, atol=1e-9)
+    assert lost[3] > 1.0 > np.median(lost)

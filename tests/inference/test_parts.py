@@ -37,13 +37,13 @@ def judged(*columns):
     return judged_parts(np.column_stack(columns), OFFSETS).tolist()
 
 
-def test_a_part_that_rests_in_most_demonstrations_is_not_judged():
+def test_a_part_is_judged_that_moves_in_more_than_a_tenth_of_the_demonstrations():
     sessions = parked([0.0] * 5 + [3.0] * 5)
     assert judged(moving(), sessions, parked(np.zeros(10))) == [True, False, False]
     mostly = sessions.copy()
-    mostly[:160] += moving(2)[:160]  # moves in four of ten
+    mostly[:40] += moving(2)[:40]
     assert judged(moving(), mostly) == [True, False]
-    mostly[160:240] += moving(2)[160:240]  # in six
+    mostly[40:80] += moving(2)[40:80]
     assert judged(moving(), mostly) == [True, True]
 
 
@@ -123,6 +123,15 @@ def test_what_rests_changes_neither_scores_nor_reference():
         model = replace(model, data=data)
         gains.append(model.evaluate(np.ones(n), 1e-2).log_prob - log_reference(data, everyone, settings))
     np.testing.assert_allclose(*gains, atol=1e-9)
+
+
+def test_a_part_that_moves_in_a_few_demonstrations_alone_tells_them_from_the_others():
+    toy = make_continuous("none", 0, n_good=40, n_bad=0, steps=(40, 60))
+    part, few = np.zeros((len(toy.actions), 1)), np.arange(32, 40)
+    for begin in toy.offsets[few]:
+        part[begin : begin + 8] = 1.0
+    found = RPIL().fit(toy.observations, np.hstack([toy.actions, part]), toy.groups)
+    assert set(np.argsort(found.log_odds_)[:8]) == set(few)
 
 
 def test_a_parked_arm_accuses_nobody():

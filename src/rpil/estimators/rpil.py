@@ -300,7 +300,7 @@ class RPIL(PolicyEstimator):
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         settings = (self.settings or Settings()).judge
         log_ratio = self._log_ratios(demonstrations, design, codes, settings)
-        return self.judge_.log_odds(log_ratio, demonstrations.offsets, settings)
+        return self.judge_.log_odds(data, log_ratio, settings)
 
     def _log_ratios(
         self, demonstrations: Demonstrations, design: Array, codes: Array, settings: JudgeSettings

@@ -79,7 +79,7 @@ def channels(
     actions.
     """
     discrete = isinstance(data.space, Discrete)
-    own = _own_log_prob(data, actions, settings)
+    own = own_log_prob(data, actions, settings)
     likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves, last = _moves(data.features, states.spread, data), states.scaled(data.features[data.offsets[1:] - 1])
@@ -131,7 +131,7 @@ def _distance_to_ends(last: Array, ends: Array, n_neighbours: int) -> Array:
     return np.asarray(np.where(np.isfinite(nearest), nearest, largest).mean(axis=1))
 
 
-def _own_log_prob(data: FitData, actions: Array, settings: ChannelSettings) -> Array:
+def own_log_prob(data: FitData, actions: Float[Array, "N A"], settings: ChannelSettings) -> Float[Array, " M"]:
     """Mean log-probability of the actions of each demonstration under its own distribution, whatever the state."""
     if isinstance(data.space, Discrete):
         counts = data.sum_steps(actions)

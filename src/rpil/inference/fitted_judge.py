@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.inference.channels import StateScale, channels
+from rpil.inference.channels import StateScale, channels, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
@@ -112,19 +112,21 @@ class FittedJudge:
     states: StateScale
     reference: Shaped[Array, " K"] | None = None
     """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
+    typical_own: float | None = None
+    """See `rpil.inference.scores.Scoring`; None where actions are discrete."""
 
     @classmethod
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
         """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
-        per_step = float(scores.effective_steps.sum() / data.lengths.sum())
+        per_step, typical = float(scores.effective_steps.sum() / data.lengths.sum()), scores.typical_own
         if user_policy:
             reference = frequencies(data) if discrete else ActionScale.of(data).spread
-            return cls(None, scores.groups, scores.step_variance, per_step, judgement.states, reference)
+            return cls(None, scores.groups, scores.step_variance, per_step, judgement.states, reference, typical)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, per_step, judgement.states)
+        return cls(ratio, scores.groups, scores.step_variance, per_step, judgement.states, None, typical)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
@@ -155,16 +157,23 @@ class FittedJudge:
         log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse).log_prob
         return np.asarray(log_prob - np.log(self.reference)[actions])
 
-    def log_odds(
-        self, log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"], settings: JudgeSettings
-    ) -> Float[Array, " M"]:
-        """Log-odds of the upper group against the lower, of demonstrations whose scores are the means of `log_ratio`
-        and that have the steps ``offsets[m]:offsets[m + 1]``."""
-        lengths = np.diff(offsets)
-        score = np.add.reduceat(log_ratio, offsets[:-1]) / lengths
-        squares = np.add.reduceat((log_ratio - np.repeat(score, lengths)) ** 2, offsets[:-1])
-        variance = self.score_variance(squares, lengths, settings)
-        return self.groups.log_odds(score, variance, settings.groups)
+    def score(
+        self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings
+    ) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
+        """Scores of the demonstrations of `data`, whose steps have these log-ratios, and the sums of squares around
+        their means."""
+        mean = data.mean_steps(log_ratio)
+        squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
+        if self.typical_own is None:
+            return mean, squares
+        actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
+        own = own_log_prob(data, actions, settings.channels)
+        return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
+
+    def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
+        """Log-odds of the upper group against the lower, of demonstrations whose steps have these log-ratios."""
+        score, squares = self.score(data, log_ratio, settings)
+        return self.groups.log_odds(score, self.score_variance(squares, data.lengths, settings), settings.groups)
 
     def score_variance(
         self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings

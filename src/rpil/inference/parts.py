@@ -1,7 +1,7 @@
 """The parts of a continuous action that the judge sees, and their scales.
 
-A part that rests within most demonstrations, such as a parked arm, says nothing about who drives: where it rests is
-the set-up of a session. Scales come from the motion within demonstrations, for the same reason.
+A part that rests within nine in ten demonstrations, such as a parked arm, says nothing about who drives: where it rests
+is the set-up of a session. Scales come from the motion within demonstrations, for the same reason.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from rpil.data.fit_data import FitData
 from rpil.numerics.regression import robust_scale, scale_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
+MOST = 0.9
+"""Share of the demonstrations within which a part rests that is not judged: that it moves in a few is evidence."""
 MAX_SPREAD = 0.01
 """Standard deviation within the median demonstration up to which a part may rest, relative to the upper quartile of
 the parts that change: several hundred times that of a parked arm, and half of the smallest one of parts that move."""
@@ -35,15 +37,21 @@ MAX_SESSIONS = 6
 
 
 def judged_parts(actions: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Bool[Array, " A"]:
-    """Which parts of the actions are judged: those that do not rest within most demonstrations, or all if all rest."""
+    """Which parts of the actions are judged: those that move within more than a tenth of the demonstrations, or all if
+    none does."""
     episodes = np.split(np.asarray(actions, dtype=float), offsets[1:-1])
-    spread = np.median([episode.std(axis=0) for episode in episodes], axis=0)
-    extent = np.median([np.ptp(episode, axis=0) for episode in episodes], axis=0)
-    changes = np.median([(np.diff(episode, axis=0) != 0).sum(axis=0) / len(episode) for episode in episodes], axis=0)
+    spread = _of_most([episode.std(axis=0) for episode in episodes])
+    extent = _of_most([np.ptp(episode, axis=0) for episode in episodes])
+    changes = _of_most([(np.diff(episode, axis=0) != 0).sum(axis=0) / len(episode) for episode in episodes])
     typical = np.quantile(spread[extent > 0], 0.75) if (extent > 0).any() else 0.0
     still = (spread <= MAX_SPREAD * typical) & (changes < MAX_CHANGES) & (extent <= MAX_RANGE * np.ptp(actions, axis=0))
     rests = (extent == 0) | still
     return np.asarray(~rests | rests.all())
+
+
+def _of_most(values: Sequence[Float[Array, " A"]]) -> Float[Array, " A"]:
+    """What nine in ten demonstrations do not exceed."""
+    return np.asarray(np.quantile(values, MOST, axis=0, method="lower"))
 
 
 def resting_names(judged: Bool[Array, " A"], names: Sequence[str] = ()) -> str:

@@ -1,4 +1,12 @@
-"""Scores of demonstrations: means of held-out log-ratios, with their variances and groups."""
+"""Scores of demonstrations: means of held-out log-ratios, with their variances and groups.
+
+    discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
+    continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
+
+o_m is the mean log-density of the actions of demonstration m by their own distribution, whatever the state. To hold
+still, or to do little, is easy to predict by any policy with wide errors; so actions that are easier to predict without
+the state than those of most demonstrations must be explained better.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +16,7 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.inference.channels import own_log_prob
 from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
@@ -33,6 +42,8 @@ class Scores:
     """Whether policies of all demonstrations predict held-out actions better than their frequencies do."""
     fit: TrimmedFit
     """The policies of the training group."""
+    typical_own: float | None = None
+    """Of the `Scoring`."""
 
     def log_odds(self, settings: JudgeSettings) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, nats, by the scores alone."""
@@ -51,6 +62,11 @@ class Scoring:
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
     state_predicts_action: bool
+    typical_own: float | None = None
+    """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
+    None where actions are discrete."""
+    monotony: Float[Array, " M"] | float = 0.0
+    """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
@@ -60,7 +76,13 @@ class Scoring:
         ridge = choose_ridge(data, model, group)
         gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge).log_prob - log_q)
         error = gain.std() / np.sqrt(len(gain))
-        return cls(data, model, settings, ridge, log_q, bool(gain.mean() > settings.min_standard_errors * error))
+        predicts = bool(gain.mean() > settings.min_standard_errors * error)
+        if data.space.kind == "discrete":
+            return cls(data, model, settings, ridge, log_q, predicts)
+        own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.channels)
+        typical = float(np.median(own))
+        excess = settings.monotony * np.maximum(own - typical, 0.0)
+        return cls(data, model, settings, ridge, log_q, predicts, typical, excess)
 
     def dealt_again(self, seed: int) -> Scoring | None:
         """The same with other folds; None where the policy deals its own."""
@@ -91,6 +113,7 @@ class Scoring:
         log_ratio = fit.held_out.log_prob - (self.log_q if data.space.kind == "discrete" else 0)
         score = data.mean_steps(log_ratio)
         squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
+        score = score - self.monotony
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         offsets = data.select(np.flatnonzero(fit.group)).offsets
         residual = fit.held_out.residual[data.per_step(fit.group)]
@@ -98,7 +121,8 @@ class Scoring:
         effective = effective_steps(covariances, data.lengths)
         variance = mean_variance(squares, data.lengths, step_variance, effective, settings.variance_steps)
         groups = fit_groups(score, variance, effective, data.lengths, settings.groups)
-        return Scores(score, variance, effective, groups, step_variance, self.state_predicts_action, fit)
+        predicts, typical = self.state_predicts_action, self.typical_own
+        return Scores(score, variance, effective, groups, step_variance, predicts, fit, typical)
 
 
 def mean_variance(

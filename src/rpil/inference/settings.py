@@ -317,6 +317,9 @@ class JudgeSettings:
     min_standard_errors: float = 2.0
     """Standard errors by which the state must predict held-out actions better than their frequencies do; else nothing
     could be learned."""
+    monotony: float = 1 / 3
+    """Share of the nats by which own actions are easier to predict without the state than typical ones, that a score
+    lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
     reliability_nodes: int = 21
     """Values of the reliability on the grid over which it is summed."""
     max_log_ratio: float = 50.0

@@ -3,7 +3,7 @@
 A policy of all demonstrations follows the majority. So the demonstrations are ranked by their mean held-out
 log-likelihood of a step, the best share h of them is the next training group T, and so on:
 
-    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n)
+    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n) - monotony
 
 This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
 entropy (eq. 2) with held-out likelihoods. h is `TrimmingSettings.share`. Labels are not read: they are evidence about
@@ -64,14 +64,21 @@ def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridg
 
 
 def fit_trimmed(
-    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float, share: float, max_iter: int
+    data: FitData,
+    model: HeldOutModel,
+    group: Bool[Array, " M"],
+    ridge: float,
+    share: float,
+    max_iter: int,
+    monotony: Float[Array, " M"] | float = 0.0,
 ) -> TrimmedFit:
-    """Policies fitted to the best explained `share` of the demonstrations, by concentration steps from `group`."""
+    """Policies fitted to the best explained `share` of the demonstrations, by concentration steps from `group`; what
+    explains a demonstration counts less its `monotony` (`rpil.inference.scores`)."""
     count = max(2, round(share * data.n_demonstrations))
     fit = fit_group(data, model, group, ridge)
     history = [fit.history]
     for _ in range(max_iter):
-        best = best_explained(data.mean_steps(fit.held_out.log_prob), count)
+        best = best_explained(data.mean_steps(fit.held_out.log_prob) - monotony, count)
         if (best == fit.group).all():
             break
         fit = fit_group(data, model, best, ridge)

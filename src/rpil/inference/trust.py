@@ -141,7 +141,8 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     """
     data, settings = scoring.data, scoring.settings
     share, max_iter = settings.trimming.share, settings.trimming.max_iter
-    first = scoring.score(fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter))
+    trimmed = fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter, scoring.monotony)
+    first = scoring.score(trimmed)
     upper = first.groups.upper(first.score, first.variance, settings.groups)
     if data.space.kind == "discrete":
         upper &= first.score > 0
@@ -155,6 +156,7 @@ def described(scoring: Scoring, scores: Scores) -> tuple[StateScale, Float[Array
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.held_out.log_prob
     states = StateScale.of(data, scores.fit.group, settings.channels)
     found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
+    found[:, 0] = scores.score  # agreement
     return states, columns_of(found, scores.log_odds(settings), settings.answers)
 
 

@@ -69,9 +69,9 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
     temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
     scored = log_ratio if data.space.kind == "discrete" else log_prob
-    score = data.mean_steps(scored)
-    squares = data.sum_steps((scored - data.per_step(score)) ** 2)
+    score, squares = judge.score(data, scored, settings)
     described = judge.channels(data, log_prob, log_ratio, settings)
+    described[:, 0] = score
     return BlockScores(score, squares, *reliability_of(data, log_ratio, temperature, settings), described)
 
 
