@@ -22,7 +22,7 @@ ONE_GROUP = "When the demonstrations are divided into other folds, their scores 
 @pytest.fixture(autouse=True)
 def no_second_way(monkeypatch):
     """Scores made by hand have no steps from which a second way could be learned."""
-    own = OwnPolicy(-1.0, 1.0, 0.0, False, RivalSettings())
+    own = OwnPolicy(-1.0, 1.0, 0.0, True, False, RivalSettings())
     monkeypatch.setattr(OwnPolicy, "of", classmethod(lambda cls, *_: own))
 
 

@@ -10,7 +10,7 @@ import pytest
 from hand_made import Written, reference, same_actions
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, HeldOutRidge, held_out_model, log_reference
-from rpil.inference.rivals import gains, is_credible, is_learnable, look_below, shared_gain
+from rpil.inference.rivals import gains, is_credible, is_learnable, look_below, shared_gains
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit, fit_group
 
@@ -61,7 +61,9 @@ def sharing(ratios, n_lapses):
     settings = JudgeSettings(rivals=replace(RivalSettings(), n_lapses=n_lapses))
     data, group = same_actions(5, discrete=True), np.arange(5) < 3
     by_turns = np.repeat([*ratios, (50.0, 50.0), (50.0, 50.0)], 2, axis=0).ravel()
-    return shared_gain(data, log_reference(data, group, settings.held_out) + by_turns, group, settings)
+    return float(
+        np.median(shared_gains(data, log_reference(data, group, settings.held_out) + by_turns, group, settings))
+    )
 
 
 # Steps that are 3 times and 1/3 times as likely: mean log((1 - l) r + l) is 0 at l = 0, log(1.1 x .96667) / 2 at .95,

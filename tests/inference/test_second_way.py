@@ -28,7 +28,7 @@ def test_a_rule_that_bends_is_a_second_way_and_noise_is_none(way, finding):
     assert [set(group) for group in audit.competing] == ([{*range(12, 40)}, {*range(12)}] if way == "own rule" else [])
 
 
-OWN = OwnPolicy(gain=1.0, of_upper=2.0, shared=0.9, is_credible=True, limits=RivalSettings())
+OWN = OwnPolicy(gain=1.0, of_upper=2.0, shared=0.9, is_worse=False, is_credible=True, limits=RivalSettings())
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,8 @@ OWN = OwnPolicy(gain=1.0, of_upper=2.0, shared=0.9, is_credible=True, limits=Riv
     [
         ({}, True),  # as strong as a third of the policy of the upper group, and stronger than that group's on these
         ({"is_credible": False}, False),
-        ({"shared": 1.1}, False),  # a noisy version of the policy of the upper group
+        ({"is_worse": True}, False),  # a noisy version of the policy of the upper group
+        ({"shared": 1.1}, True),  # by chance
         ({"of_upper": 3.1}, False),  # weak, and shared
         ({"of_upper": 3.1, "shared": 0.4}, True),  # weak, and not shared
         ({"gain": 0.1, "of_upper": 3.1, "shared": 0.04, "is_credible": False}, False),

@@ -70,8 +70,8 @@ def look_below(
     has_policy = is_credible(own, limits.standard_errors) and bool(np.median(own) > limits.max_noise * gain_upper)
     if has_policy:
         of_upper, of_rival = (data.per_step(group.astype(float)) for group in (upper, rival))
-        shared = shared_gain(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
-        has_policy = shared < limits.max_shared_gain * float(np.median(own))
+        shared = shared_gains(data, model.log_prob_at(of_upper, of_rival, ridge), rival, settings)
+        has_policy = float(np.median(shared)) < limits.max_shared_gain * float(np.median(own))
     return Lower(members, np.flatnonzero(rival), gain_upper, has_policy, bool(is_noise))
 
 
@@ -114,6 +114,8 @@ class OwnPolicy:
     """That of the upper group by its own, or 0."""
     shared: float
     """The largest gain of the lower group by the policy of the upper one, mixed with its own reference."""
+    is_worse: bool
+    """Whether the lower demonstrations gain credibly less by their own policy than by that of the upper group."""
     is_credible: bool
     """Whether the gain is above 0 by its standard errors, and above the share of it that noise has."""
     limits: RivalSettings
@@ -139,16 +141,16 @@ class OwnPolicy:
 
         own, of_upper = own_gains(is_lower, ridge_b), max(float(np.median(own_gains(~is_lower, ridge_a))), 0.0)
         of_others, of_own = few.per_step((~is_lower).astype(float)), few.per_step(is_lower.astype(float))
-        shared = shared_gain(few, model.cold_copy().log_prob_at(of_others, of_own, ridge_a), is_lower, settings)
-        gain = float(np.median(own))
+        shared = shared_gains(few, model.cold_copy().log_prob_at(of_others, of_own, ridge_a), is_lower, settings)
+        gain, is_worse = float(np.median(own)), is_credible(shared - own, limits.standard_errors)
         credible = is_credible(own, limits.standard_errors) and gain > limits.max_noise * of_upper
-        return cls(gain, of_upper, shared, credible, limits)
+        return cls(gain, of_upper, float(np.median(shared)), is_worse, credible, limits)
 
     @property
     def is_strong(self) -> bool:
-        """Whether it explains the lower group about as well as that of the upper group explains that, and better than
-        that of the upper group does."""
-        return self.is_credible and self.gain > max(self.limits.min_own_gain * self.of_upper, self.shared)
+        """Whether it explains the lower group about as well as that of the upper group explains that, and no worse than
+        that of the upper group explains the lower."""
+        return self.is_credible and not self.is_worse and self.gain > self.limits.min_own_gain * self.of_upper
 
     @property
     def is_there(self) -> bool:
@@ -183,15 +185,16 @@ def is_credible(gain: Float[Array, " G"], standard_errors: float) -> bool:
     return bool(middle > standard_errors * error)
 
 
-def shared_gain(
+def shared_gains(
     data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: JudgeSettings
-) -> float:
-    """The largest median gain of a `group` by a mixture of another group's policy and the group's own reference."""
+) -> Float[Array, " G"]:
+    """Gains of the members of a `group` by a mixture of another group's policy and the group's own reference: those of
+    the share of lapses with the largest median."""
     reference = log_reference(data, group, settings.held_out)
     ratio = log_prob - reference
     lapses = np.linspace(0.0, 0.95, settings.rivals.n_lapses)
     mixed = (np.logaddexp(np.log1p(-lapse) + ratio, np.log(max(lapse, 1e-12))) for lapse in lapses)
-    return max(float(np.median(data.mean_steps(each)[group])) for each in mixed)
+    return max((data.mean_steps(each)[group] for each in mixed), key=lambda each: float(np.median(each)))
 
 
 def _log_prob(data: FitData, model: HeldOutModel, group: Array, ridge: float) -> Array:
