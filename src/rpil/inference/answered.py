@@ -45,11 +45,15 @@ class Answered:
 
 
 def columns_of(
-    channels: Float[Array, "M C"], log_odds: Float[Array, " M"], settings: AnswerSettings
+    channels: Float[Array, "M C"],
+    components: Float[Array, "M K"],
+    log_odds: Float[Array, " M"],
+    settings: AnswerSettings,
 ) -> Float[Array, "M D"]:
-    """The columns from which answers learn: normal scores of the channels, and the log-odds of the upper group."""
+    """The columns from which answers learn: normal scores of the channels, the components, and the log-odds of the
+    upper group."""
     bound = settings.max_group_log_odds
-    return np.column_stack([normal_scores(channels), np.clip(log_odds, -bound, bound) / bound])
+    return np.column_stack([normal_scores(channels), components, np.clip(log_odds, -bound, bound) / bound])
 
 
 def with_group(columns: Float[Array, "M D"], is_upper: bool) -> Float[Array, "M W"]:

@@ -104,7 +104,10 @@ def judge_everyone(
     if doubts := doubts_of_operators(data.demonstrators, claims.words, settings.claims):
         claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
     none = np.empty(0)
-    columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
+    columns = columns_of(
+        described, described[:, :0], scores.log_odds(settings), settings.answers
+    )  # states are not kept
+    pair = telling_pair(claims, score)
     limit = at_time_limit(lengths)
     beside = {} if limit is None else {TIME_LIMIT: limit}
     missing, own = judged.missing_steps, np.arange(len(score))
