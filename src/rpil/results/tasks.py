@@ -10,6 +10,7 @@ from scipy.special import expit, logit
 
 from rpil.data.id_values import Label
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
@@ -159,10 +160,12 @@ def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
 
 
 def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
-    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged."""
-    columns = np.zeros((n, next((audit.columns.shape[1] for audit in audits.values()), 0)))
+    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged. The components
+    have another meaning in each task, and are left out."""
+    shared = [*range(len(CHANNELS)), -1]
+    columns = np.zeros((n, len(shared) if any(audit.columns.shape[1] for audit in audits.values()) else 0))
     for task, audit in audits.items():
-        columns[places[task]] = audit.columns
+        columns[places[task]] = audit.columns[:, shared] if audit.columns.shape[1] else 0.0
     return columns
 
 
