@@ -101,7 +101,7 @@ def test_a_tie_that_the_others_make_improbable_is_named():
     between = 0.5 * (judged([], wins).log_odds[10] + judged([(11, 0)], wins).log_odds[10])
     some = replace(SETTINGS, min_proba=float(expit(between)), max_changed=0.0)
     assert [one.about for one in judged([(11, 0)], wins, some).lone] == [(11, 0)]
-    assert judged([(11, 0)], wins, replace(some, max_changed=0.5)).lone == ()
+    assert judged([(11, 0)], wins, replace(some, max_changed=0.9)).lone == ()
     assert judged([(11, 10)], wins, some).lone == ()
 
 

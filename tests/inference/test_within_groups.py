@@ -15,6 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.answered import learned_from, with_group
 from rpil.inference.answers import Answers, posterior
+from rpil.inference.channels import CHANNELS
 from rpil.inference.held_out import HeldOutPolicy, held_out_model
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings

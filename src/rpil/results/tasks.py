@@ -162,10 +162,10 @@ def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
 def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
     """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged. The components
     have another meaning in each task, and are left out."""
-    shared = [*range(len(CHANNELS)), -1]
-    columns = np.zeros((n, len(shared) if any(audit.columns.shape[1] for audit in audits.values()) else 0))
-    for task, audit in audits.items():
-        columns[places[task]] = audit.columns[:, shared] if audit.columns.shape[1] else 0.0
+    of_each = {task: np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1) for task, audit in audits.items()}
+    columns = np.zeros((n, next((own.shape[1] for own in of_each.values()), 0)))
+    for task, own in of_each.items():
+        columns[places[task]] = own
     return columns
 
 
