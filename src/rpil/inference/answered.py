@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -70,7 +70,7 @@ def learned_from(
     columns: Float[Array, "M D"], within: Float[Array, "M W"], answers: Answers, settings: AnswerSettings
 ) -> Float[Array, "M _"]:
     """The columns from which these answers learn: those `within` two groups, where labels call members of both good, or
-    members of both bad, unless all answers together have twice as much evidence by the others, or more."""
+    members of both bad, and all answers together, were they right, have more evidence by them."""
     if not within.shape[1]:
         return columns
     is_upper = within[:, -2] > 0
@@ -79,8 +79,8 @@ def learned_from(
     )
     if not any(alike):
         return columns
-    by_all, by_each = (posterior(one, answers, settings).log_evidence for one in (columns, within))
-    return within if by_each + np.log(2) > by_all else columns
+    right = replace(settings, error_rates=settings.error_rates[:1])
+    return max(columns, within, key=lambda one: posterior(one, answers, right).log_evidence)
 
 
 def answer(
