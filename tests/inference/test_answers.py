@@ -13,7 +13,6 @@ from scipy.stats import rankdata
 from rpil.data.errors import DataError
 from rpil.inference import answers as module
 from rpil.inference.answers import Answers, check_copied_labels, posterior
-from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
 
 NAN, SETTINGS = np.nan, AnswerSettings()
@@ -347,36 +346,3 @@ def test_lucky_outcomes_are_flags_alone_and_bad_ones_are_often_lucky():
     assert (np.diff(proba) < 0).all()
     ranked = posterior(channels, answers_of(m=20, outcome=np.arange(20.0)), SETTINGS)
     np.testing.assert_allclose(ranked.luck, ranked.error)
-
-
-def with_components(seed=0):
-    """48 demonstrations whose quality is in the second of three components, and in nothing else."""
-    rng = np.random.default_rng(seed)
-    columns = rng.normal(size=(48, len(CHANNELS) + 4))
-    good = columns[:, len(CHANNELS) + 1] > 0
-    columns[:, len(CHANNELS) + 1] += np.where(good, 1.0, -1.0)
-    return columns, good
-
-
-def test_components_count_as_far_as_answers_support_them():
-    columns, good = with_components()
-    labels = np.where(np.arange(48) < 12, 2 * good - 1, 0)
-    told = posterior(columns, answers_of(labels), SETTINGS)
-    rest = told.proba(columns)[12:]
-    assert np.mean(rest[good[12:]][:, None] > rest[~good[12:]]) > 0.9
-    weights = np.exp(told.log_weight).reshape(3, 2, 3)  # directions, without components and with them, error rates
-    assert weights[:, 1].sum() > 0.9
-    alone = posterior(columns, answers_of(labels * good), SETTINGS)
-    assert len(alone.mean) == 2 * len(SETTINGS.error_rates)
-    np.testing.assert_allclose(alone.mean[:, 1 + len(CHANNELS) : -1], 0.0, atol=1e-3)
-
-
-def test_answers_by_chance_follow_nothing():
-    columns, good = with_components()
-    chance = [
-        posterior(columns, answers_of(np.where(np.arange(48) < 16, rng.choice([-1, 1], 48), 0)), SETTINGS).p_nothing
-        for rng in map(np.random.default_rng, range(20))
-    ]
-    true = posterior(columns, answers_of(np.where(np.arange(48) < 16, 2 * good - 1, 0)), SETTINGS).p_nothing
-    assert np.mean(chance) > 0.25 > 0.01 > true  # 1/4 beforehand
-    assert posterior(columns, answers_of(m=48), SETTINGS).p_nothing == pytest.approx(0.5)  # weak: no components
