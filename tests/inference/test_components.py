@@ -27,7 +27,7 @@ def test_components_count_as_far_as_answers_support_them():
     told = posterior(columns, Answers.of_labels(labels), SETTINGS)
     rest = told.proba(columns)[12:]
     assert np.mean(rest[good[12:]][:, None] > rest[~good[12:]]) > 0.9
-    weights = np.exp(told.log_weight).reshape(3, 2, 3)  # directions, without components and with them, error rates
+    weights = np.exp(told.log_weight).reshape(3, 2, 2)  # directions, without components and with them, error rates
     assert weights[:, 1].sum() > 0.9
     alone = posterior(columns, Answers.of_labels(labels * good), SETTINGS)
     assert len(alone.mean) == 2 * len(SETTINGS.error_rates)

@@ -56,7 +56,7 @@ def test_ties_alone_never_turn_the_direction(seed):
     channels, tied = rng.normal(size=(20, 3)), [rng.choice(20, 2, replace=False) for _ in range(1 + 3 * seed)]
     found, nothing = (posterior(channels, ties(some, m=20), SETTINGS) for some in (tied, []))
     assert len(found.mean) == 2 * len(SETTINGS.error_rates)
-    along = found.mean[:3] @ nothing.mean[0]
+    along = found.mean[:2] @ nothing.mean[0]
     assert ((along > 0) & (along < nothing.mean[0] @ nothing.mean[0])).all()
     np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-4)  # nothing is said of the share of good ones
 

@@ -230,7 +230,7 @@ class AnswerSettings:
     """The same where all answers are of one side, all good or all bad, but for outcomes of 0 and 1."""
     offset_precision: float = 0.25
     """Of the offset."""
-    error_rates: tuple[float, ...] = (0.02, 0.1, 0.3)
+    error_rates: tuple[float, ...] = (0.02, 0.1)
     """Rates of wrong answers, equally likely beforehand; the smallest first."""
     luck: tuple[float, ...] = (0.0, 0.5, 0.9)
     """Shares of bad demonstrations whose outcome is 1 where outcomes are 0 and 1, equally likely beforehand; at least
@@ -238,7 +238,7 @@ class AnswerSettings:
     arm with six kinds of bad demonstrations, as the best of about 45 choices."""
     group_weight: float = 2.0
     """Prior weight of the group of scores; that of agreement is 1."""
-    sharpness: float = 2.2
+    sharpness: float = 2.0
     """Factor of what the columns say of P(good)."""
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a channel."""
