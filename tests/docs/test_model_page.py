@@ -32,7 +32,7 @@ def test_constants_of_answers_are_those_of_the_judge():
     *rates, rate = (f"{rate:g}".removeprefix("0") for rate in answers.error_rates)
     assert f"with probability {1 - answers.p_agreement:.2f} beforehand".replace("0.", ".") in FLAT
     assert f"The **error rate** $e$ is {', '.join(rates)} or {rate}." in FLAT
-    assert f"or have the precision {answers.component_precision}," in FLAT
+    assert f"have the precision {answers.component_precision}," in FLAT
     assert settings.ChannelSettings().n_components == 8
     assert "up to eight **components**" in FLAT
     assert f"the **sharpness** {answers.sharpness}" in FLAT

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores
+from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores, summaries
 from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import student_log_density
 
@@ -176,9 +176,9 @@ def test_components_are_those_of_the_summaries_by_hand():
     scores = normal_scores(np.stack([column for columns in of_each for column in columns], axis=1))
     left, size, loadings = np.linalg.svd(scores, full_matrices=False)
     for n, count in ((2, 2), (8, 3)):  # the scores are centred: four demonstrations have three at most
-        found = components(data, actions, replace(SETTINGS, n_components=n))
+        found = components(summaries(data, actions), replace(SETTINGS, n_components=n))
         assert found.shape == (4, count)
         assert found[:, 0].std() == pytest.approx(1.0)
         sign = np.sign([row[np.abs(row).argmax()] for row in loadings])
         np.testing.assert_allclose(found, (left * size * sign)[:, :count] * 2 / size[0], atol=1e-9)
-    assert components(data_of(0 * states, 0 * actions, data.offsets), 0 * actions, SETTINGS).shape == (4, 0)
+    assert components(0 * summaries(data, actions), SETTINGS).shape == (4, 0)

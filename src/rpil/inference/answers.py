@@ -256,7 +256,7 @@ def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSe
     turned = 0.0 if one_side else 1 - settings.p_agreement
     prior = {1.0: (1 - turned) / 2, -1.0: turned / 2, 0.0: 0.5}
     chances = settings.luck if flags else (0.0,)
-    counts = (False, True) if is_component.any() and not weak else (False,)
+    counts = (False, True) if is_component.any() and answers.count > 1 and not weak else (False,)
     parts = [
         (d, count, max(luck, e), e)
         for d, count, luck, e in product(prior, counts, chances, settings.error_rates)

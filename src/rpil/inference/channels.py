@@ -99,12 +99,10 @@ def channels(
     return np.stack(columns, axis=1)
 
 
-def components(data: FitData, actions: Float[Array, "N A"], settings: ChannelSettings) -> Float[Array, "M K"]:
+def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Float[Array, "M K"]:
     """The first principal components of the normal scores of summaries of M demonstrations, in standard deviations of
-    the first one: mean, deviation, first, last and mean change of every column of states and actions, of which the one
-    with the largest loading is positive."""
-    found = [_summaries(values, data) for values in (data.features, actions)]
-    scores = normal_scores(np.concatenate(found, axis=1))
+    the first one; the largest loading of each is positive."""
+    scores = normal_scores(summaries)
     n = min(settings.n_components, min(scores.shape) - 1)
     if n < 1 or not scores.any():
         return np.empty((len(scores), 0))
@@ -115,11 +113,13 @@ def components(data: FitData, actions: Float[Array, "N A"], settings: ChannelSet
     return np.asarray((left * size * np.sign(largest))[:, kept] * np.sqrt(len(scores)) / size.max())
 
 
-def _summaries(values: Float[Array, "N C"], data: FitData) -> Float[Array, "M S"]:
-    """Mean, deviation, first, last and mean change of each column within each demonstration."""
+def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
+    """Mean, deviation, first, last and mean change of every column of states and actions within each demonstration."""
     found, inside = list[Array](), _inside(data)[:, None]
     begins, ends, lengths = data.offsets[:-1], data.offsets[1:] - 1, data.lengths[:, None]
-    for begin in range(0, values.shape[1], BLOCK_COLUMNS):
+    for values, begin in (
+        (each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)
+    ):
         block = np.asarray(values[:, begin : begin + BLOCK_COLUMNS], dtype=float)
         mean = data.sum_steps(block) / lengths
         spread = np.sqrt(data.sum_steps((block - data.per_step(mean)) ** 2) / lengths)

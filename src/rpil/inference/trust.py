@@ -15,7 +15,7 @@ from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of, learned_from, with_group
 from rpil.inference.answers import Answers
-from rpil.inference.channels import StateScale, channels, components
+from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
 from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
@@ -114,7 +114,7 @@ def judge(
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
-    seen = components(data, scoring.indicators(), settings.channels)
+    seen = components(summaries(data, scoring.indicators()), settings.channels)
     states, columns = described(scoring, scores, seen)
     beside = facts_beside(data, scoring.indicators(), states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
