@@ -74,7 +74,8 @@ ANSWERS: dict[str, AnswerSettings] = {
     "group_weight 0": AnswerSettings(group_weight=1e-9),
     "group_weight 1": AnswerSettings(group_weight=1.0),
     "sharpness 1": AnswerSettings(sharpness=1.0),
-    "sharpness 2.5": AnswerSettings(sharpness=2.5),
+    "sharpness 3": AnswerSettings(sharpness=3.0),
+    "no components": AnswerSettings(component_precision=1e6),
     "no wrong answers (error_rates 1e-6)": AnswerSettings(error_rates=(1e-6,)),
     "error_rates .1": AnswerSettings(error_rates=(0.1,)),
 }

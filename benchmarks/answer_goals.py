@@ -59,6 +59,25 @@ def by_one_side(sets: list[Row], draws: int, k: int, side: int) -> list[Row]:
     return [*rows, {"what": f"{k} good alone: called bad", "figure": f"{n_bad}"}] if side > 0 else rows
 
 
+def by_coin(audits: list[Row], draws: int, count: int) -> list[Row]:
+    """Labels by a coin: words of the others, in sets with bad ones and where nobody is bad."""
+    rows = []
+    for kind in dict.fromkeys(audit["kind"] for audit in audits):
+        shares = []
+        for audit in audits:
+            n = len(audit["good"])
+            if audit["kind"] == kind and count <= n / 2:
+                for draw in range(draws):
+                    rng = np.random.default_rng(draw)
+                    chosen = rng.choice(n, count, replace=False)
+                    words = labelled(audit, chosen, rng.choice([1, -1], count)).words
+                    shares.append((np.delete(words, chosen) != 0).mean())
+        if shares:
+            figure = f"{np.mean(shares):.1%} of the others have one; at most {max(shares):.0%} of a draw"
+            rows.append({"what": f"{kind}: {count} labels by a coin: words", "figure": figure})
+    return rows
+
+
 def by_questions(sets: list[Row], draws: int) -> list[Row]:
     """True answers to the questions that are asked, one at a time, of demonstrations in another order each time."""
     rows = []

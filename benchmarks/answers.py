@@ -39,7 +39,7 @@ from answer_draws import (
     simulated_jobs,
     suggested,
 )
-from answer_goals import by_both_good, by_one_side, by_questions, by_success, left_after_one
+from answer_goals import by_both_good, by_coin, by_one_side, by_questions, by_success, left_after_one
 from claims import Job, Row, auroc
 from options import asked
 from provenance import line, provenance
@@ -70,6 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
         parts += [partial(by_ties, sets, draws)]
+        parts += [partial(by_coin, audits, draws, count) for count in (8, 16)]
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_one_side, sets, 2 * draws, k, side) for side in (1, -1) for k in (1, 2, 3)]
         parts += [partial(by_questions, [audit], draws) for audit in sets]

@@ -118,7 +118,7 @@ def test_ablations(written, monkeypatch):
     words = {name: sum(word > 0 for row in rows for word in row["words"]) for name, rows in found["rules"].items()}
     assert words["min_p_two .999"] <= words[ablations.DEFAULT] <= words["no better half"]
     told = {name: sum(word != 0 for row in rows for word in row["words"]) for name, rows in found["answers"].items()}
-    assert told["sharpness 1"] < told[ablations.DEFAULT] < told["sharpness 2.5"]
+    assert told["sharpness 1"] < told[ablations.DEFAULT] < told["sharpness 3"]
 
 
 def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):

@@ -29,9 +29,12 @@ def test_rows_have_names_of_their_own():
 
 def test_constants_of_answers_are_those_of_the_judge():
     answers = settings.AnswerSettings()
-    first, second = answers.error_rates
+    *rates, rate = (f"{rate:g}".removeprefix("0") for rate in answers.error_rates)
     assert f"with probability {1 - answers.p_agreement:.2f} beforehand".replace("0.", ".") in FLAT
-    assert f"The **error rate** $e$ is {first} or {second}".replace("0.", ".") in FLAT
+    assert f"The **error rate** $e$ is {', '.join(rates)} or {rate}." in FLAT
+    assert f"have the precision {answers.component_precision}," in FLAT
+    assert settings.ChannelSettings().n_components == 8
+    assert "up to eight **components**" in FLAT
     assert f"the **sharpness** {answers.sharpness}" in FLAT
     assert f"$w_0$ is 1 on agreement, {answers.group_weight:.0f} on the group" in FLAT
     assert f"within {answers.max_group_log_odds:.0f} nats" in FLAT

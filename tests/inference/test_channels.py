@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.channels import CHANNELS, StateScale, channels, normal_scores
+from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores, summaries
 from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import student_log_density
 
@@ -164,3 +164,21 @@ def test_a_last_state_far_off_is_not_its_own_neighbour():
         found = channels(data, np.zeros(50), np.zeros(50), data.actions, scale, SETTINGS)[0, -1]
         apart = np.sort(np.linalg.norm(states[1:] - states[0], axis=1))
         assert found == pytest.approx(-apart[:3].mean(), rel=1e-6)
+
+
+def test_components_are_those_of_the_summaries_by_hand():
+    """Of four demonstrations of two steps: one state and one action, each with five summaries."""
+    rng = np.random.default_rng(0)
+    states, actions = rng.normal(size=(8, 1)), rng.normal(size=(8, 1))
+    data = data_of(states, actions, np.arange(0, 9, 2))
+    pairs = np.concatenate([np.stack([values[::2, 0], values[1::2, 0]], axis=1)[None] for values in (states, actions)])
+    of_each = [(p.mean(axis=1), p.std(axis=1), p[:, 0], p[:, 1], np.abs(p[:, 1] - p[:, 0])) for p in pairs]
+    scores = normal_scores(np.stack([column for columns in of_each for column in columns], axis=1))
+    left, size, loadings = np.linalg.svd(scores, full_matrices=False)
+    for n, count in ((2, 2), (8, 3)):  # the scores are centred: four demonstrations have three at most
+        found = components(summaries(data, actions), replace(SETTINGS, n_components=n))
+        assert found.shape == (4, count)
+        assert found[:, 0].std() == pytest.approx(1.0)
+        sign = np.sign([row[np.abs(row).argmax()] for row in loadings])
+        np.testing.assert_allclose(found, (left * size * sign)[:, :count] * 2 / size[0], atol=1e-9)
+    assert components(0 * summaries(data, actions), SETTINGS).shape == (4, 0)

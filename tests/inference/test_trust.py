@@ -39,7 +39,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
     described = np.column_stack([score, np.cos(np.arange(10.0))])
     states = StateScale(np.zeros(2), np.ones(2), 0.0, np.zeros((1, 2)))
     columns, claims = (
-        columns_of(described, scores.log_odds(SETTINGS), SETTINGS.answers),
+        columns_of(described, described[:, :0], scores.log_odds(SETTINGS), SETTINGS.answers),
         Claims("some are unlike", WORDS),
     )
     own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))

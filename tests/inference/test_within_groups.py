@@ -15,6 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.answered import learned_from, with_group
 from rpil.inference.answers import Answers, posterior
+from rpil.inference.channels import CHANNELS
 from rpil.inference.held_out import HeldOutPolicy, held_out_model
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
@@ -29,6 +30,9 @@ FIRST = np.arange(N) < N // 2
 """The demonstrations of the first way; the others go the second way."""
 NOISY = np.isin(np.arange(N), [3, 8, 13, 18, 24, 28, 32, 36])
 """Four of each way."""
+COMPONENTS = range(len(CHANNELS), len(CHANNELS) + 8)
+SEEN = np.random.default_rng(0).normal(size=(N, 8))
+"""Components."""
 GOOD_PAIR, BAD_PAIR = (0, 21), (3, 24)
 
 
@@ -123,20 +127,21 @@ def test_the_columns_are_those_of_each_group_alone(data):
     posed = fit_data(data)
     scoring = Scoring.of(posed, held_out_model(posed, 0, JUDGE.held_out), JUDGE)
     upper = np.flatnonzero(FIRST)
-    found = columns_within(scoring, (upper[2:], np.flatnonzero(~FIRST)), 0)  # two are of neither
+    found = columns_within(scoring, (upper[2:], np.flatnonzero(~FIRST)), SEEN, 0)  # two are of neither
     for members, group in ((upper, 1.0), (np.flatnonzero(~FIRST), -1.0)):
         own = posed.select(members)
-        alone = judge(own, held_out_model(own, 0, JUDGE.held_out), JUDGE).columns
-        np.testing.assert_allclose(np.delete(found[members], -2, axis=1), alone, atol=1e-9)
+        alone = np.delete(judge(own, held_out_model(own, 0, JUDGE.held_out), JUDGE).columns, COMPONENTS, axis=1)
+        np.testing.assert_array_equal(found[members][:, COMPONENTS], SEEN[members])
+        np.testing.assert_allclose(np.delete(found[members], [*COMPONENTS, -2], axis=1), alone, atol=1e-9)
         assert (found[members, -2] == group).all()
-    assert columns_within(scoring, None, 0).shape == (N, 0)
+    assert columns_within(scoring, None, SEEN, 0).shape == (N, 0)
 
 
 def test_a_policy_that_deals_its_own_folds_has_none(data):
     posed = fit_data(data)
     policy = cross_fitted_policy(LinearRegression(), posed.space, data.n_steps, CrossFitSettings())
     scoring = Scoring.of(posed, HeldOutPolicy(posed, policy, JUDGE.held_out), JUDGE)
-    assert columns_within(scoring, (np.flatnonzero(FIRST), np.flatnonzero(~FIRST)), 0).shape == (N, 0)
+    assert columns_within(scoring, (np.flatnonzero(FIRST), np.flatnonzero(~FIRST)), SEEN, 0).shape == (N, 0)
 
 
 # ---- which columns ---------------------------------------------------------------------------------------------------
@@ -179,10 +184,11 @@ def test_the_evidence_is_the_integral_over_the_weights():
     grid = np.arange(-6, 6, 0.02)
     offset, weight = np.meshgrid(grid, grid)
     total = 0.0
-    for direction, prior in ((1.0, 0.7), (-1.0, 0.3)):
+    for direction, prior in ((1.0, 0.35), (-1.0, 0.15), (0.0, 0.5)):
         anchor = direction * settings.group_weight  # the only column is the last one
-        density = np.exp(-0.5 * (settings.offset_precision * offset**2 + settings.precision * (weight - anchor) ** 2))
-        density *= prior * np.sqrt(settings.offset_precision * settings.precision) / (2 * np.pi) * 0.02**2
+        precision = settings.precision if direction else 1e4
+        density = np.exp(-0.5 * (settings.offset_precision * offset**2 + precision * (weight - anchor) ** 2))
+        density *= prior * np.sqrt(settings.offset_precision * precision) / (2 * np.pi) * 0.02**2
         for error in settings.error_rates:
             chance = np.ones_like(offset)
             for m, sign in ((0, 1), (2, -1), (7, -1), (9, 1)):

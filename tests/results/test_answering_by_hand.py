@@ -77,7 +77,7 @@ def test_an_audit_that_knows_of_no_answers_is_answered_as_one_without_answers():
 
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
-    columns = np.repeat([1.0, 0.8, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
+    columns = np.repeat([1.0, 0.6, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
     people = Demonstrator("Ann", None, (1, *range(6, 12))), Demonstrator("Bob", None, (0, *range(2, 6)))
     labels = dict.fromkeys(range(2, 6), "good") | dict.fromkeys(range(6, 12), "bad")
     audit = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns)
@@ -102,11 +102,12 @@ def test_doubts_of_answers():
     odds, none = np.zeros(4), np.zeros(4, dtype=int)
     lone = Lone((1,), 3, 1_200), Lone((0, 2), 1, 30)
 
-    def doubts(count, *lone):
-        return doubts_of_answers(Answered(odds, none, none, none[:0], lone, count), "abcd")
+    def doubts(count, *lone, p_nothing=0.4):
+        return doubts_of_answers(Answered(odds, none, none, none[:0], lone, count, p_nothing), "abcd")
 
     assert ["One answer is not enough" in doubt for doubt in doubts(1, *lone)] == [True]
-    assert doubts(2) == ()
+    assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
+    assert ["follow nothing" in doubt for doubt in doubts(8, lone[0], p_nothing=0.6)] == [True, False]
     assert doubts(2, *lone) == (
         "The answer about b alone would change 1,200 words, and changes none before another answer agrees: look at it "
         "again, and label d.",

@@ -7,6 +7,7 @@ import pytest
 
 from audits import make_audit, make_traces
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.tasks import ALONE, join_audits, split_by_task, with_labels_alone
 
@@ -107,6 +108,10 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     audit = joined(one, {"claimed": np.array([-1, 1]), "columns": np.array([[5.0, 6.0], [7.0, 8.0]])})
     assert audit.claimed.tolist() == [1, -1, -1, 1, 0]
     assert audit.columns.tolist() == [[1, 2], [5, 6], [3, 4], [7, 8], [0, 0]]
+    wide = np.arange(2.0 * (len(CHANNELS) + 4)).reshape(2, -1)
+    fewer = np.delete(wide, len(CHANNELS), axis=1)
+    audit = joined({"columns": wide}, {"columns": fewer})
+    assert audit.columns[0].tolist() == [*range(len(CHANNELS)), len(CHANNELS) + 3]
     assert join_audits({}, {"": [0]}, [0], np.arange(2)).columns.shape == (1, 0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,14 +42,20 @@ class Answered:
     """The answers that change no word but their own until another one agrees."""
     count: int
     """The number of answers about different demonstrations."""
+    p_nothing: float
+    """Probability that they follow nothing of what is known of the demonstrations."""
 
 
 def columns_of(
-    channels: Float[Array, "M C"], log_odds: Float[Array, " M"], settings: AnswerSettings
+    channels: Float[Array, "M C"],
+    components: Float[Array, "M K"],
+    log_odds: Float[Array, " M"],
+    settings: AnswerSettings,
 ) -> Float[Array, "M D"]:
-    """The columns from which answers learn: normal scores of the channels, and the log-odds of the upper group."""
+    """The columns from which answers learn: normal scores of the channels, the components, and the log-odds of the
+    upper group."""
     bound = settings.max_group_log_odds
-    return np.column_stack([normal_scores(channels), np.clip(log_odds, -bound, bound) / bound])
+    return np.column_stack([normal_scores(channels), components, np.clip(log_odds, -bound, bound) / bound])
 
 
 def with_group(columns: Float[Array, "M D"], is_upper: bool) -> Float[Array, "M W"]:
@@ -64,16 +70,17 @@ def learned_from(
     columns: Float[Array, "M D"], within: Float[Array, "M W"], answers: Answers, settings: AnswerSettings
 ) -> Float[Array, "M _"]:
     """The columns from which these answers learn: those `within` two groups, where labels call members of both good, or
-    members of both bad, and all answers together have more evidence by them."""
+    members of both bad, and all answers together, were they right, have more evidence by them."""
     if not within.shape[1]:
         return columns
     is_upper = within[:, -2] > 0
     alike = (
         (answers.labels[is_upper] == label).any() & (answers.labels[~is_upper] == label).any() for label in (1, -1)
     )
-    return (
-        max(columns, within, key=lambda one: posterior(one, answers, settings).log_evidence) if any(alike) else columns
-    )
+    if not any(alike):
+        return columns
+    right = replace(settings, error_rates=settings.error_rates[:1])
+    return max(columns, within, key=lambda one: posterior(one, answers, right).log_evidence)
 
 
 def answer(
@@ -95,7 +102,7 @@ def answer(
         Lone(tuple(first[list(one.about)].tolist()), int(first[one.look_at]), one.n_changed) for one in found.lone
     )
     of_each = found.log_odds[place], found.words[place], found.stays[place]
-    return Answered(*of_each, named, lone, found.count)
+    return Answered(*of_each, named, lone, found.count, found.p_nothing)
 
 
 def answer_about_different(
@@ -107,7 +114,8 @@ def answer_about_different(
     would change many words of others changes none of them until another one agrees: where all other answers make it
     improbable, or where it is the first that calls somebody bad, and those are called bad by it.
     """
-    said, expected = Said.by(columns, answers, settings, claimed), np.ones(answers.count)
+    by_all = posterior(columns, answers, settings)
+    said, expected = Said.by(columns, answers, settings, claimed, by_all), np.ones(answers.count)
     lone, withheld = list[Lone](), said
     rows, targets = answers.rows(columns)
     for r in range(answers.count if answers.count <= settings.max_left_out else 0):
@@ -132,7 +140,7 @@ def answer_about_different(
     log_odds[labelled] = answers.labels[labelled] * logit(1 - settings.min_proba_bound)
     stays = np.where(words == 0, withheld.stays, 0)
     named = contradicting(expected[: len(labelled)], answers, settings)
-    return Answered(log_odds, words, stays, named, tuple(lone), answers.count)
+    return Answered(log_odds, words, stays, named, tuple(lone), answers.count, by_all.p_nothing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +158,10 @@ class Said:
         answers: Answers,
         settings: AnswerSettings,
         claimed: Int[Array, " M"],
-        found: Posterior | None = None,
+        found: Posterior,
     ) -> Said:
-        """By the posterior that was `found`, or else by the answers. Nobody is good or bad before an answer says so of
+        """By the posterior that was `found`. Nobody is good or bad before an answer says so of
         somebody, and one answer alone neither gives nor takes a word."""
-        found = posterior(columns, answers, settings) if found is None else found
         proba = found.proba(columns, np.where(answers.labels == 0, answers.ranks(), np.nan))
         log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
         if answers.count < 2:

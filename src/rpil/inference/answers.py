@@ -10,10 +10,12 @@ is an answer t in [0, 1], the share of the known outcomes that are lower. Outcom
 of the bad demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration
 whose outcome is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on
 the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
-direction d is 1, or -1 where the ones that agree are bad; answers of one side alone cannot tell, and d is 1. e is the
-rate of wrong answers, on a grid. For each d, luck and e the posterior of w is Laplace's approximation, and its evidence
-weighs it; P(good) integrates over w (MacKay 1992). Channels are correlated, and this posterior is wider than it should
-be: so the logit is multiplied by `sharpness`.
+direction d is 1, or -1 where the ones that agree are bad, or 0 where the answers follow neither: then the weights of
+the channels are 0. Those of the components, the columns between the channels and the last one, are 0 or N(0, 1 /
+`component_precision`). So the answers may follow nothing here; that has probability 1/4 beforehand. Answers of one side
+alone cannot tell: d is not -1, and components say nothing. e is the rate of wrong answers, on a grid. For each of these
+the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992).
+Columns are correlated, and this posterior is wider than it should be: so what they say is multiplied by `sharpness`.
 """
 
 from __future__ import annotations
@@ -23,14 +25,19 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import rankdata
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
+from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Bool, Float, Int
+
+NOTHING = 1e6
+"""Precision of weights that are 0."""
+MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
+"""Iterations at most, the gain in nats at which they stop, and the least share of a step."""
 
 
 @stored(labels="M", pairs="compared 2", outcome="M", tied="tied 2")
@@ -194,7 +201,7 @@ def check_copied_labels(
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """K normal distributions of w, one for each direction and rate of wrong answers."""
+    """K normal distributions of w, one for each hypothesis of `posterior`."""
 
     mean: Float[Array, "K D"]
     covariance: Float[Array, "K D D"]
@@ -206,6 +213,8 @@ class Posterior:
     """See `AnswerSettings`."""
     log_evidence: float
     """log P(answers), nats."""
+    p_nothing: float
+    """Probability that the answers follow none of the columns."""
 
     def proba(self, channels: Float[Array, "M C"], outcome: Float[Array, " M"] | None = None) -> Float[Array, " M"]:
         """P(good) of each demonstration; where the rank of its `outcome` is known, given how often outcomes
@@ -227,55 +236,88 @@ class Posterior:
     def _moderated(self, rows: Float[Array, "R D"]) -> Float[Array, "R K"]:
         """The logit of each row and distribution, nearer to 0 the less is known (MacKay 1992)."""
         variance = np.einsum("md,kde,me->mk", rows, self.covariance, rows)
-        return np.asarray(self.sharpness * (rows @ self.mean.T) / np.sqrt(1 + np.pi * variance / 8))
+        by_columns = rows[:, 1:] @ self.mean[:, 1:].T
+        log_odds = rows[:, :1] @ self.mean[:, :1].T + self.sharpness * by_columns
+        return np.asarray(log_odds / np.sqrt(1 + np.pi * variance / 8))
 
 
-def posterior(channels: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
-    """The posterior of w. Answers of one side contrast nothing: they do not turn the direction. They move w less, and
-    so do outcomes of 0 and 1, in which bad demonstrations are often lucky."""
-    rows, targets = answers.rows(channels)
-    n_columns, one_side, is_outcome = channels.shape[1] + 1, len(answers.sides) < 2, answers.are_outcomes
+def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
+    """The posterior of w under every hypothesis: the direction d, whether components count, luck and e.
+
+    Answers of one side contrast nothing: they do not turn the direction, and move w less. So do outcomes of 0 and 1, in
+    which bad demonstrations are often lucky.
+    """
+    rows, targets = answers.rows(columns)
+    n_columns, one_side, is_outcome = columns.shape[1] + 1, len(answers.sides) < 2, answers.are_outcomes
     flags = answers.is_flag and bool(is_outcome.any())
     weak = one_side or (flags and len(answers.only(~is_outcome).sides) < 2)
-    precision = np.full(n_columns, settings.weak_precision if weak else settings.precision)
-    precision[0] = settings.offset_precision
-    anchor = np.zeros(n_columns)
-    anchor[1], anchor[-1] = 1.0, settings.group_weight
-    prior = {1.0: 1.0} if one_side else {1.0: settings.p_agreement, -1.0: 1 - settings.p_agreement}
+    is_component = np.zeros(n_columns, dtype=bool)
+    is_component[1 + len(CHANNELS) : -1] = True
+    turned = 0.0 if one_side else 1 - settings.p_agreement
+    prior = {1.0: (1 - turned) / 2, -1.0: turned / 2, 0.0: 0.5}
     chances = settings.luck if flags else (0.0,)
-    parts = [(d, max(luck, e), e) for d, luck, e in product(prior, chances, settings.error_rates)]
-    fits = [_laplace(rows, targets, d * anchor, precision, np.where(is_outcome, luck, e), e) for d, luck, e in parts]
-    mean, covariance, evidence = (np.stack(part) for part in zip(*fits, strict=True))
-    direction, luck, error = np.array(parts).T
+    counts = (False, True) if is_component.any() and answers.count > 1 and not weak else (False,)
+    parts = [
+        (d, count, max(luck, e), e)
+        for d, count, luck, e in product(prior, counts, chances, settings.error_rates)
+        if prior[d]
+    ]
+    direction, components, luck, error = np.array(parts).T
+    anchor = np.zeros((len(parts), n_columns))
+    anchor[:, 1], anchor[:, -1] = direction, settings.group_weight * direction
+    of_channels = np.where(direction == 0, NOTHING, settings.weak_precision if weak else settings.precision)
+    of_components = np.where(components > 0, settings.component_precision, NOTHING)
+    precision = np.where(is_component, of_components[:, None], of_channels[:, None])
+    precision[:, 0] = settings.offset_precision
+    wrongly_yes = np.where(is_outcome, luck[:, None], error[:, None])
+    mean, covariance, evidence = _laplace(rows, targets, anchor, precision, wrongly_yes, error[:, None])
     log_weight = evidence + np.log([prior[d] for d in direction.tolist()])
     total = float(logsumexp(log_weight))
-    log_evidence = total - np.log(len(chances) * len(settings.error_rates))
-    return Posterior(mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence)
+    log_evidence = total - np.log(len(counts) * len(chances) * len(settings.error_rates))
+    p_nothing = float(np.exp(log_weight - total)[(direction == 0) & (components == 0)].sum())
+    return Posterior(mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence, p_nothing)
 
 
 def _laplace(
-    rows: Array, targets: Array, anchor: Array, precision: Array, luck: Array, error: float
+    rows: Float[Array, "R D"],
+    targets: Float[Array, " R"],
+    anchor: Float[Array, "K D"],
+    precision: Float[Array, "K D"],
+    luck: Float[Array, "K R"],
+    error: Float[Array, "K 1"],
 ) -> tuple[Array, Array, Array]:
-    """Mean and covariance of w, and the log-evidence; an answer is wrongly "yes" at the rate `luck`, (R,), and wrongly
-    "no" at the rate `error`."""
-    share = 1 - luck - error
+    """Mean and covariance of w, and the log-evidence, of K hypotheses; an answer is wrongly "yes" at the rate `luck`,
+    and wrongly "no" at the rate `error`. Fisher scoring with halved steps."""
+    share, each = 1 - luck - error, np.arange(rows.shape[1])
 
-    def parts(w: Array) -> tuple[Array, Array]:
-        proba = expit(rows @ w)
-        yes, no = luck + share * proba, error + share * (1 - proba)
-        slope = share * proba * (1 - proba) * (targets / yes - (1 - targets) / no)
-        return slope, targets * np.log(yes) + (1 - targets) * np.log(no)
+    def yes_and_no(w: Array) -> tuple[Array, Array, Array]:
+        proba = expit(w @ rows.T)
+        return luck + share * proba, error + share * (1 - proba), share * proba * (1 - proba)
 
-    def loss(w: Array) -> tuple[float, Array]:
-        slope, log_prob = parts(w)
-        away = w - anchor
-        return float(0.5 * precision @ away**2 - log_prob.sum()), precision * away - rows.T @ slope
+    def log_joint(w: Array) -> Array:
+        yes, no, _ = yes_and_no(w)
+        return np.asarray(
+            np.log(yes) @ targets + np.log(no) @ (1 - targets) - 0.5 * (precision * (w - anchor) ** 2).sum(1)
+        )
 
-    found = minimize(loss, anchor, jac=True, method="L-BFGS-B", options={"gtol": 1e-6})
-    proba = expit(rows @ found.x)
-    # Fisher's information, which is never negative, in the place of the curvature.
-    yes = luck + share * proba
-    information = (share * proba * (1 - proba)) ** 2 / (yes * (1 - yes))
-    hessian = (rows * information[:, None]).T @ rows + np.diag(precision)
-    evidence = -found.fun - 0.5 * np.linalg.slogdet(hessian)[1] + 0.5 * np.log(precision).sum()
-    return found.x, np.linalg.inv(hessian), np.asarray(evidence)
+    def slope_and_information(w: Array) -> tuple[Array, Array]:
+        yes, no, change = yes_and_no(w)
+        slope = (change * (targets / yes - (1 - targets) / no)) @ rows - precision * (w - anchor)
+        # Fisher's information, which is never negative, in the place of the curvature.
+        information = np.swapaxes((change**2 / (yes * no))[:, :, None] * rows, 1, 2) @ rows
+        information[:, each, each] += precision
+        return slope, information
+
+    w, reached = anchor, log_joint(anchor)
+    for _ in range(MAX_ITER):
+        slope, information = slope_and_information(w)
+        step = np.linalg.solve(information, slope[..., None])[..., 0]
+        if (slope * step).sum(axis=1).max() < TOL:
+            break
+        size = np.ones((len(w), 1))
+        while (lower := (found := log_joint(w + size * step)) < reached - TOL).any() and size.min() > MIN_STEP:
+            size[lower] /= 2
+        w, reached = np.where(lower[:, None], w, w + size * step), np.where(lower, reached, found)
+    _, information = slope_and_information(w)
+    evidence = reached + 0.5 * (np.log(precision).sum(axis=1) - np.linalg.slogdet(information)[1])
+    return w, np.linalg.inv(information), np.asarray(evidence)

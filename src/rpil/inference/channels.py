@@ -1,7 +1,7 @@
 """Channels: numbers that describe a demonstration, from which answers learn (`rpil.inference.answers`).
 
 The first is agreement, the mean held-out log-likelihood, by which demonstrations are ranked without answers. The others
-are facts: they say nothing about quality until an answer does.
+are facts: they say nothing about quality until an answer does. Facts beyond motion are `components`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.linalg import svds
 from scipy.stats import norm, rankdata
 
 from rpil.data.archive import stored
@@ -30,8 +31,8 @@ CHANNELS = (
 )
 """Names of the channels; of each, more is more of what the name says."""
 
-BLOCK_ROWS = 4_096
-"""Steps whose moves are computed together."""
+BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 64
+"""Steps whose moves are computed together, and columns that are summarised together."""
 
 
 @stored(center="states", spread="states", ends="trusted states")
@@ -96,6 +97,35 @@ def channels(
         -_distance_to_ends(last, states.ends, settings.n_neighbours),
     ]
     return np.stack(columns, axis=1)
+
+
+def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Float[Array, "M K"]:
+    """The first principal components of the normal scores of summaries of M demonstrations, in standard deviations of
+    the first one; the largest loading of each is positive."""
+    scores = normal_scores(summaries)
+    n = min(settings.n_components, min(scores.shape) - 1)
+    if n < 1 or not scores.any():
+        return np.empty((len(scores), 0))
+    start = np.random.default_rng(0).normal(size=min(scores.shape))
+    left, size, loadings = svds(scores, n, v0=start)
+    kept = np.flatnonzero(size > 1e-6 * size.max())[::-1]
+    largest = np.take_along_axis(loadings, np.abs(loadings).argmax(axis=1)[:, None], axis=1)[:, 0]
+    return np.asarray((left * size * np.sign(largest))[:, kept] * np.sqrt(len(scores)) / size.max())
+
+
+def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
+    """Mean, deviation, first, last and mean change of every column of states and actions within each demonstration."""
+    found, inside = list[Array](), _inside(data)[:, None]
+    begins, ends, lengths = data.offsets[:-1], data.offsets[1:] - 1, data.lengths[:, None]
+    for values, begin in (
+        (each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)
+    ):
+        block = np.asarray(values[:, begin : begin + BLOCK_COLUMNS], dtype=float)
+        mean = data.sum_steps(block) / lengths
+        spread = np.sqrt(data.sum_steps((block - data.per_step(mean)) ** 2) / lengths)
+        changes = np.abs(np.diff(block, axis=0, append=block[-1:])) * inside
+        found += [mean, spread, block[begins], block[ends], data.sum_steps(changes) / np.maximum(lengths - 1, 1)]
+    return np.concatenate(found, axis=1)
 
 
 def normal_scores(values: Float[Array, "M C"]) -> Float[Array, "M C"]:

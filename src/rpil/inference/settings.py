@@ -205,6 +205,8 @@ class ChannelSettings:
     """Last states of the training group to which a last state is compared."""
     max_ends: int = 1_000
     """Last states of the training group that are kept, at most."""
+    n_components: int = 8
+    """Principal components of the summaries of a demonstration, at most."""
     errors: ErrorSettings = ErrorSettings()
     """Of the actions of a demonstration around their median."""
 
@@ -222,6 +224,8 @@ class AnswerSettings:
     """Prior probability that the demonstrations that agree are the good ones."""
     precision: float = 1.0
     """Prior precision of the weight of a channel."""
+    component_precision: float = 0.25
+    """The same of a principal component, of which the first has variance 1."""
     weak_precision: float = 16.0
     """The same where all answers are of one side, all good or all bad, but for outcomes of 0 and 1."""
     offset_precision: float = 0.25
@@ -234,8 +238,8 @@ class AnswerSettings:
     arm with six kinds of bad demonstrations, as the best of about 45 choices."""
     group_weight: float = 2.0
     """Prior weight of the group of scores; that of agreement is 1."""
-    sharpness: float = 1.6
-    """Factor of the logit of P(good)."""
+    sharpness: float = 2.0
+    """Factor of what the columns say of P(good)."""
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a channel."""
     min_proba: float = 0.9

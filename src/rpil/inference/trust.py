@@ -15,7 +15,7 @@ from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of, learned_from, with_group
 from rpil.inference.answers import Answers
-from rpil.inference.channels import StateScale, channels
+from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
 from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
@@ -114,7 +114,8 @@ def judge(
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.held_out.log_prob - scoring.log_q
-    states, columns = described(scoring, scores)
+    seen = components(summaries(data, scoring.indicators()), settings.channels)
+    states, columns = described(scoring, scores, seen)
     beside = facts_beside(data, scoring.indicators(), states, settings.channels)
     temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     against = np.zeros(len(log_ratio))
@@ -126,7 +127,7 @@ def judge(
     steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares, whole_from)
     answers = Answers.of_labels(data.labels) if answers is None else answers
     pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
-    within = columns_within(scoring, claims.groups, seed)
+    within = columns_within(scoring, claims.groups, seen, seed)
     own = np.arange(data.n_demonstrations)
     evidence = Evidence(scores, columns, states, claims, pair, missing, beside, own, within)
     return conclude(data, evidence, answers, steps, log_ratio, settings)
@@ -151,18 +152,22 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     return scoring.score(scoring.fit_group(upper))
 
 
-def described(scoring: Scoring, scores: Scores) -> tuple[StateScale, Float[Array, "M D"]]:
-    """What channels of states are measured by, and the columns from which answers learn."""
+def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tuple[StateScale, Float[Array, "M D"]]:
+    """What channels of states are measured by, and the columns from which answers learn, the components `seen` among
+    them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.held_out.log_prob
     states = StateScale.of(data, scores.fit.group, settings.channels)
     found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
     found[:, 0] = scores.score  # agreement
-    return states, columns_of(found, scores.log_odds(settings), settings.answers)
+    return states, columns_of(found, seen, scores.log_odds(settings), settings.answers)
 
 
-def columns_within(scoring: Scoring, groups: tuple[Array, Array] | None, seed: int) -> Float[Array, "M W"]:
+def columns_within(
+    scoring: Scoring, groups: tuple[Array, Array] | None, seen: Float[Array, "M K"], seed: int
+) -> Float[Array, "M W"]:
     """The columns from which answers learn where both of two `groups` are good, or bad: each is judged by itself, and
-    its columns are `with_group`. A demonstration of neither is better explained by the policy of the upper one.
+    its columns are `with_group`; the components are those `seen` of all. A demonstration of neither is better explained
+    by the policy of the upper one.
 
     (M, 0) where there are not two groups, or the policy deals its own folds.
     """
@@ -172,13 +177,14 @@ def columns_within(scoring: Scoring, groups: tuple[Array, Array] | None, seed: i
         return none
     upper, found = ~np.isin(np.arange(data.n_demonstrations), groups[1]), dict[bool, Array]()
     for is_upper in (True, False):
-        own = data.select(np.flatnonzero(upper == is_upper))
+        rows = np.flatnonzero(upper == is_upper)
+        own = data.select(rows)
         model = scoring.model.dealt_again(seed, own)
         if model is None:
             return none
         within = Scoring.of(own, model, settings)
         scores = score_by_best_group(within, np.ones(own.n_demonstrations, dtype=bool))
-        found[is_upper] = with_group(described(within, scores)[1], is_upper)
+        found[is_upper] = with_group(described(within, scores, seen[rows])[1], is_upper)
     columns = np.empty((data.n_demonstrations, found[True].shape[1]))
     columns[upper], columns[~upper] = found[True], found[False]
     return columns

@@ -42,6 +42,13 @@ NEXT_STEPS = {
 """What to do next, by finding."""
 
 
+MIN_OF_NOTHING = 8
+NOTHING_FOLLOWED = (
+    "The answers follow nothing that is known of the demonstrations, as answers by chance do: few others get a word by "
+    "them; look at some of them again."
+)
+"""The answers from which this is said, and the sentence."""
+
 A = TypeVar("A", bound=Judged)
 
 
@@ -131,7 +138,8 @@ def doubts_of_answers(found: Answered, ids: Sequence[Hashable]) -> tuple[str, ..
     """What speaks against words by these answers."""
     if found.count == 1:
         return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
-    return tuple(
+    nothing = found.count >= MIN_OF_NOTHING and found.p_nothing > 0.5
+    return (NOTHING_FOLLOWED,) * nothing + tuple(
         f"The answer about {listed([ids[m] for m in lone.about])} alone would change {lone.n_changed:,} words, and "
         f"changes none before another answer agrees: look at it again, and label {printable(ids[lone.look_at])}."
         for lone in found.lone

@@ -10,6 +10,7 @@ from scipy.special import expit, logit
 
 from rpil.data.id_values import Label
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
@@ -159,10 +160,12 @@ def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
 
 
 def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
-    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged."""
-    columns = np.zeros((n, next((audit.columns.shape[1] for audit in audits.values()), 0)))
-    for task, audit in audits.items():
-        columns[places[task]] = audit.columns
+    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged. The components
+    have another meaning in each task, and are left out."""
+    of_each = {task: np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1) for task, audit in audits.items()}
+    columns = np.zeros((n, next((own.shape[1] for own in of_each.values()), 0)))
+    for task, own in of_each.items():
+        columns[places[task]] = own
     return columns
 
 

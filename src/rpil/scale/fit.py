@@ -20,6 +20,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
+from rpil.inference.channels import components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
 from rpil.inference.facts import TIME_LIMIT, at_time_limit
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
@@ -61,6 +62,7 @@ class BlockScores(NamedTuple):
     interval: Array
     """The 95 % interval of the reliability."""
     channels: Array
+    summaries: Array
 
 
 def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
@@ -72,7 +74,9 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     score, squares = judge.score(data, scored, settings)
     described = judge.channels(data, log_prob, log_ratio, settings)
     described[:, 0] = score
-    return BlockScores(score, squares, *reliability_of(data, log_ratio, temperature, settings), described)
+    assert judge.ratio is not None
+    summed = summaries(data, judge.ratio.indicators(data.actions))
+    return BlockScores(score, squares, *reliability_of(data, log_ratio, temperature, settings), described, summed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +97,7 @@ def judge_everyone(
 
     The finding is that of the sample; outside it, groups and words are by the scores alone.
     """
-    score, squares, reliability, interval, described = map(np.concatenate, zip(*blocks, strict=True))
+    score, squares, reliability, interval, described, summed = map(np.concatenate, zip(*blocks, strict=True))
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     effective = judge.effective_per_step * lengths
@@ -104,7 +108,9 @@ def judge_everyone(
     if doubts := doubts_of_operators(data.demonstrators, claims.words, settings.claims):
         claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
     none = np.empty(0)
-    columns, pair = columns_of(described, scores.log_odds(settings), settings.answers), telling_pair(claims, score)
+    seen = components(summed, settings.channels)
+    columns = columns_of(described, seen, scores.log_odds(settings), settings.answers)
+    pair = telling_pair(claims, score)
     limit = at_time_limit(lengths)
     beside = {} if limit is None else {TIME_LIMIT: limit}
     missing, own = judged.missing_steps, np.arange(len(score))
