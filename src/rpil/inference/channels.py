@@ -31,7 +31,7 @@ CHANNELS = (
 )
 """Names of the channels; of each, more is more of what the name says."""
 
-BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 64
+BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 4
 """Steps whose moves are computed together, and columns that are summarised together."""
 
 
@@ -51,10 +51,10 @@ class StateScale:
     @classmethod
     def of(cls, data: FitData, group: Bool[Array, " M"], settings: ChannelSettings) -> StateScale:
         """Measure the states of `data`; `group` is the training group."""
-        features = np.asarray(data.features, dtype=float)
-        spread = features.std(axis=0)
-        changes = spread > 0
-        center, spread = features.mean(axis=0), np.where(changes, spread, 1.0)
+        features = data.features  # column by column, so that no copy in double precision is made
+        center = np.array([column.mean(dtype=float) for column in features.T])
+        spread = np.array([column.std(dtype=float) for column in features.T])
+        spread = np.where(spread > 0, spread, 1.0)
         moves = _moves(features, spread, data)
         inside = _inside(data)
         rest = settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0

@@ -27,7 +27,7 @@ from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
 
-MAX_ENTRIES = 160_000
+MAX_ENTRIES = 100_000
 """Of the features from which policies that can bend learn, of either group: they bound the memory."""
 
 
