@@ -87,10 +87,17 @@ class Browser:
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
 
     def reload(self) -> None:
-        # A page writes to the storage at once, and the process of the next page may read it a moment later.
-        self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1500))")
-        self.send("Page.reload")
-        self.wait("!window.isOld && document.readyState === 'complete'")
+        """Load the page again; once more where the new page does not see the storage of the old one yet.
+
+        A page writes to the storage at once, and a busy Chromium hands it to the next page some time later.
+        """
+        stored = "(() => { try { return JSON.stringify(Object.entries(localStorage).sort()) } catch { return '' } })()"
+        before, deadline, is_seen = self.evaluate(stored), time.monotonic() + TIMEOUT, False
+        while not is_seen and time.monotonic() < deadline:
+            self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1500))")
+            self.send("Page.reload")
+            self.wait("!window.isOld && document.readyState === 'complete'")
+            is_seen = self.evaluate(stored) == before
 
     def evaluate(self, code: str) -> Any:
         """The value of an expression in the page, or what its promise gives."""
