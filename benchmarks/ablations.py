@@ -1,4 +1,4 @@
-"""What each constant of the judge is worth: the words on recorded sets with another value, or without its rule.
+"""What each constant of the judge is worth: the words with another value, or without its rule, and without several.
 
     python benchmarks/ablations.py --data ../shared/data --json ablations.json --processes 2
     python benchmarks/ablations.py --quick
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from multiprocessing import Pool
@@ -28,45 +28,65 @@ from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
 from rpil.inference import claims as inference
+from rpil.inference import scores
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
+from worlds import Array, kinds
 from worlds.simulated import of_paper
 
 DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
+FAMILIES = ("recorded", "half", "point mass", "paper", *kinds.KINDS)
 
 
-def judge(stage: str, **values: Any) -> Settings:
-    """The default with other values in one stage of the judge."""
-    every = JudgeSettings()
-    return Settings(judge=replace(every, **{stage: replace(getattr(every, stage), **values)}))
+Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any]]
+"""Other values in one stage of the judge, or an object, the name of a function of it, and what replaces the function.
+"""
 
 
-RULES: dict[str, Settings | tuple[Any, str, Callable[..., Any]]] = {
-    DEFAULT: Settings(),
-    "no rival groups (max_shared_gain 0)": judge("rivals", max_shared_gain=0.0),
-    "min_p_two .9": judge("claims", min_p_two=0.9),
-    "min_p_two .999": judge("claims", min_p_two=0.999),
+def as_independent(_: Any, lengths: Array) -> Array:
+    return np.asarray(lengths, dtype=float)
+
+
+RULES: dict[str, Change] = {
+    "no rival groups (max_shared_gain 0)": ("rivals", {"max_shared_gain": 0.0}),
+    "rivals in one round, 3 lapses": ("rivals", {"max_iter": 1, "n_lapses": 3}),
+    "min_p_two .9": ("claims", {"min_p_two": 0.9}),
     "nobody by chance": (inference, "by_chance", lambda *_: None),
     "one dealing of the folds": (Scoring, "dealt_again", lambda *_: None),
     "no better half": (inference, "in_better_part", lambda scores, upper: upper),
-    "max_part_share 1": judge("claims", max_part_share=1.0),
-    "no order (max_runs_p 0)": judge("claims", max_runs_p=1e-300),
-    "no agreement (min_agreement -1)": judge("claims", min_agreement=-1.0),
-    "min_proba .95": judge("claims", min_proba=0.95),
-    "all teach (share 1)": judge("trimming", share=1.0),
-    "share .8": judge("trimming", share=0.8),
-    "share .3": judge("trimming", share=0.3),
-    "one ridge, 1e-4": judge("held_out", ridges=(1e-4,)),
-    "five folds": judge("held_out", max_folds_continuous=5),
-    "ten folds": judge("held_out", max_folds_discrete=10, max_folds_continuous=10),
-    "error bars as they are (noise_shares 1)": judge("groups", noise_shares=(1.0,)),
-    "no prior on the spread of a group": judge("groups", prior_spread=1e-6),
-    "two groups may have one centre": judge("groups", min_distance=0.0),
-    "no odd experts (tail 0)": judge("groups", tail=1e-12),
-    "ranks are worth nothing": judge("groups", rank_correlation=0.0),
-    "raw features": Settings(judge_features="raw"),
+    "max_part_share 1": ("claims", {"max_part_share": 1.0}),
+    "no agreement (min_agreement -1)": ("claims", {"min_agreement": -1.0}),
+    "all teach (share 1)": ("trimming", {"share": 1.0}),
+    "one concentration step": ("trimming", {"max_iter": 1}),
+    "one ridge, 1e-4": ("held_out", {"ridges": (1e-4,)}),
+    "five folds": ("held_out", {"max_folds_continuous": 5}),
+    "steps are independent": (scores, "effective_steps", as_independent),
+    "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
+    "no odd experts (tail 0)": ("groups", {"tail": 1e-12}),
+    "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
+    "two groups may have one centre": ("groups", {"min_distance": 0.0, "min_spread": 1e-9}),
+    "EM from 3 starts": ("groups", {"start_quantiles": (0.2, 0.5, 0.8)}),
+    "ranks are worth nothing": ("groups", {"rank_correlation": 0.0}),
+    "no monotony": ("", {"monotony": 0.0}),
 }
+COMBINATIONS: dict[str, tuple[str, ...]] = {
+    "noise and tail": ("error bars as they are (noise_shares 1)", "no odd experts (tail 0)"),
+    "small ones": (
+        "EM from 3 starts",
+        "two groups may have one centre",
+        "ranks are worth nothing",
+        "rivals in one round, 3 lapses",
+        "max_part_share 1",
+    ),
+}
+COMBINATIONS["small ones, nobody by chance"] = (*COMBINATIONS["small ones"], "nobody by chance")
+COMBINATIONS["small ones, steps are independent"] = (*COMBINATIONS["small ones"], "steps are independent")
+COMBINATIONS["small ones, steps are independent, nobody by chance"] = (
+    *COMBINATIONS["small ones, nobody by chance"],
+    "steps are independent",
+)
+VARIANTS = {DEFAULT: ()} | COMBINATIONS | {name: (name,) for name in RULES}
 ANSWERS: dict[str, AnswerSettings] = {
     DEFAULT: AnswerSettings(),
     "p_agreement .5": AnswerSettings(p_agreement=0.5),
@@ -88,9 +108,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="one small world, few variants: checks the script")
     options = parser.parse_args(arguments)
-    jobs = [Job("quick", "", partial(of_paper, "LunarLander-v3", "random", 7))]
+    jobs = [Job("paper", "quick", partial(of_paper, "LunarLander-v3", "random", 7))]
     if not options.quick:
-        jobs = [job for job in claims.jobs(options.data, 0, 0) if job.kind == "recorded"]
+        jobs = jobs_of(options.data)
     origin = provenance(f"0, {DRAWS} draws of labels", asked(parser, options))
     found: Row = {"provenance": origin, "unfinished": True, "rules": {}}
     if options.json and options.json.exists():
@@ -98,11 +118,12 @@ def main(arguments: list[str] | None = None) -> int:
         same = all(old["provenance"].get(key) == origin[key] for key in ("commit", "dirty", "arguments"))
         found = old if same else found
     with Pool(options.processes, maxtasksperchild=20) as pool:
-        for name in [name for name in RULES if name not in found["rules"]][: 3 if options.quick else None]:
+        for name in [name for name in VARIANTS if name not in found["rules"]][: 3 if options.quick else None]:
             found["rules"][name] = pool.map(partial(audited, name), jobs, chunksize=1)
             if options.json:
                 write_json(options.json, found)
-        audits = pool.map(answers.audited, jobs, chunksize=1)
+        labelled_jobs = [job for job in jobs if job.kind in ("recorded", "paper")]
+        audits = pool.map(answers.audited, labelled_jobs, chunksize=1)
     found |= {"answers": {name: labelled(audits, each) for name, each in ANSWERS.items()}, "unfinished": False}
     if options.json:
         write_json(options.json, found)
@@ -111,17 +132,28 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def audited(name: str, job: Job) -> Row:
-    """A row of `claims` with one rule changed."""
-    rule = RULES[name]
-    if isinstance(rule, Settings):
-        return claims.audited(job, rule)
-    owner, what, function = rule
-    before = getattr(owner, what)
-    setattr(owner, what, function)
+    """A row of `claims` with some rules changed."""
+    judge, before = JudgeSettings(), list[tuple[Any, str, Any]]()
+    for change in (RULES[rule] for rule in VARIANTS[name]):
+        if len(change) == 2:
+            stage, values = change
+            judge = replace(judge, **({stage: replace(getattr(judge, stage), **values)} if stage else values))
+        else:
+            owner, what, function = change
+            before.append((owner, what, getattr(owner, what)))
+            setattr(owner, what, function)
     try:
-        return claims.audited(job)
+        return claims.audited(job, Settings(judge=judge))
     finally:
-        setattr(owner, what, before)
+        for owner, what, function in before:
+            setattr(owner, what, function)
+
+
+def jobs_of(folder: Path) -> list[Job]:
+    """Recorded sets, halves of them in which nobody is bad, one draw of each world of a point mass and of each cell of
+    the paper, and the kinds of `worlds/kinds.py`."""
+    every = (job for job in claims.jobs(folder, 1, 2) if job.kind in FAMILIES)
+    return [job for job in every if job.kind != "point mass" or job.name.endswith("12 of 40, 1")]
 
 
 def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
@@ -139,13 +171,29 @@ def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    text = "Words on recorded sets with one constant of `rpil.inference.settings` changed (benchmarks/ablations.py)."
-    rules = [row for name, rows in result["rules"].items() for row in claims.counted(name, rows)]
+    text = (
+        "Words with other values in `rpil.inference.settings`, or without a rule (benchmarks/ablations.py): right and "
+    )
+    text += (
+        "wrong ones where some are bad, and good demonstrations that are called unlike. A combination changes several."
+    )
+    families = [family for family in FAMILIES if any(row["kind"] == family for row in result["rules"][DEFAULT])]
+    head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
+    rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
     told = [row for name, rows in result["answers"].items() for row in claims.counted(name, rows)]
-    head = [claims.HEAD[0].replace("kind", "variant"), claims.HEAD[1]]
-    named = head[0].replace("unlike", "called bad").replace("typical", "called good").replace("sets |", "draws |", 1)
+    named = claims.HEAD[0].replace("kind", "variant").replace("unlike", "called bad")
+    named = named.replace("typical", "called good").replace("sets |", "draws |", 1)
     parts = ["## Ablations", "", text, "", *head, *rules, "", f"After {LABELS} random labels, the rest:", ""]
-    return "\n".join([*parts, named, head[1], *told])
+    return "\n".join([*parts, named, claims.HEAD[1], *told])
+
+
+def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
+    """Right and wrong words of each family, and good demonstrations called unlike; the last alone where nobody is bad."""
+    for family in families:
+        own = [row for row in rows if row["kind"] == family]
+        count = claims.counts(own)
+        right, wrong, accused = count[-1, 0] + count[1, 1], count[-1, 1] + count[1, 0], count[-1, 1]
+        yield f"{accused}" if all(min(row["good"]) > 0 for row in own) else f"{right}, {wrong} ({accused})"
 
 
 if __name__ == "__main__":

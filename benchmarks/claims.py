@@ -8,8 +8,8 @@
 Kinds of data: `recorded` sets with good and bad demonstrations; the good `half` of each alone; `walks`, made with one
 law that is not linear; the paper's cells (`paper`) and the `grid` of simulated kinds; `changes` of recorded sets that
 are not behaviour, and a random half of the demonstrations; `people`, recorded sets whose
-operators are known, not named and named; worlds of a `point mass`. The truth `is_good` scores and is never read by the
-audit.
+operators are known, not named and named; worlds of a `point mass`; and the kinds of `worlds/kinds.py`. The truth
+`is_good` scores and is never read by the audit.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ import numpy as np
 from options import asked
 from provenance import line, provenance
 from rpil import RPIL, Settings
-from worlds import Array, World
+from worlds import Array, World, kinds
 from worlds.point_mass import ALL_DIFFER, BAD, GOOD, SIZES, point_mass
 from worlds.recorded import AS_IT_IS, CHANGES, changed, read, recorded_sets
 from worlds.simulated import PAPER, grid, of_grid, of_paper, walks
 
 Row = dict[str, Any]
-KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "point mass")
+KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "point mass", *kinds.KINDS)
 P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 """Edges of the bins of P(typical) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
@@ -113,6 +113,9 @@ def jobs(folder: Path | None, draws: int, seeds: int) -> Iterator[Job]:
     for kind, discrete, size, seed in product((*BAD, *GOOD, *ALL_DIFFER), (False, True), SIZES, range(seeds)):
         what = f"{kind}, {'discrete' if discrete else 'continuous'}, {size[1]} of {size[0]}, {seed}"
         yield Job("point mass", what, partial(point_mass, kind, discrete, size, seed))
+    for kind, (make, given) in kinds.KINDS.items():
+        for each in given:
+            yield Job(kind, " ".join([kind, *map(str, each)]), partial(make, *each))
 
 
 def good_half(path: Path) -> World:
@@ -165,6 +168,8 @@ def report(rows: list[Row]) -> list[str]:
     parts += [cells_right(of_kind["grid"]), pairs_asked(of_kind["recorded"]), good_by_proba(of_kind["recorded"])]
     for told in ("not named", "named"):
         parts[0] += counted(f"operators {told}", [row for row in of_kind["people"] if row["name"].startswith(told)])
+    for kind in kinds.KINDS:
+        parts[0] += counted(kind, of_kind[kind])
     parts += [changes(of_kind["changes"]), point_masses(of_kind["point mass"])]
     parts.append([text for row in rows for text in described(row)])
     return [text for part in parts if part for text in ("", *part)][1:]
