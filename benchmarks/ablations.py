@@ -188,7 +188,7 @@ def markdown(result: Row) -> str:
 
 
 def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
-    """Right and wrong words of each family, and good demonstrations called unlike; the last alone where nobody is bad."""
+    """Right and wrong words of each family, and good ones called unlike; the last alone where nobody is bad."""
     for family in families:
         own = [row for row in rows if row["kind"] == family]
         count = claims.counts(own)

@@ -128,7 +128,7 @@ def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_
     told = {"demonstrators": names}
     for model in both(data, fit=told):
         assert model.audit_.finding == "in doubt"
-        assert "of operators of whom none is typical (bad" in model.audit_.doubts[0]
+        assert "of operators without a typical demonstration (bad" in model.audit_.doubts[0]
         assert not model.audit_.from_demonstrator.any()
         assert {who.trust for who in model.audit_.demonstrators} == {None}
     model, other = both(

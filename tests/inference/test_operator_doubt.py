@@ -83,7 +83,7 @@ def test_operators_without_answers_change_no_log_odds(seed):
     assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
     assert doubtful.finding == "in doubt"
     assert set(doubtful.verdicts) == {"open"}
-    assert doubtful.doubts[0].startswith("All that score low are of one operator, {Bob}: perhaps a style")
+    assert doubtful.doubts[0].startswith("All demonstrations with low scores are of one operator, {Bob}: perhaps a style")
     assert [who.trust for who in doubtful.demonstrators] == [None, None]
     assert doubtful.question
 

@@ -160,8 +160,8 @@ class Said:
         claimed: Int[Array, " M"],
         found: Posterior,
     ) -> Said:
-        """By the posterior that was `found`. Nobody is good or bad before an answer says so of
-        somebody, and one answer alone neither gives nor takes a word."""
+        """By the posterior that was `found`. No demonstration is good before an answer calls one good, and none is bad
+        before one is called bad; one answer alone neither gives nor takes a word."""
         proba = found.proba(columns, np.where(answers.labels == 0, answers.ranks(), np.nan))
         log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
         if answers.count < 2:

@@ -217,7 +217,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
-        sentence = "Those that score low come in few runs in the order of recording ({members}): perhaps a session, a "
+        sentence = "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
         doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
     doubts += doubts_of_operators(data.demonstrators, split.words, limits)
     share, part = share_of_part(scoring, scores, unlike)
@@ -245,17 +245,18 @@ def runs_p(member: Bool[Array, " M"]) -> float:
 
 
 def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
-    """A doubt where all unlike demonstrations, two at least, are of one operator; or most are of operators of whom none
-    is typical, although by chance one would be: (1 - share of typical ones) ** demonstrations < `max_runs_p`."""
+    """A doubt where all unlike demonstrations, two at least, are of one operator; or most are of operators without a
+    typical one, although by chance they would have one: (1 - share of typical ones) ** demonstrations < `max_runs_p`.
+    """
     unlike, typical = words < 0, words > 0
     if not demonstrators.informative or unlike.sum() < 2:
         return []
     n_unlike = demonstrators.indicator @ unlike
     chance = (1 - typical.mean()) ** demonstrators.counts
     apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < limits.max_runs_p)
-    whose = "Most that score low are of operators of whom none is typical ({operators})"
+    whose = "Most demonstrations with low scores are of operators without a typical demonstration ({operators})"
     if n_unlike.max() == unlike.sum():
-        apart, whose = n_unlike > 0, "All that score low are of one operator, {operators}"
+        apart, whose = n_unlike > 0, "All demonstrations with low scores are of one operator, {operators}"
     if 2 * n_unlike[apart].sum() <= unlike.sum():
         return []
     sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within operators"

@@ -44,8 +44,8 @@ NEXT_STEPS = {
 
 MIN_OF_NOTHING = 8
 NOTHING_FOLLOWED = (
-    "The answers follow nothing that is known of the demonstrations, as answers by chance do: few others get a word by "
-    "them; look at some of them again."
+    "The answers agree with nothing that was measured of the demonstrations, as random answers would: few other "
+    "demonstrations get a verdict from them. Check some of the answers."
 )
 """The answers from which this is said, and the sentence."""
 
