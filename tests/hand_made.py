@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.groups import Groups
-from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
+from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit
@@ -60,11 +60,10 @@ class Written(HeldOutModel):
     """The groups to which policies were fitted, and those whose scale of errors they got."""
     copies: list[Written] = field(default_factory=list)
 
-    def evaluate(self, weight: Array, ridge: float) -> HeldOutLogProb:
+    def evaluate(self, weight: Array, ridge: float) -> Array:
         group = self.data.mean_steps(weight) > 0
         self.fitted.append(group)
-        log_prob = self._log_prob(self.gains(group))
-        return HeldOutLogProb(log_prob, log_prob - log_prob.mean())
+        return self._log_prob(self.gains(group))
 
     def log_prob_at(self, weight: Array, other: Array, ridge: float) -> Array:
         group, scale_of = (self.data.mean_steps(each) > 0 for each in (weight, other))
@@ -93,14 +92,14 @@ def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings, parts: Arra
 def groups_of(p_two: float, share: float = 0.5, deviation: float = 0.1) -> Groups:
     """Two groups of scores, around 0 and 1, with a standard deviation."""
     spread = np.full(2, deviation**2)
-    return Groups(float(np.log(p_two / (1 - p_two))), np.array([0.0, 1.0]), spread, share, 0.1, 0.9, np.array([0.0, 1]))
+    return Groups(float(np.log(p_two / (1 - p_two))), np.array([0.0, 1.0]), spread, share, 0.1, np.array([0.0, 1]))
 
 
 def scores_of(scoring: Scoring, score: Any, p_two: float, deviation: float = 0.1, **other: Any) -> Scores:
     """Scores around 0 and 1, where the training group has those above one half."""
     score = np.asarray(score, dtype=float)
     log_prob = scoring.data.per_step(score) + scoring.log_q
-    fit = TrimmedFit(HeldOutLogProb(log_prob, log_prob * 0), score > 0.5, scoring.ridge, np.zeros(1))
-    fields = {"effective_steps": np.full(len(score), 4.0), "step_variance": 1.0, "state_predicts_action": True}
+    fit = TrimmedFit(log_prob, score > 0.5, scoring.ridge, np.zeros(1))
+    fields = {"step_variance": 1.0, "state_predicts_action": True}
     groups = groups_of(p_two, deviation=deviation)
     return Scores(score, np.full(len(score), 1e-4), groups=groups, fit=fit, **(fields | other))

@@ -15,8 +15,8 @@ SAMPLE = SampleSettings(
     max_kept_entries=1,
     block_steps=700,
 )
-ONE_SHARE = JudgeSettings(groups=GroupSettings(noise_shares=(0.1,), min_noise=0.0))
-"""One share of the variance of a score instead of five: their choice takes most of the time of a small fit."""
+ONE_SHARE = JudgeSettings(groups=GroupSettings(noise_shares=(0.1,)))
+"""One share of the variance of a score instead of two: their choice takes most of the time of a small fit."""
 
 FAST = Settings(judge=ONE_SHARE)
 SMALL = Settings(sample=SAMPLE, judge=ONE_SHARE)

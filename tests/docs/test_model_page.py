@@ -50,7 +50,6 @@ def test_constants_of_answers_are_those_of_the_judge():
 def test_constants_of_scores_are_those_of_the_judge():
     judge = settings.JudgeSettings()
     assert f"the {judge.trimming.share:.0%}".replace("%", " %") in FLAT
-    assert f"at an error of {judge.claims.max_error} either way".replace("0.", ".") in FLAT
     assert rf"$\mu_1 - \mu_0 > {CLUSTER_DISTANCE:.0f} \sqrt{{t_0}}$" in FLAT
     assert judge.trimming.max_iter == 4
     assert "at most four times" in FLAT
@@ -65,8 +64,6 @@ def test_constants_of_rivals_are_those_of_the_judge():
     )
     share = f"at least {rivals.max_shared_gain} of it shared".replace("0.", ".")
     assert f"gain on $B$ {credible}, or {share}" in rows["no rival"]
-    assert rivals.max_iter == 3
-    assert "found in at most three rounds" in FLAT
     assert rivals.max_shared_gain == 0.5
     assert r"< \tfrac12 \operatorname*{median}" in FLAT
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hand_made import same_actions, scores_of, scoring_of
-from rpil.inference.claims import Claims, Split, claim, doubts_of, runs_p, share_of_part, telling_pair
+from rpil.inference.claims import Claims, Split, claim, doubts_of, runs_p, telling_pair
 from rpil.inference.rivals import Lower
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 
@@ -60,7 +60,7 @@ def disagreeing(correlation, min_agreement=0.2, discrete=False):
     """Scores whose gain over frequent actions ranks demonstrations with this correlation."""
     scoring, scores = scored(np.arange(5) / 4, discrete=discrete, min_agreement=min_agreement)
     order = {-1.0: [4, 3, 2, 1, 0], 0.1: [1, 4, 0, 3, 2], 0.3: [1, 3, 0, 4, 2]}[correlation]
-    log_q = scores.fit.held_out.log_prob - scoring.data.per_step(np.array(order, dtype=float))
+    log_q = scores.fit.log_prob - scoring.data.per_step(np.array(order, dtype=float))
     lower = Lower(np.arange(5), np.arange(0), gain_upper=1.0, is_rival=False, is_noise=False)
     return replace(scoring, log_q=log_q), scores, lower
 
@@ -92,8 +92,8 @@ def test_those_who_follow_one_another_are_a_session():
     score = np.array([1.0] * 10 + [0.0] * 4 + [1.0] * 8)
     doubts = found(scored(score), np.arange(22.0))
     assert [doubt.sentence for doubt in doubts] == [
-        "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a set-up or a "
-        "calibration, and not necessarily worse."
+        "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
+        "set-up or a calibration, and not necessarily worse."
     ]
     assert runs_in(doubts[0]) == [[10, 11, 12, 13]]
     assert sentences(scored(score)) == []  # no order is stated
@@ -144,43 +144,10 @@ def test_probability_of_few_runs_by_hand():
     assert runs_p(np.ones(5, dtype=bool)) == runs_p(np.zeros(5, dtype=bool)) == 1.0
 
 
-PARTS = np.where(SCORE[:, None] > 0, 0.0, [-8.0, -1.5, -0.5])
-
-
-def test_evidence_in_one_part_is_doubted():
-    assert sentences(scored(parts=PARTS)) == []  # 80 % is no more than 80 %
-    doubts = found(scored(parts=PARTS, max_part_share=0.79))
-    assert [doubt.sentence for doubt in doubts] == ["80% of the evidence is in part {part} of the action alone."]
-    assert (doubts[0].runs, doubts[0].part) == ((), 0)
-    last = np.roll(PARTS, -1, axis=1)
-    assert found(scored(parts=last, max_part_share=0.79))[0].part == 2
-
-
-def test_share_of_a_part_by_hand():
-    unlike = SCORE < 0.5
-    parts = PARTS.copy()
-    parts[6:, 0] = -16.0, -8.0, -8.0, 0.0  # their mean counts
-    parts[:6, 0] = 100.0, 0.0, 0.0, 0.0, 0.0, -7.0  # the median of the training group
-    parts[:, 2] = SCORE * -5.0  # better than the training group: no evidence
-    scoring, scores = scored(parts=parts)
-    share, part = share_of_part(scoring, scores, unlike)
-    assert (share, part) == (pytest.approx(8.0 / 9.5), 0)
-    assert scoring.model.fitted[-1].tolist() == (SCORE > 0.5).tolist()  # policies of the training group
-    assert share_of_part(*scored(parts=np.zeros((10, 3))), unlike) == (0.0, 0)
-
-
-def test_no_share_of_a_part_without_three_parts_or_anybody_unlike():
-    unlike = SCORE < 0.5
-    assert share_of_part(*scored(parts=PARTS[:, :2]), unlike) == (0.0, 0)
-    assert share_of_part(*scored(), unlike) == (0.0, 0)
-    assert share_of_part(*scored(parts=PARTS), np.zeros(10, dtype=bool)) == (0.0, 0)
-
-
 def test_every_doubt_is_said():
     score = np.array([1.0] * 6 + [-0.2] * 14)
-    parts = np.where(score[:, None] > 0, 0.0, [-8.0, -0.5, -0.5])
-    doubts = found(scored(score, parts=parts, deviation=TAIL), np.arange(20.0))
-    assert [doubt.sentence.split()[0] for doubt in doubts] == ["More", "Those", "89%"]
+    doubts = found(scored(score, deviation=TAIL), np.arange(20.0))
+    assert [doubt.sentence.split()[0] for doubt in doubts] == ["More", "The"]
 
 
 # The question.

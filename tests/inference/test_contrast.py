@@ -10,7 +10,6 @@ import pytest
 
 from hand_made import same_actions, scoring_of
 from rpil.inference.contrast import contrast
-from rpil.inference.held_out import HeldOutLogProb
 from rpil.inference.rivals import Lower
 from rpil.inference.settings import JudgeSettings
 
@@ -68,7 +67,7 @@ def test_share_of_each_discrete_action():
 
     def evaluate(weight, ridge):
         log_prob = np.where(sides[int(weight[0] == 0)], own / 2, -own / 2)
-        return HeldOutLogProb(sign * log_prob, log_prob)
+        return sign * log_prob
 
     made.model.cold_copy = lambda: SimpleNamespace(evaluate=evaluate)
     sign = 1

@@ -32,9 +32,7 @@ def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds(
         model.fit(problem.features[train][:, :-1], problem.actions[train], sample_weight=weight[train])
         proba = (1 - LAPSE) * model.predict_proba(problem.features[test][:, :-1]) + LAPSE * q
         taken = np.log(proba[np.arange(test.sum()), problem.actions[test]])
-        np.testing.assert_allclose(scored.log_prob[test], taken, atol=0.03)
-        entropy = (proba * np.log(proba)).sum(axis=1)
-        np.testing.assert_allclose(scored.residual[test], taken - entropy, atol=0.05)
+        np.testing.assert_allclose(scored[test], taken, atol=0.03)
 
 
 def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
@@ -50,7 +48,7 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
         model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
         errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
     scale = error_scale(errors, weight, ErrorSettings())
-    np.testing.assert_allclose(scored.log_prob, student_log_density(errors, scale, ErrorSettings()), atol=1e-6)
+    np.testing.assert_allclose(scored, student_log_density(errors, scale, ErrorSettings()), atol=1e-6)
 
 
 def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
@@ -65,10 +63,10 @@ def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
     # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
     same = changed & (problem.actions == other.actions)
     assert not same.any()
-    np.testing.assert_allclose(np.exp(one.log_prob[~changed]).mean(), np.exp(one.log_prob[~changed]).mean())
-    assert not np.allclose(one.log_prob[~changed], two.log_prob[~changed], atol=1e-3)
-    proba = (np.exp(one.log_prob[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
-    shifted = (np.exp(two.log_prob[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
+    np.testing.assert_allclose(np.exp(one[~changed]).mean(), np.exp(one[~changed]).mean())
+    assert not np.allclose(one[~changed], two[~changed], atol=1e-3)
+    proba = (np.exp(one[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
+    shifted = (np.exp(two[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
     assert (proba + shifted <= 1 + 1e-9).all()  # two actions of one distribution
 
 
@@ -89,7 +87,7 @@ def test_parts_of_the_action_sum_to_the_whole():
     found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
     parts = found.log_prob_of_parts(weight, 1e-2)
     assert parts.shape == (len(problem.actions), 3)
-    np.testing.assert_allclose(parts.sum(axis=1), found.evaluate(weight, 1e-2).log_prob)
+    np.testing.assert_allclose(parts.sum(axis=1), found.evaluate(weight, 1e-2))
     softmax = fit_data_of(make("noisy", 0, steps=STEPS))
     assert HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings()).log_prob_of_parts(weight, 1e-2) is None
 
@@ -98,15 +96,15 @@ def test_errors_may_have_the_scale_of_other_steps():
     problem = fit_data_of(make_continuous("random", 0, steps=STEPS))
     good = problem.per_step((np.arange(12) < 6).astype(float))
     found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
-    own, at_bad = found.evaluate(good, 1e-2).log_prob, found.log_prob_at(good, 1.0 - good, 1e-2)
+    own, at_bad = found.evaluate(good, 1e-2), found.log_prob_at(good, 1.0 - good, 1e-2)
     np.testing.assert_array_equal(found.log_prob_at(good, good, 1e-2), own)
     assert own[good > 0].mean() > at_bad[good > 0].mean() + 0.5
     assert own[good == 0].mean() < at_bad[good == 0].mean() - 0.5
-    assert found.evaluate(1.0 - good, 1e-2).log_prob[good > 0].mean() != at_bad[good > 0].mean()  # another policy
+    assert found.evaluate(1.0 - good, 1e-2)[good > 0].mean() != at_bad[good > 0].mean()  # another policy
     softmax = fit_data_of(make("random", 0, steps=STEPS))
     good = softmax.per_step((np.arange(12) < 6).astype(float))
     model = HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings())
-    expected = model.cold_copy().evaluate(good, 1e-2).log_prob
+    expected = model.cold_copy().evaluate(good, 1e-2)
     np.testing.assert_array_equal(model.log_prob_at(good, 1.0 - good, 1e-2), expected)  # no scale
 
 
@@ -118,7 +116,7 @@ def test_other_folds_and_a_cold_copy(toy):
     assert (again.fold != found.fold).any()
     np.testing.assert_array_equal(again.fold, held_out_model(problem, 1, found.settings).fold)
     weight = np.ones(len(problem.actions))
-    first = found.evaluate(weight, 1e-2).log_prob
+    first = found.evaluate(weight, 1e-2)
     found.evaluate(weight * (problem.per_step(np.arange(12)) < 3), 1e-1)
-    np.testing.assert_array_equal(found.cold_copy().evaluate(weight, 1e-2).log_prob, first)
+    np.testing.assert_array_equal(found.cold_copy().evaluate(weight, 1e-2), first)
     np.testing.assert_array_equal(found.cold_copy().fold, found.fold)

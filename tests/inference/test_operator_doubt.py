@@ -55,7 +55,7 @@ def found(names, gains=lambda group: np.where(group[:1].any(), np.where(SCORE > 
     scoring = scoring_of(data, gains, SETTINGS)
     scores = scores_of(scoring, SCORE, 0.999)
     explained = scoring.model.evaluate(data.per_step((SCORE > 0.5).astype(float)), scoring.ridge)
-    return claim(scoring, replace(scores, fit=replace(scores.fit, held_out=explained)), None, None)
+    return claim(scoring, replace(scores, fit=replace(scores.fit, log_prob=explained)), None, None)
 
 
 def test_the_doubt_withdraws_the_words_and_names_the_operator():
@@ -83,7 +83,9 @@ def test_operators_without_answers_change_no_log_odds(seed):
     assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
     assert doubtful.finding == "in doubt"
     assert set(doubtful.verdicts) == {"open"}
-    assert doubtful.doubts[0].startswith("All demonstrations with low scores are of one operator, {Bob}: perhaps a style")
+    assert doubtful.doubts[0].startswith(
+        "All demonstrations with low scores are of one operator, {Bob}: perhaps a style"
+    )
     assert [who.trust for who in doubtful.demonstrators] == [None, None]
     assert doubtful.question
 

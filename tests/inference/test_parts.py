@@ -121,7 +121,7 @@ def test_what_rests_changes_neither_scores_nor_reference():
     for data in (problem, more):
         model = held_out_model(problem, 0, settings)
         model = replace(model, data=data)
-        gains.append(model.evaluate(np.ones(n), 1e-2).log_prob - log_reference(data, everyone, settings))
+        gains.append(model.evaluate(np.ones(n), 1e-2) - log_reference(data, everyone, settings))
     np.testing.assert_allclose(*gains, atol=1e-9)
 
 

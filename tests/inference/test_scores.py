@@ -13,8 +13,7 @@ from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
-from rpil.inference.effective_steps import autocovariances, effective_steps
-from rpil.inference.held_out import HeldOutLogProb, held_out_model
+from rpil.inference.held_out import held_out_model
 from rpil.inference.parts import ActionScale
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
@@ -27,13 +26,13 @@ def test_mean_variance_is_that_of_simulated_means():
     rng = np.random.default_rng(0)
     values = rng.normal(size=(4000, 25))
     squares = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
-    variance = mean_variance(squares, np.full(4000, 25), 1.0, np.full(4000, 25.0), 20.0)
+    variance = mean_variance(squares, np.full(4000, 25), 1.0, 20.0)
     assert variance.mean() == pytest.approx(values.mean(axis=1).var(), rel=0.1)
 
 
 def test_mean_variance_by_hand():
-    found = mean_variance(np.array([12.0, 0.0]), np.array([4, 6]), 2.0, np.array([3.0, 2.0]), 6.0)
-    np.testing.assert_allclose(found, [(12 + 12) / 10 / 3, 12 / 12 / 2])
+    found = mean_variance(np.array([12.0, 0.0]), np.array([4, 6]), 2.0, 6.0)
+    np.testing.assert_allclose(found, [(12 + 12) / 10 / 4, 12 / 12 / 6])
 
 
 @pytest.mark.parametrize("discrete", [False, True])
@@ -46,18 +45,14 @@ def test_scores_by_hand(discrete):
     log_q = rng.normal(size=n)
     scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, False)
     group, log_prob = np.array([True, False, True]), rng.normal(size=n)
-    residual = rng.normal(size=n) + np.repeat([1.0, 50.0, 1.0], [40, 30, 50])
-    found = scoring.score(TrimmedFit(HeldOutLogProb(log_prob, residual), group, 0.1, np.zeros(1)))
+    found = scoring.score(TrimmedFit(log_prob, group, 0.1, np.zeros(1)))
     log_ratio = log_prob - log_q if discrete else log_prob
     of_each = np.split(log_ratio, offsets[1:-1])
     np.testing.assert_allclose(found.score, [one.mean() for one in of_each])
     squares = np.array([((one - one.mean()) ** 2).sum() for one in of_each])
     assert found.step_variance == pytest.approx(squares.sum() / 117)
-    of_group = np.concatenate([residual[:40], residual[70:]])
-    covariances = autocovariances(of_group - of_group.mean(), np.array([0, 40, 90]), SETTINGS.effective_steps)
-    np.testing.assert_allclose(found.effective_steps, effective_steps(covariances, data.lengths))
     np.testing.assert_allclose(
-        found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / found.effective_steps
+        found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / data.lengths
     )
     assert found.state_predicts_action is False
     np.testing.assert_array_equal(
@@ -68,7 +63,7 @@ def test_scores_by_hand(discrete):
 def test_one_step_each_has_no_variance_of_steps():
     data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
     scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), True)
-    fit = TrimmedFit(HeldOutLogProb(np.arange(3.0), np.arange(3.0)), np.ones(3, dtype=bool), 0.1, np.zeros(1))
+    fit = TrimmedFit(np.arange(3.0), np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).step_variance == 0.0
 
 
@@ -122,7 +117,7 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     assert scoring.typical_own == pytest.approx(np.median(own))
     np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)
     scores = scoring.score(scoring.fit_group(np.ones(problem.n_demonstrations, dtype=bool)))
-    explained = problem.mean_steps(scores.fit.held_out.log_prob)
+    explained = problem.mean_steps(scores.fit.log_prob)
     np.testing.assert_allclose(scores.score, explained - scoring.monotony)
     assert scores.score.argmin() == 2
 

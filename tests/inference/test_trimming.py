@@ -13,7 +13,7 @@ from hand_made import Written, same_actions
 from problems import fit_data_of, make
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.held_out import HeldOutLogProb, held_out_model
+from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trimming import best_explained, choose_ridge, fit_group, fit_trimmed
 
@@ -30,7 +30,7 @@ def test_training_group_is_the_best_explained():
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
     problem = fit_data_of(toy)
     taught = fit_trimmed(problem, held_out_model(problem, 0, HeldOutSettings()), np.ones(20, dtype=bool), 1e-2, 0.6, 4)
-    score = problem.mean_steps(taught.held_out.log_prob)
+    score = problem.mean_steps(taught.log_prob)
     assert roc_auc_score(toy.is_good, score) == 1.0
     assert taught.group.sum() == 12
     assert taught.group[toy.is_good].all()
@@ -53,7 +53,7 @@ def test_concentration_steps_end_where_the_group_stays():
     fit = fit_trimmed(data, model, EVERYONE, 1e-2, 0.5, 9)
     assert [np.flatnonzero(group).tolist() for group in model.fitted] == [list(range(6)), *ends[:3]]
     assert np.flatnonzero(fit.group).tolist() == [2, 3, 4]
-    base = data.mean_steps(fit.held_out.log_prob).min()
+    base = data.mean_steps(fit.log_prob).min()
     np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
     assert fit.ridge == 1e-2
     short = fit_trimmed(*written(gains), EVERYONE, 1e-2, 0.5, 1)
@@ -73,7 +73,7 @@ def test_a_group_is_fitted_as_it_is():
     fit = fit_group(data, model, group, 0.1)
     assert fit.group.tolist() == group.tolist()
     assert [one.tolist() for one in model.fitted] == [group.tolist()]
-    assert fit.history.tolist() == pytest.approx([data.mean_steps(fit.held_out.log_prob)[1]])
+    assert fit.history.tolist() == pytest.approx([data.mean_steps(fit.log_prob)[1]])
 
 
 class Ridges(Written):
@@ -87,8 +87,7 @@ class Ridges(Written):
 
     def evaluate(self, weight, ridge):
         self.fitted.append(ridge)
-        log_prob = self.data.per_step(np.array(self.explained[ridge], dtype=float))
-        return HeldOutLogProb(log_prob, log_prob)
+        return self.data.per_step(np.array(self.explained[ridge], dtype=float))
 
 
 def ridge_of(group):

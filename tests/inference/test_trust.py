@@ -12,7 +12,6 @@ from sklearn.metrics import roc_auc_score
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make
 from rpil.data.demonstrators import Demonstrators
-from rpil.inference import trust
 from rpil.inference.answered import answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale
@@ -43,7 +42,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
         Claims("some are unlike", WORDS),
     )
     own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))
-    evidence = Evidence(scores, columns, states, claims, (4, 8), 17, {}, own, within)
+    evidence = Evidence(scores, columns, states, claims, (4, 8), {}, own, within)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0), 0.0)
     return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
@@ -59,7 +58,6 @@ def test_without_answers_the_claims_are_said():
     assert not found.from_demonstrator.any()
     np.testing.assert_array_equal(found.log_odds, found.from_actions)
     assert found.demonstrator_trust.shape == (0, 3)
-    assert found.missing_steps == 17
     assert found.pair == (4, 8)
     assert found.groups is evidence.scores.groups
     np.testing.assert_array_equal(found.training_group, SCORE > 0.5)
@@ -251,22 +249,6 @@ def test_other_folds_are_dealt_where_groups_are_likely():
     assert 0.2 < p_two < 1.0
     assert len(dealt(100 * SCORE, p_two)[1]) == 1
     assert dealt(100 * SCORE, np.nextafter(p_two, 1.0))[1] == []
-
-
-def test_a_step_counts_as_many_independent_steps_as_it_is_worth_and_one_at_most(monkeypatch):
-    found, score, steps = [], trust.score_by_best_group, trust.reliability_of
-
-    def correlated(scoring, start):
-        return replace(score(scoring, start), effective_steps=np.tile([2.5, 15.0], 5))
-
-    def recorded(data, log_ratio, temperature, settings):
-        found.append(temperature)
-        return steps(data, log_ratio, temperature, settings)
-
-    monkeypatch.setattr(trust, "score_by_best_group", correlated)
-    monkeypatch.setattr(trust, "reliability_of", recorded)
-    dealt(SCORE)
-    assert found[0].tolist() == [0.5, 1.0] * 5
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -107,7 +107,7 @@ def test_doubts_of_answers():
 
     assert ["One answer is not enough" in doubt for doubt in doubts(1, *lone)] == [True]
     assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
-    assert ["follow nothing" in doubt for doubt in doubts(8, lone[0], p_nothing=0.6)] == [True, False]
+    assert ["agree with nothing" in doubt for doubt in doubts(8, lone[0], p_nothing=0.6)] == [True, False]
     assert doubts(2, *lone) == (
         "The answer about b alone would change 1,200 words, and changes none before another answer agrees: look at it "
         "again, and label d.",
@@ -154,7 +154,7 @@ def test_nothing_is_to_see_where_steps_are_not_kept():
     [
         ({}, True),
         ({"finding": "two groups"}, True),
-        ({"finding": "nothing could be learned"}, False),
+        ({"finding": "nothing could be learned"}, True),
         ({"pair": ()}, False),
         ({"pair": (), "finding": "nothing could be learned"}, False),
         ({"labels": {0: 1}}, False),  # as of tasks, of which one has answers

@@ -123,7 +123,7 @@ def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp
         states = rng.normal(size=(60, 2))
         actions = np.where(states[:, 0] > 0, "right", "left")
         if m >= 9:
-            actions[20:50] = "stop"
+            actions[20:50] = rng.choice(["left", "right", "stop", "stop"], 30)
         episodes.append((states, actions))
     model = rpil.RPIL().fit(Demonstrations.from_episodes(episodes))
     assert model.audit_.verdicts[9:] == ("unlike",) * 3
@@ -131,6 +131,6 @@ def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp
         first, last = (int(word) for word in reason.partition("steps ")[2].split()[0:3:2])
         assert abs(first - 20) <= 1
         assert abs(last - 49) <= 1
-        assert "it takes action stop where the trusted most likely take" in reason
+        assert re.search("it takes action (stop|left|right) where the trusted most likely take (left|right)", reason)
     rpil.save(model, tmp_path / "model.rpil")
     assert rpil.load(tmp_path / "model.rpil").audit_.reasons == model.audit_.reasons

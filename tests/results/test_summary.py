@@ -9,7 +9,7 @@ from scipy.special import logit
 
 from problems import make, pooled_state
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Box, Discrete
+from rpil.data.spaces import Discrete
 from rpil.inference.claims import Doubt
 from rpil.mixture.em import MixtureFit, Posterior, run_em
 from rpil.mixture.settings import MixtureSettings
@@ -84,15 +84,10 @@ def test_audit_keeps_the_history_and_the_adversary_of_em():
     np.testing.assert_array_equal(audit.history, result.history)
 
 
-def test_a_doubt_names_demonstrations_and_the_column_of_the_action():
-    data = FitData(
-        np.ones((5, 1)), np.zeros((5, 2)), np.arange(6), Box(np.zeros(2), np.ones(2)), np.zeros(5, dtype=int)
-    )
-    doubt = Doubt("{members}: part {part}.", (np.array([3, 1]),), 1)
-    assert doubt_sentence(doubt, IDS, data) == "d, b: part 1."
-    named = replace(data, action_names=("pan", "lift\x1b"))
-    assert doubt_sentence(doubt, IDS, named) == "d, b: part lift\\x1b."
-    several = replace(doubt, sentence="{members}.", runs=tuple(map(np.array, ([0, 1, 2], [4], [3, 1]))), part=None)
-    assert doubt_sentence(several, IDS, named) == "a to c, e, d, b."
+def test_a_doubt_names_demonstrations():
+    doubt = Doubt("{members}.", (np.array([3, 1]),))
+    assert doubt_sentence(doubt, IDS) == "d, b."
+    several = replace(doubt, runs=tuple(map(np.array, ([0, 1, 2], [4], [3, 1]))))
+    assert doubt_sentence(several, IDS) == "a to c, e, d, b."
     many = replace(several, runs=(np.array([0]),) * 11)
-    assert doubt_sentence(many, IDS, named) == f"{'a, ' * 10}...."
+    assert doubt_sentence(many, IDS) == f"{'a, ' * 10}...."

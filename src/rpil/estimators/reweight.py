@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.estimators.task import ActionBox, Labels, Task
 from rpil.inference.answers import check_copied_labels
-from rpil.inference.held_out import HeldOutLogProb, HeldOutModel, log_reference
+from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge, repeated
@@ -89,18 +89,18 @@ class TrainedPolicy(HeldOutModel):
     options: ReweightOptions
     progress: Callable[[str], None]
     ridges: tuple[float, ...] = ()
-    cache: dict[bytes, tuple[HeldOutLogProb, int]] = field(default_factory=dict)
+    cache: dict[bytes, tuple[Array, int]] = field(default_factory=dict)
     """By the step weights: the held-out log-probabilities, and the round after which they were largest."""
 
     def cold_copy(self) -> TrainedPolicy:
         return self
 
-    def evaluate(self, weight: Array, ridge: float) -> HeldOutLogProb:
+    def evaluate(self, weight: Array, ridge: float) -> Array:
         """Held-out log-probabilities under copies trained with step weights (N,) until they gain nothing more."""
         key = weight.tobytes()
         if key not in self.cache:
             log_prob, n_rounds = self._train_copies(weight)
-            self.cache[key] = self._with_lapses(log_prob, weight), n_rounds
+            self.cache[key] = self._with_lapses(log_prob), n_rounds
         return self.cache[key][0]
 
     def _train_copies(self, weight: Array) -> tuple[Array, int]:
@@ -125,14 +125,13 @@ class TrainedPolicy(HeldOutModel):
                 break
         return best, best_round
 
-    def _with_lapses(self, log_prob: Array, weight: Array) -> HeldOutLogProb:
+    def _with_lapses(self, log_prob: Array) -> Array:
         """log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`."""
         if not self.data.is_discrete:  # densities of actions in spreads, like the reference
             log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
         lapse = self.options.judge.held_out.lapse
         q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
-        log_prob = np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q)
-        return HeldOutLogProb(log_prob, log_prob - np.average(log_prob, weights=weight))
+        return np.asarray(np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q))
 
     def train_round(self, policy: P, rows: Array, weight: Array) -> P:
         """The policy after one round of training on some rows."""

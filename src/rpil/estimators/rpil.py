@@ -231,9 +231,7 @@ class RPIL(PolicyEstimator):
 
     def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
         """Add the assumptions to the audit; warn if the fit did not converge."""
-        judgement = fitted.decision.judgement
-        short = "" if judgement is None else assumptions.missing_steps(self.audit_.finding, judgement.missing_steps)
-        notes = tuple(filter(None, (*self.audit_.notes, *fitted.decision.notes, short)))
+        notes = tuple(filter(None, (*self.audit_.notes, *fitted.decision.notes)))
         self.audit_ = replace(self.audit_, notes=notes)
         prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
         linear = self.policy is None

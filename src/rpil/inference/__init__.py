@@ -2,7 +2,6 @@
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
     trimming         the training group: the demonstrations that are explained best
-    effective_steps  how many independent steps the steps of a demonstration are worth
     groups           one group of scores, or two
     scores           scores of demonstrations, their variances and their groups
     parts            the parts of a continuous action that are judged, and their scales

@@ -38,8 +38,6 @@ class Doubt:
     """In it, {members} stands for the names of the demonstrations."""
     runs: tuple[Int[Array, " _"], ...] = ()
     """The demonstrations of which it speaks, in runs that follow one another in the stated order."""
-    part: int | None = None
-    """The part of the action of which it speaks, for which {part} stands."""
     operators: tuple[Hashable, ...] = ()
     """The operators of whom it speaks, for whom {operators} stands."""
 
@@ -208,7 +206,7 @@ def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"
 def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
     """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
     data, limits = scoring.data, scoring.settings.claims
-    log_prob, unlike = scores.fit.held_out.log_prob, split.words < 0
+    log_prob, unlike = scores.fit.log_prob, split.words < 0
     doubts = []
     if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
         doubts.append(Doubt("More than half score low, at many levels, so that no limit between two groups is clear."))
@@ -217,12 +215,12 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
-        sentence = "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
-        doubts.append(Doubt(f"{sentence}set-up or a calibration, and not necessarily worse.", runs_of(unlike, order)))
+        sentence = (
+            "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a "
+        )
+        sentence += "session, a set-up or a calibration, and not necessarily worse."
+        doubts.append(Doubt(sentence, runs_of(unlike, order)))
     doubts += doubts_of_operators(data.demonstrators, split.words, limits)
-    share, part = share_of_part(scoring, scores, unlike)
-    if share > limits.max_part_share:
-        doubts.append(Doubt(f"{share:.0%} of the evidence is in part {{part}} of the action alone.", part=part))
     return doubts
 
 
@@ -264,19 +262,6 @@ def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], l
     return [Doubt(f"{sentence} (--session operator).", operators=names)]
 
 
-def share_of_part(scoring: Scoring, scores: Scores, unlike: Bool[Array, " M"]) -> tuple[float, int]:
-    """The largest share of the evidence against the `unlike` that is in one part of the action, and that part; 0 for
-    actions of fewer than three parts."""
-    data = scoring.data
-    weight = data.per_step(scores.fit.group.astype(float))
-    by_part = scoring.model.log_prob_of_parts(weight, scoring.ridge) if unlike.any() else None
-    if by_part is None or by_part.shape[1] < 3:
-        return 0.0, 0
-    means = data.sum_steps(by_part) / data.lengths[:, None]
-    lack = np.maximum(np.median(means[scores.fit.group], axis=0) - means[unlike].mean(axis=0), 0.0)
-    return float(lack.max() / max(lack.sum(), 1e-12)), int(lack.argmax())
-
-
 def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] | None:
     """Two demonstrations, of which an answer says most which is better: the 90 % and the 10 % points of the ranking, or
     the middle members of two groups. Extremes are often odd in other ways. None where all scores are the same."""
@@ -290,12 +275,12 @@ def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] |
 
 
 def missing_steps(scoring: Scoring, scores: Scores) -> int:
-    """How many independent steps a demonstration lacks to be told from one that does not look at the state, at an error
-    of `max_error` either way: n = (2 z s / g)^2, for log-ratios of a step with mean g and standard deviation s."""
+    """How many steps the median demonstration lacks to be told from one that does not look at the state, at an error of
+    `max_error` either way: n = (2 z s / g)^2, for log-ratios of a step with mean g and standard deviation s."""
     data, z = scoring.data, norm.isf(scoring.settings.claims.max_error)
-    typical = data.mean_steps(scores.fit.held_out.log_prob - scoring.log_q)[scores.fit.group]
+    typical = data.mean_steps(scores.fit.log_prob - scoring.log_q)[scores.fit.group]
     gain = float(np.median(typical))
     if gain <= 0:
         return 0
     needed = (2 * z * np.sqrt(scores.step_variance) / gain) ** 2
-    return max(0, int(np.ceil(needed - np.median(scores.effective_steps))))
+    return max(0, int(np.ceil(needed - np.median(data.lengths))))

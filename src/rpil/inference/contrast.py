@@ -68,7 +68,7 @@ def _evidence(scoring: Scoring, lower: Lower, ridge: float) -> Float[Array, " J"
 
 def _log_prob(scoring: Scoring, group: Array, ridge: float) -> Float[Array, " N"]:
     """Held-out log-probabilities by policies of a `group`."""
-    return scoring.model.cold_copy().evaluate(_weight(scoring, group), ridge).log_prob
+    return scoring.model.cold_copy().evaluate(_weight(scoring, group), ridge)
 
 
 def _weight(scoring: Scoring, group: Array) -> Float[Array, " N"]:

@@ -49,7 +49,7 @@ class SoftmaxRatio:
     ) -> StepRatios:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
-        log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse).log_prob
+        log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse)
         return log_prob, log_prob - np.log(self.frequency)[actions]
 
     def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
@@ -107,8 +107,6 @@ class FittedJudge:
     groups: Groups
     step_variance: float
     """Of the log-ratio of a step within a demonstration."""
-    effective_per_step: float
-    """Effective steps of one step, on average."""
     states: StateScale
     reference: Shaped[Array, " K"] | None = None
     """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
@@ -119,14 +117,14 @@ class FittedJudge:
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
         """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
-        per_step, typical = float(scores.effective_steps.sum() / data.lengths.sum()), scores.typical_own
+        typical = scores.typical_own
         if user_policy:
             reference = frequencies(data) if discrete else ActionScale.of(data).spread
-            return cls(None, scores.groups, scores.step_variance, per_step, judgement.states, reference, typical)
+            return cls(None, scores.groups, scores.step_variance, judgement.states, reference, typical)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, per_step, judgement.states, None, typical)
+        return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, typical)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
@@ -154,7 +152,7 @@ class FittedJudge:
         assert self.reference is not None
         if actions.ndim > 1:
             return np.asarray(policy.log_prob(outputs, actions) + np.log(self.reference).sum())
-        log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse).log_prob
+        log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse)
         return np.asarray(log_prob - np.log(self.reference)[actions])
 
     def score(
@@ -179,5 +177,4 @@ class FittedJudge:
         self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings
     ) -> Float[Array, " M"]:
         """Variance of the score, see `rpil.inference.scores.mean_variance`."""
-        effective = self.effective_per_step * lengths
-        return mean_variance(squares, lengths, self.step_variance, effective, settings.variance_steps)
+        return mean_variance(squares, lengths, self.step_variance, settings.variance_steps)

@@ -7,10 +7,8 @@ Demonstration m has the score y_m, a mean over its steps, with the variance v_m 
 
 The second is a normal mixture with known variances of the errors ("extreme deconvolution", Bovy et al. 2011).
 c <= 1 is the share of v_m that distinguishes demonstrations: a part of it differs between steps in the same way in all
-demonstrations. The two are compared by BIC. If there are two groups, the upper one is typical. If there is one, P is
-graded by rank: the demonstration of rank r (0 lowest, 1 highest) is typical where the share of the others lies below r,
-which has the probability I_r(2, 2) under a Beta(2, 2) share. Rank and quality are correlated by less than one, so this
-is shrunk towards 1/2. P(typical) is the average over the two models.
+demonstrations. The two are compared by BIC. If there are two groups, the upper one is typical; if there is one, P is
+1/2, but for a trace of the order of the scores. P(typical) is the average over the two models.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import betainc, betaincinv, expit, logit
+from scipy.special import betaincinv, expit, logit
 
 from rpil.data.archive import stored
 from rpil.inference.settings import GroupSettings
@@ -59,9 +57,6 @@ class Groups:
     """Of the upper group."""
     noise: float
     """The share c of the variance of a score."""
-    graded: float
-    """1 - mean(v_m) / Var(y), at least 0: the share of the spread of the scores that errors of measurement do not
-    explain."""
     quantiles: Float[Array, " Q"]
     """Of all scores, from the lowest to the highest."""
 
@@ -91,10 +86,7 @@ class Groups:
         tail = _log_normal(inside, self.mean[1:], widths.max(axis=1))
         upper = np.logaddexp(np.log1p(-settings.tail) + upper, np.log(settings.tail) + tail)
         p_upper = expit(logit(self.share) + upper - lower)
-        rank = np.interp(score, self.quantiles, np.linspace(0, 1, len(self.quantiles)))
-        rank = np.where(np.ptp(self.quantiles) > 0, rank, 0.5)
-        graded = 0.5 + settings.rank_correlation * self.graded * (betainc(2, 2, rank) - 0.5)
-        proba = self.p_two * p_upper + (1 - self.p_two) * graded
+        proba = self.p_two * p_upper + (1 - self.p_two) / 2
         scale = max(float(np.ptp(self.quantiles)), 1e-300)
         tie = _TIE_LOG_ODDS * np.tanh((score - np.median(self.quantiles)) / scale)
         return np.asarray(logit(np.clip(proba, _PROBA_BOUND, 1 - _PROBA_BOUND)) + tie)
@@ -103,15 +95,13 @@ class Groups:
 def fit_groups(
     score: Float[Array, " M"],
     variance: Float[Array, " M"],
-    effective: Float[Array, " M"],
     lengths: Int[Array, " M"],
     settings: GroupSettings,
 ) -> Groups:
-    """The groups of M scores, means over steps whose `variance` is given, with their `effective` steps and steps."""
+    """The groups of M scores, means over as many steps as `lengths` says, and whose `variance` is given."""
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
     total = max(float(score.var()), float(np.finfo(float).tiny))
-    graded = max(0.0, 1 - float(np.mean(variance)) / total)
-    single = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, graded, quantiles)
+    single = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, quantiles)
     too_few = len(score) < settings.min_demonstrations or float(np.median(lengths)) < settings.min_steps
     if too_few or float(np.ptp(score)) == 0.0:
         return single
@@ -119,16 +109,14 @@ def fit_groups(
         spaced = np.linspace(0, len(score) - 1, settings.max_scores).astype(int)
         chosen = np.argsort(score, kind="stable")[spaced]
         score, variance = score[chosen], variance[chosen]
-    min_noise = settings.min_noise * float(np.median(np.minimum(effective / lengths, 1.0)))
-    noises = [c for c in settings.noise_shares if c >= min_noise]
-    one = max(one_group(score, c * variance) for c in noises)
-    fits = [two_groups(score, variance, c, settings) for c in noises]
+    one = max(one_group(score, c * variance) for c in settings.noise_shares)
+    fits = [two_groups(score, variance, c, settings) for c in settings.noise_shares]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
     if best is None:
         return single
     log_likelihood, groups = best
     log_bayes_factor = log_likelihood - one - np.log(len(score))  # BIC: two groups have two more parameters
-    return replace(groups, log_bayes_factor=float(log_bayes_factor), graded=graded, quantiles=quantiles)
+    return replace(groups, log_bayes_factor=float(log_bayes_factor), quantiles=quantiles)
 
 
 def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
@@ -163,7 +151,7 @@ def two_groups(
     settings: GroupSettings,
 ) -> tuple[float, Groups] | None:
     """Log-likelihood of two normal groups, and the groups, by EM from several starts; None where no start ends in two
-    groups that are far enough apart."""
+    groups."""
     starts = [score > cut for cut in np.unique(np.quantile(score, settings.start_quantiles))]
     starts = [upper for upper in starts if 2 <= upper.sum() <= len(score) - 2]
     fits = [_two_normals(score, noise * variance, upper, settings) for upper in starts]
@@ -171,18 +159,18 @@ def two_groups(
     if best is None:
         return None
     log_likelihood, mean, spread, share = best
-    return log_likelihood, Groups(0.0, mean, spread, share, noise, 0.0, np.zeros(1))
+    return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1))
 
 
 def _two_normals(
     score: Array, variance: Array, upper: Array, settings: GroupSettings
 ) -> tuple[float, Array, Array, float] | None:
     """EM for two normal groups from the division `upper` (M,) bool: log-likelihood, means, spreads and the share of the
-    upper group; None where a group is empty or the two are too close."""
+    upper group; None where a group is empty or above the other."""
     total = float(score.var())
-    prior, min_spread = settings.prior_spread * total, settings.min_spread * total
+    prior = settings.prior_spread * total
     mean = np.array([score[~upper].mean(), score[upper].mean()])
-    spread = np.array([score[~upper].var(), score[upper].var()]) + min_spread
+    spread = np.array([score[~upper].var(), score[upper].var()]) + prior
     share, last = float(upper.mean()), -np.inf
     for _ in range(settings.max_iter):
         widths = spread + variance[:, None]
@@ -201,8 +189,7 @@ def _two_normals(
         shrinkage = spread / widths
         moment = shrinkage * variance[:, None] + (shrinkage * (score[:, None] - mean)) ** 2
         spread = ((responsibility * moment).sum(axis=0) + prior) / (counts + 1)
-        spread = np.maximum(spread, min_spread)
-    if counts.min() < 2 or mean[1] - mean[0] < settings.min_distance * np.sqrt(spread.mean()):
+    if counts.min() < 2 or mean[1] <= mean[0]:
         return None
     return log_likelihood, mean, spread, share
 

@@ -38,22 +38,6 @@ WarmStart = tuple[Array, Preconditioner | None]
 """Weights (D, K) of a softmax policy, and the preconditioner of its fit."""
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOutLogProb:
-    """Held-out log-probabilities of N steps."""
-
-    log_prob: Float[Array, " N"]
-    """log pi(a_n|s_n), nats."""
-    residual: Float[Array, " N"]
-    """log pi(a_n|s_n) - E_pi log pi(.|s_n), whose expectation is zero where the policy is right; where pi is a density,
-    log pi less its weighted mean."""
-
-    @classmethod
-    def centred(cls, log_prob: Float[Array, " N"], weight: Float[Array, " N"]) -> HeldOutLogProb:
-        """Log-densities, with their residuals around their mean weighted by `weight`."""
-        return cls(log_prob, log_prob - np.average(log_prob, weights=np.maximum(weight, MIN_WEIGHT)))
-
-
 @runtime_checkable
 class HeldOutModel(Protocol):
     """A kind of policy that is fitted to weighted steps and evaluated on held-out demonstrations."""
@@ -63,7 +47,7 @@ class HeldOutModel(Protocol):
         """Ridges a step to choose from, the strongest first; empty where there is nothing to choose."""
         return ()
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         """Held-out log-probabilities of all steps, by policies fitted to the steps with such weights."""
 
     def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"] | None:
@@ -74,7 +58,7 @@ class HeldOutModel(Protocol):
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         """Held-out log-probabilities of policies fitted with `weight`, whose errors have the scale of steps with the
         weight `other`, where there is a scale."""
-        return self.evaluate(weight, ridge).log_prob
+        return self.evaluate(weight, ridge)
 
     def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel | None:
         """The same model with other folds of its demonstrations, or of other `data`; None where it deals its own."""
@@ -104,7 +88,7 @@ class HeldOutSoftmax(HeldOutModel):
     def cold_copy(self) -> HeldOutSoftmax:
         return HeldOutSoftmax(self.data, self.fold, self.settings)
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         features = self.data.features
 
         def predict(k: int, test: Array) -> Array:
@@ -148,11 +132,10 @@ def frequencies(data: FitData, weight: Float[Array, " N"] | None = None) -> Floa
 
 def with_lapses(
     log_proba: Float[Array, "N K"], frequency: Float[Array, " K"], actions: Int[Array, " N"], lapse: float
-) -> HeldOutLogProb:
+) -> Float[Array, " N"]:
     """Log-probabilities of the actions taken under (1 - lapse) pi + lapse q, with q = `frequency`."""
-    mixed = np.logaddexp(np.log1p(-lapse) + log_proba, np.log(lapse * frequency))
-    taken = np.take_along_axis(mixed, actions[:, None], axis=1)[:, 0]
-    return HeldOutLogProb(taken, taken - np.einsum("nk,nk->n", np.exp(mixed), mixed))
+    taken = np.take_along_axis(log_proba, actions[:, None], axis=1)[:, 0]
+    return np.asarray(np.logaddexp(np.log1p(-lapse) + taken, np.log(lapse * frequency)[actions]))
 
 
 @dataclass(eq=False)
@@ -173,8 +156,8 @@ class HeldOutRidge(HeldOutModel):
     def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
         return held_out_model(self.data if data is None else data, seed, self.settings)
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
-        return HeldOutLogProb.centred(log_density_of_errors(self.errors(weight, ridge), weight, self.settings), weight)
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        return log_density_of_errors(self.errors(weight, ridge), weight, self.settings)
 
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         return log_density_of_errors(self.errors(weight, ridge), other, self.settings)
@@ -209,12 +192,12 @@ class HeldOutPolicy(HeldOutModel):
     def cold_copy(self) -> HeldOutPolicy:
         return HeldOutPolicy(self.data, self.policy, self.settings)
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> HeldOutLogProb:
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
         if isinstance(self.data.space, Discrete):
             return with_lapses(outputs, frequencies(self.data), self.data.actions, self.settings.lapse)
         log_density = self.policy.log_prob(outputs, self.data.actions)
-        return HeldOutLogProb.centred(log_density + np.log(ActionScale.of(self.data).spread).sum(), weight)
+        return np.asarray(log_density + np.log(ActionScale.of(self.data).spread).sum())
 
 
 def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:

@@ -52,20 +52,16 @@ def look_below(
     """Look for a policy of their own among the demonstrations that are not in the `upper` group; `fit` is that of the
     scores."""
     limits, ridge, members = settings.rivals, fit.ridge, np.flatnonzero(upper)
-    log_pi = fit.held_out.log_prob if (fit.group == upper).all() else _log_prob(data, model, upper, ridge)
+    log_pi = fit.log_prob if (fit.group == upper).all() else _log_prob(data, model, upper, ridge)
     gain_upper = float(np.median(gains(data, log_pi, upper, settings.held_out)))
     below, score = model.cold_copy(), data.mean_steps(log_pi)
     of_all = gains(data, _log_prob(data, below, ~upper, ridge), ~upper, settings.held_out)
     is_noise = not is_credible(of_all, limits.standard_errors) and np.median(of_all) <= limits.max_noise * gain_upper
     rival = ~upper & (score <= np.median(score[~upper]))
-    for _ in range(limits.max_iter):
-        log_pi_rival = _log_prob(data, below, rival, ridge)
-        closer = ~upper & (data.mean_steps(log_pi_rival) > score)
-        if closer.sum() < limits.min_group:
-            return Lower(members, np.flatnonzero(closer), gain_upper, False, bool(is_noise))
-        if (closer == rival).all():
-            break
-        rival = closer
+    log_pi_rival = _log_prob(data, below, rival, ridge)
+    rival = ~upper & (data.mean_steps(log_pi_rival) > score)
+    if rival.sum() < limits.min_group:
+        return Lower(members, np.flatnonzero(rival), gain_upper, False, bool(is_noise))
     own = gains(data, log_pi_rival, rival, settings.held_out)
     has_policy = is_credible(own, limits.standard_errors) and bool(np.median(own) > limits.max_noise * gain_upper)
     if has_policy:
@@ -198,4 +194,4 @@ def shared_gains(
 
 
 def _log_prob(data: FitData, model: HeldOutModel, group: Array, ridge: float) -> Array:
-    return model.evaluate(data.per_step(group.astype(float)), ridge).log_prob
+    return model.evaluate(data.per_step(group.astype(float)), ridge)

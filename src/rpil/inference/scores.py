@@ -17,7 +17,6 @@ import numpy as np
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.channels import own_log_prob
-from rpil.inference.effective_steps import autocovariances, effective_steps
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
@@ -33,8 +32,6 @@ class Scores:
     score: Float[Array, " M"]
     variance: Float[Array, " M"]
     """y_m, in nats a step, and its variance v_m."""
-    effective_steps: Float[Array, " M"]
-    """n_m of each demonstration."""
     groups: Groups
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
@@ -74,7 +71,7 @@ class Scoring:
         group = np.ones(data.n_demonstrations, dtype=bool)
         log_q = log_reference(data, group, settings.held_out)
         ridge = choose_ridge(data, model, group)
-        gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge).log_prob - log_q)
+        gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge) - log_q)
         error = gain.std() / np.sqrt(len(gain))
         predicts = bool(gain.mean() > settings.min_standard_errors * error)
         if data.space.kind == "discrete":
@@ -102,7 +99,7 @@ class Scoring:
     def against_others(self, fit: TrimmedFit) -> Float[Array, " N"]:
         """log pi_T - log pi_R of each step, held out: of policies of the training group T and of the others R."""
         others = self.data.per_step((~fit.group).astype(float))
-        return np.asarray(fit.held_out.log_prob - self.model.cold_copy().evaluate(others, self.ridge).log_prob)
+        return np.asarray(fit.log_prob - self.model.cold_copy().evaluate(others, self.ridge))
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
@@ -110,34 +107,29 @@ class Scoring:
         The reference of a density is uniform over the box of the actions: a constant, which is left out.
         """
         data, settings = self.data, self.settings
-        log_ratio = fit.held_out.log_prob - (self.log_q if data.space.kind == "discrete" else 0)
+        log_ratio = fit.log_prob - (self.log_q if data.space.kind == "discrete" else 0)
         score = data.mean_steps(log_ratio)
         squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
         score = score - self.monotony
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
-        offsets = data.select(np.flatnonzero(fit.group)).offsets
-        residual = fit.held_out.residual[data.per_step(fit.group)]
-        covariances = autocovariances(residual - residual.mean(), offsets, settings.effective_steps)
-        effective = effective_steps(covariances, data.lengths)
-        variance = mean_variance(squares, data.lengths, step_variance, effective, settings.variance_steps)
-        groups = fit_groups(score, variance, effective, data.lengths, settings.groups)
+        variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
+        groups = fit_groups(score, variance, data.lengths, settings.groups)
         predicts, typical = self.state_predicts_action, self.typical_own
-        return Scores(score, variance, effective, groups, step_variance, predicts, fit, typical)
+        return Scores(score, variance, groups, step_variance, predicts, fit, typical)
 
 
 def mean_variance(
     squares: Float[Array, " M"],
     lengths: Int[Array, " M"],
     step_variance: float,
-    effective: Float[Array, " M"],
     variance_steps: float,
 ) -> Float[Array, " M"]:
     """Variance v_m of the mean over the steps of each demonstration,
 
-        v_m = s_m^2 / n_m,     s_m^2 = (S_m + k s^2) / (N_m + k)
+        v_m = s_m^2 / N_m,     s_m^2 = (S_m + k s^2) / (N_m + k)
 
-    with its sum of `squares` S_m around that mean, its `effective` steps n_m, and the `step_variance` s^2 of all
-    demonstrations, which counts like k = `variance_steps` steps.
+    with its sum of `squares` S_m around that mean, its N_m steps, taken as independent, and the `step_variance` s^2 of
+    all demonstrations, which counts like k = `variance_steps` steps.
     """
     own: Array = (squares + variance_steps * step_variance) / (lengths + variance_steps)
-    return own / effective
+    return own / lengths

@@ -11,7 +11,6 @@ from math import log
 
 from rpil.data.archive import stored
 from rpil.data.checks import check_settings
-from rpil.data.errors import DataError
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 
@@ -59,43 +58,17 @@ class TrimmingSettings:
 
 @stored()
 @dataclass(frozen=True)
-class EffectiveStepsSettings:
-    """Autocovariances of a series (`rpil.inference.effective_steps`)."""
-
-    max_lags: int = 1_000
-    """Lags, in steps, beyond which no autocovariance is estimated."""
-    min_pairs: int = 30
-    """Products from which an autocovariance is estimated, at least."""
-    quiet_lags: int = 4
-    """Consecutive lags without correlation at which the estimation stops: a series may be uncorrelated at every other
-    lag."""
-    standard_errors: float = 1.5
-    """Standard errors (Bartlett 1946) within which a correlation is taken for zero."""
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-
-@stored()
-@dataclass(frozen=True)
 class GroupSettings:
     """One group of scores or two (`rpil.inference.groups`)."""
 
-    noise_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01)
+    noise_shares: tuple[float, ...] = (1.0, 0.3)
     """Shares c of the variance of a score to choose from, by the likelihood. benchmarks/ablations.py ("error bars as
     they are")."""
-    min_noise: float = 0.3
-    """Lower bound of c, relative to the variance that independent steps would give."""
-    start_quantiles: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
+    start_quantiles: tuple[float, ...] = (0.2, 0.5, 0.8)
     """Quantiles of the scores at which EM for two groups divides them at first."""
     prior_spread: float = 1 / 16
     """Prior value of the variance of a group, worth one demonstration, relative to the variance of all scores.
     benchmarks/ablations.py ("no prior on the spread of a group")."""
-    min_spread: float = 1e-3
-    """Lower bound of the variance of a group, relative to the variance of all scores."""
-    min_distance: float = 1.0
-    """Distance of the two means, in root mean square standard deviations: two groups with one centre are one group with
-    heavy tails. benchmarks/ablations.py ("two groups may have one centre")."""
     tail: float = 0.05
     """Share of the experts whose scores are as widely spread as those of the wider group. benchmarks/ablations.py ("no
     odd experts")."""
@@ -103,9 +76,6 @@ class GroupSettings:
     """Steps of the median demonstration from which a mean over steps is about normal."""
     min_demonstrations: int = 4
     """Demonstrations from which two groups are fitted."""
-    rank_correlation: float = 0.6
-    """Assumed correlation of rank and quality where the scores are one group. benchmarks/ablations.py ("ranks are worth
-    nothing")."""
     max_scores: int = 2_000
     """Scores to which the groups are fitted; of more, this many quantiles."""
     max_iter: int = 300
@@ -117,16 +87,11 @@ class GroupSettings:
         check_settings(
             self,
             noise_shares="(0, 1]",
-            min_noise="[0, 1]",
             start_quantiles="(0, 1)",
-            prior_spread="[0, inf)",
-            min_distance="[0, inf)",
+            prior_spread="(0, inf)",
             tol="[0, inf)",
             tail="(0, 1)",
-            rank_correlation="[0, 1]",
         )
-        if max(self.noise_shares) < self.min_noise:
-            raise DataError(f"GroupSettings: one of noise_shares={self.noise_shares} must be {self.min_noise} or more.")
 
 
 @stored()
@@ -140,12 +105,10 @@ class RivalSettings:
     """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     standard_errors: float = 2.0
     """By which a gain is above 0."""
-    n_lapses: int = 11
+    n_lapses: int = 3
     """Shares of lapses of which the best is taken."""
     min_group: int = 2
     """Demonstrations of a group, at least."""
-    max_iter: int = 3
-    """Rounds of fitting a policy and assigning demonstrations, at most."""
     min_own_gain: float = 1 / 3
     """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
     which they may be a second way. benchmarks/claims.py prints it of every set."""
@@ -178,15 +141,11 @@ class ClaimSettings:
     """Rank correlation of the likelihood and of its gain over frequent actions, at least."""
     max_runs_p: float = 0.01
     """Probability of so few runs in the order of recording, below which the unlike follow one another."""
-    max_part_share: float = 0.8
-    """Share of the evidence in one part of the action, at most."""
     max_error: float = 0.01
     """Error at which the steps that are missing are counted."""
 
     def __post_init__(self) -> None:
-        check_settings(
-            self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]", max_part_share="(0, 1]"
-        )
+        check_settings(self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]")
 
     @property
     def log_odds(self) -> float:
@@ -308,7 +267,6 @@ class JudgeSettings:
 
     held_out: HeldOutSettings = HeldOutSettings()
     trimming: TrimmingSettings = TrimmingSettings()
-    effective_steps: EffectiveStepsSettings = EffectiveStepsSettings()
     groups: GroupSettings = GroupSettings()
     rivals: RivalSettings = RivalSettings()
     claims: ClaimSettings = ClaimSettings()

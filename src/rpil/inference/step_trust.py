@@ -55,24 +55,20 @@ class StepTrust:
 def reliability_of(
     data: FitData,
     log_ratio: Float[Array, " N"],
-    temperature: Float[Array, " M"],
     settings: JudgeSettings,
 ) -> tuple[Float[Array, " M"], Float[Array, "M 2"]]:
     """Reliability of each demonstration and its 95 % interval, given the held-out `log_ratio` log pi - log q of each
-    step.
-
-    The likelihood of demonstration m is raised to `temperature` in the interval: the independent steps that one of its
-    steps is worth.
-    """
+    step."""
     n_nodes, bound = settings.reliability_nodes, settings.max_log_ratio
     nodes = (np.arange(n_nodes) + 0.5) / n_nodes
     evidence = np.empty((data.n_demonstrations, n_nodes))
     clipped = np.clip(log_ratio, -bound, bound)
     for j, rho in enumerate(nodes):
         evidence[:, j] = data.sum_steps(np.logaddexp(np.log(rho) + clipped, np.log1p(-rho)))
-    cumulated = softmax(temperature[:, None] * evidence, axis=1).cumsum(axis=1)
+    proba = softmax(evidence, axis=1)
+    cumulated = proba.cumsum(axis=1)
     ends = [nodes[np.minimum((cumulated < q).sum(axis=1), n_nodes - 1)] for q in (0.025, 0.975)]
-    return softmax(evidence, axis=1) @ nodes, np.stack(ends, axis=1)
+    return proba @ nodes, np.stack(ends, axis=1)
 
 
 def step_shares(
@@ -89,7 +85,7 @@ def step_shares(
 
 def against_others(data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
     """The reliability of each demonstration against the others, given log pi_T - log pi_R."""
-    return reliability_of(data, log_ratio, np.ones(data.n_demonstrations), settings)[0]
+    return reliability_of(data, log_ratio, settings)[0]
 
 
 def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:

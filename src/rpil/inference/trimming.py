@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import HeldOutLogProb, HeldOutModel
+from rpil.inference.held_out import HeldOutModel
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -25,8 +25,8 @@ from rpil.numerics.types import Array, Bool, Float
 class TrimmedFit:
     """Policies fitted to a training group."""
 
-    held_out: HeldOutLogProb
-    """Of all steps, under policies fitted to the training group."""
+    log_prob: Float[Array, " N"]
+    """Held-out log pi(a_n|s_n) of all steps, nats, under policies fitted to the training group."""
     group: Bool[Array, " M"]
     """The training group."""
     ridge: float
@@ -46,7 +46,7 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     weight = data.per_step(group.astype(float))
 
     def explained(ridge: float) -> float:
-        return float(np.median(data.mean_steps(model.evaluate(weight, ridge).log_prob)[group]))
+        return float(np.median(data.mean_steps(model.evaluate(weight, ridge))[group]))
 
     best, largest = 0.0, -np.inf
     for ridge in model.ridges:
@@ -59,8 +59,8 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
 
 def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:
     """Policies fitted to `group`, without concentration steps."""
-    held_out = model.evaluate(data.per_step(group.astype(float)), ridge)
-    return TrimmedFit(held_out, group, ridge, np.array([data.mean_steps(held_out.log_prob)[group].mean()]))
+    log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
+    return TrimmedFit(log_prob, group, ridge, np.array([data.mean_steps(log_prob)[group].mean()]))
 
 
 def fit_trimmed(
@@ -78,12 +78,12 @@ def fit_trimmed(
     fit = fit_group(data, model, group, ridge)
     history = [fit.history]
     for _ in range(max_iter):
-        best = best_explained(data.mean_steps(fit.held_out.log_prob) - monotony, count)
+        best = best_explained(data.mean_steps(fit.log_prob) - monotony, count)
         if (best == fit.group).all():
             break
         fit = fit_group(data, model, best, ridge)
         history.append(fit.history)
-    return TrimmedFit(fit.held_out, fit.group, ridge, np.concatenate(history))
+    return TrimmedFit(fit.log_prob, fit.group, ridge, np.concatenate(history))
 
 
 def best_explained(score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:

@@ -16,7 +16,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.answered import Answered, answer, columns_of, learned_from, with_group
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels, components, summaries
-from rpil.inference.claims import Claims, claim, missing_steps, telling_pair
+from rpil.inference.claims import Claims, claim, telling_pair
 from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
@@ -58,8 +58,6 @@ class Judgement:
     """Share of the upper group among the demonstrations, and its 95 % interval."""
     pair: tuple[int, int] | None
     """Two demonstrations of which an answer would say most."""
-    missing_steps: int
-    """Independent steps that a demonstration lacks to be told from noise."""
     training_group: Bool[Array, " S"]
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
@@ -113,23 +111,22 @@ def judge(
     again = None if redealt is None else score_by_best_group(redealt, scores.fit.group)
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
-    log_ratio = scores.fit.held_out.log_prob - scoring.log_q
+    log_ratio = scores.fit.log_prob - scoring.log_q
     seen = components(summaries(data, scoring.indicators()), settings.channels)
     states, columns = described(scoring, scores, seen)
     beside = facts_beside(data, scoring.indicators(), states, settings.channels)
-    temperature = np.minimum(scores.effective_steps / data.lengths, 1.0)
     against = np.zeros(len(log_ratio))
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
         claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
     typical = float(np.median(against_others(data, against, settings)[scores.fit.group]))
     whole_from = settings.steps.whole_reliability * typical
     shares = step_shares(data, against, settings, whole_from)
-    steps = StepTrust(*reliability_of(data, log_ratio, temperature, settings), shares, whole_from)
+    steps = StepTrust(*reliability_of(data, log_ratio, settings), shares, whole_from)
     answers = Answers.of_labels(data.labels) if answers is None else answers
-    pair, missing = telling_pair(claims, scores.score), missing_steps(scoring, scores)
+    pair = telling_pair(claims, scores.score)
     within = columns_within(scoring, claims.groups, seen, seed)
     own = np.arange(data.n_demonstrations)
-    evidence = Evidence(scores, columns, states, claims, pair, missing, beside, own, within)
+    evidence = Evidence(scores, columns, states, claims, pair, beside, own, within)
     return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
@@ -155,7 +152,7 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
 def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tuple[StateScale, Float[Array, "M D"]]:
     """What channels of states are measured by, and the columns from which answers learn, the components `seen` among
     them."""
-    data, settings, log_prob = scoring.data, scoring.settings, scores.fit.held_out.log_prob
+    data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
     states = StateScale.of(data, scores.fit.group, settings.channels)
     found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
     found[:, 0] = scores.score  # agreement
@@ -199,7 +196,6 @@ class Evidence:
     states: StateScale
     claims: Claims
     pair: tuple[int, int] | None
-    missing_steps: int
     beside: dict[str, Float[Array, " M"]]
     """Facts from which no answer learns, see `rpil.inference.facts`."""
     copy_of: Int[Array, " M"]
@@ -251,7 +247,6 @@ def conclude(
         step_trust=steps,
         expert_share=expert_share_interval(expit(total), p_two),
         pair=evidence.pair,
-        missing_steps=evidence.missing_steps,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
         copy_of=evidence.copy_of,
@@ -267,14 +262,13 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
         scores,
         score=scores.score[place],
         variance=scores.variance[place],
-        effective_steps=scores.effective_steps[place],
     )
     pair = None
     if judged.pair is not None and not copies.all_same:
         pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
     claims, columns = judged.claims.repeated(copies), judged.columns[place]
     beside = {name: values[place] for name, values in judged.beside.items()}
-    missing, within = judged.missing_steps, judged.columns_within[place]
-    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, copies.copy_of, within)
+    within = judged.columns_within[place]
+    evidence = Evidence(scores, columns, judged.states, claims, pair, beside, copies.copy_of, within)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

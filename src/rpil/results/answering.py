@@ -161,9 +161,8 @@ def sentence_of(audit: Judged, known: Answers) -> str:
 
 
 def is_asked(audit: Judged) -> bool:
-    """Whether the audit asks which of its pair is better: before any answer, where something could be learned."""
-    unanswered = audit.anchor == "none" and not audit.answers.any
-    return unanswered and len(audit.pair) == 2 and audit.finding != "nothing could be learned"
+    """Whether the audit asks which of its pair is better: before any answer, unless all scores are the same."""
+    return audit.anchor == "none" and not audit.answers.any and len(audit.pair) == 2
 
 
 def question(audit: Judged, fps: float | None = None) -> str:

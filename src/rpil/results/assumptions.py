@@ -57,14 +57,6 @@ def assumption_sentences(
     return tuple(filter(None, sentences))
 
 
-def missing_steps(finding: str, n: int) -> str:
-    """That `n` independent steps are missing to tell demonstrations from noise; empty where nobody stands out for other
-    reasons, or some do."""
-    if not n or finding not in ("nobody stands out", "nothing could be learned"):
-        return ""
-    return f"Demonstrations are short: it takes about {n:,} more independent steps each to tell one from noise."
-
-
 def warn_if_not_converged(converged: bool) -> None:
     """Warn of a fit that ended before it converged."""
     if not converged:

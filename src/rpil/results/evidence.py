@@ -115,7 +115,7 @@ def beside_judge(
     """By the held-out policies of the judge, which read `data`, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
-        expected = fit.held_out.log_prob
+        expected = fit.log_prob
     else:
         model = held_out_model(data, seed, settings)
         assert isinstance(model, HeldOutRidge)

@@ -41,7 +41,7 @@ def audit_from_judgement(
     groups = None if is_decided else claims.groups
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     proba = shown_proba(log_odds, judgement.words, finding, settings.min_proba(anchor))
-    doubts = tuple(doubt_sentence(doubt, ids, data) for doubt in claims.doubts) if known is None else ()
+    doubts = tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts) if known is None else ()
     notes = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
     audit = Audit(
         ids=tuple(ids),
@@ -80,12 +80,11 @@ def audit_from_judgement(
     return replace(audit, step_weight=weights_of(audit))
 
 
-def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable], data: FitData) -> str:
-    """The sentence of a doubt, with the names of its demonstrations, operators and part of the action."""
+def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
+    """The sentence of a doubt, with the names of its demonstrations and operators."""
     names = spans([printable(ids[m]) for m in run.tolist()] for run in doubt.runs)
     shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
-    part = "" if doubt.part is None else printable(data.action_name(doubt.part))
-    sentence = doubt.sentence.replace("{members}", ", ".join(shown)).replace("{part}", part)
+    sentence = doubt.sentence.replace("{members}", ", ".join(shown))
     return sentence.replace("{operators}", listed(doubt.operators)) if doubt.operators else sentence
 
 

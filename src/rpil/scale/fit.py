@@ -69,14 +69,13 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     """Score the demonstrations of a block by the policy of the sample."""
     data = prepared[1]
     log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
-    temperature = np.full(data.n_demonstrations, min(judge.effective_per_step, 1.0))
     scored = log_ratio if data.space.kind == "discrete" else log_prob
     score, squares = judge.score(data, scored, settings)
     described = judge.channels(data, log_prob, log_ratio, settings)
     described[:, 0] = score
     assert judge.ratio is not None
     summed = summaries(data, judge.ratio.indicators(data.actions))
-    return BlockScores(score, squares, *reliability_of(data, log_ratio, temperature, settings), described, summed)
+    return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, summed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +99,9 @@ def judge_everyone(
     score, squares, reliability, interval, described, summed = map(np.concatenate, zip(*blocks, strict=True))
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
-    effective = judge.effective_per_step * lengths
     variance = judge.score_variance(squares, lengths, settings)
-    groups = fit_groups(score, variance, effective, lengths, settings.groups)
-    scores = replace(judged.scores, score=score, variance=variance, groups=groups, effective_steps=effective)
+    groups = fit_groups(score, variance, lengths, settings.groups)
+    scores = replace(judged.scores, score=score, variance=variance, groups=groups)
     claims = extended(judged.claims, scores, sample.indices, settings)
     if doubts := doubts_of_operators(data.demonstrators, claims.words, settings.claims):
         claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
@@ -113,9 +111,9 @@ def judge_everyone(
     pair = telling_pair(claims, score)
     limit = at_time_limit(lengths)
     beside = {} if limit is None else {TIME_LIMIT: limit}
-    missing, own = judged.missing_steps, np.arange(len(score))
+    own = np.arange(len(score))
     within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all
-    evidence = Evidence(scores, columns, judged.states, claims, pair, missing, beside, own, within)
+    evidence = Evidence(scores, columns, judged.states, claims, pair, beside, own, within)
     return conclude(
         data, evidence, answers, StepTrust(reliability, interval, none, judged.step_trust.whole_from), none, settings
     )
