@@ -319,7 +319,7 @@ def test_fit_changes_no_data():
 
 def test_settings_of_the_judge_reach_the_scores_of_new_demonstrations():
     data = make("random", 0).demonstrations
-    changed = Settings(judge=JudgeSettings(groups=GroupSettings(tail=0.5)))
+    changed = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
     for policy in (None, LogisticRegression()):
         model = RPIL(policy=policy).fit(data)
         before = model.score_demonstrations(data)

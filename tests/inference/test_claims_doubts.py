@@ -92,8 +92,8 @@ def test_those_who_follow_one_another_are_a_session():
     score = np.array([1.0] * 10 + [0.0] * 4 + [1.0] * 8)
     doubts = found(scored(score), np.arange(22.0))
     assert [doubt.sentence for doubt in doubts] == [
-        "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
-        "set-up or a calibration, and not necessarily worse."
+        "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a "
+        "session, a set-up or a calibration, and not necessarily worse."
     ]
     assert runs_in(doubts[0]) == [[10, 11, 12, 13]]
     assert sentences(scored(score)) == []  # no order is stated
