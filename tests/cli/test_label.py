@@ -216,7 +216,7 @@ def test_facts_are_in_every_output_and_change_no_word(data):
     assert set(plain[0]["facts"]) >= {"length", "pauses", "smoothness", "path", "unusual end"}
     header = Path("v.csv").read_text().splitlines()[0].replace('"', "").split(",")
     assert [name for name in header if name.startswith("fact_")] == [
-        *("fact_length", "fact_pauses", "fact_smoothness", "fact_path", "fact_unusual_end", "fact_dynamics"),
+        *("fact_length", "fact_pauses", "fact_smoothness", "fact_path", "fact_unusual_end"),
         "fact_session",
     ]
 

@@ -25,7 +25,7 @@ from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.settings import GroupSettings, HeldOutSettings, JudgeSettings
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from small import FAST, mixture
 
 STEPS = (40, 60)

@@ -42,7 +42,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
         Claims("some are unlike", WORDS),
     )
     own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))
-    evidence = Evidence(scores, columns, states, claims, (4, 8), {}, own, within)
+    evidence = Evidence(scores, columns, states, claims, (4, 8), own, within)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0), 0.0)
     return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers

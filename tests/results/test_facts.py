@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rpil.inference.channels import CHANNELS, normal_scores
-from rpil.results.facts import RANKS, in_words, known_facts, ranks_beside, style_in_words
+from rpil.results.facts import RANKS, in_words, known_facts, style_in_words
 
-UNKNOWN = np.empty((4, 0))
+UNKNOWN, LENGTHS = np.empty((4, 0)), np.array([5, 9, 9, 8])
 
 
 def columns(**channels):
@@ -30,32 +30,39 @@ def columns(**channels):
     ],
 )
 def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
-    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), {}, (), None)
+    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), LENGTHS, (), None)
     assert set(found) == set(RANKS)
     assert found[fact] == pytest.approx(ranks)
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
 
 
 def test_what_is_not_known_is_left_out():
-    assert known_facts(UNKNOWN, {}, (), None) == {}
-    assert known_facts(UNKNOWN, {}, ("mon", "mon", "tue", "tue"), None) == {"session": ("mon", "mon", "tue", "tue")}
-    assert known_facts(UNKNOWN, {}, (), np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
+    assert known_facts(UNKNOWN, LENGTHS, (), None) == {}
+    days = ("mon", "mon", "tue", "tue")
+    assert known_facts(UNKNOWN, LENGTHS, days, None) == {"session": days}
+    assert known_facts(UNKNOWN, LENGTHS, (), np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
 
 
-def test_facts_from_which_nothing_is_learned():
-    measured = {"dynamics": np.array([-3.0, 9.0, -3.0, 1.0]), "time limit": np.array([1.0, 0.0, 1.0, 1.0])}
-    beside = ranks_beside(measured)
-    found = known_facts(UNKNOWN, beside, (), None)
-    assert found == {"dynamics": (0.25, 0.875, 0.25, 0.625), "time limit": (1, 0, 1, 1)}
-    assert [in_words(found, m) for m in (0, 1)] == ["dynamics 0.25, time limit reached", "dynamics 0.88"]
-    assert measured["dynamics"].tolist() == [-3.0, 9.0, -3.0, 1.0]
-    assert ranks_beside({}) == {}
+@pytest.mark.parametrize(
+    ("lengths", "reached"),
+    [
+        ([5, 9, 9, 9], {"time limit": (0, 1, 1, 1)}),
+        ([5, 9, 9, 8], {}),  # two may be of one length by chance
+        ([9, 9, 9, 9], {}),
+        ([1, 2, 3, 4], {}),
+    ],
+)
+def test_the_time_limit_is_the_largest_length_of_several_and_not_of_all(lengths, reached):
+    found = known_facts(UNKNOWN, np.array(lengths), (), None)
+    assert found == reached
+    assert [in_words(found, m) for m in (0, 1)] == ["", "time limit reached" if reached else ""]
 
 
 def test_facts_in_words():
-    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), {}, ("mon", "mon", "tue\x1b", "tue"), np.arange(4.0))
+    lengths = np.array([5, 9, 9, 9])
+    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), lengths, ("mon", "mon", "tue\x1b", "tue"), np.arange(4.0))
     ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50, unusual end 0.50"
-    assert in_words(found, 2) == f"{ranks}, session tue\\x1b, number 3 of 4 in order"
+    assert in_words(found, 2) == f"{ranks}, time limit reached, session tue\\x1b, number 3 of 4 in order"
     assert in_words({}, 0) == ""
 
 
@@ -70,7 +77,7 @@ def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
 
 def test_the_words_of_a_style_follow_what_is_measured():
     moved = columns(motion=[1.0, 2.0, 3.0, 4.0], smoothness=[1.0, 2.0, 3.0, 4.0], short_path=[1.0, 2.0, 3.0, 4.0])
-    found = known_facts(moved, {}, (), None)
+    found = known_facts(moved, LENGTHS, (), None)
     assert style_in_words(found, np.full(4, 7), [0]) == (
         "1.00 of the median length, more pauses, less smooth, longer path"
     )

@@ -119,8 +119,6 @@ def test_edited_dicts_are_refused_or_make_an_audit_that_can_be_used(fitted, name
         {"verdicts": ["typical"] * 9},
         {"anchor": "faith"},
         {"contradicting": ["nobody"]},
-        {"beside": {"dynamics": {"type": "float64", "shape": [1], "values": [0.5]}}},
-        {"beside": {"dynamics": {"type": "float64", "shape": [10], "values": ["nan"] * 10}}},
         {"order": {"type": "float64", "shape": [10], "values": ["inf"] * 10}},
         {"prior": {"mean": "nan", "low": 0.1, "high": 0.9}},
         {"expert_proba": {"type": "float64", "shape": [10], "values": [5.0] * 10}},

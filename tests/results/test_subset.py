@@ -32,9 +32,8 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     audit = make_audit()
     known = Answers(np.array([1, 1, -1] + [0] * 7), np.array([[2, 3], [0, 2]]), np.arange(10.0), np.array([[3, 2]]))
     changes = {"answers": known, "pair": audit.ids[1:3], "contradicting": audit.ids[:3]}
-    changes |= {"columns": np.arange(20.0).reshape(10, 2), "beside": {"dynamics": np.linspace(0, 0.9, 10)}}
+    changes |= {"columns": np.arange(20.0).reshape(10, 2)}
     part = select(replace(audit, **changes), [2, 3])
-    assert part.facts["dynamics"] == (0.2, 0.3)
     assert part.ids == audit.ids[2:4]
     assert part.labelled == part.contradicting == (audit.ids[2],)
     assert part.pair == ()  # one of a pair is no question

@@ -67,10 +67,12 @@ def test_unlike_ones_are_kept_until_their_own_task_has_two_answers(counts, n_kep
     assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
 
 
-def test_facts_stay_with_their_tasks():
-    one = {"dynamics": np.array([0.75, 0.25]), "time limit": np.array([0.0, 1.0])}
-    audit = joined({"beside": one}, {"beside": {"dynamics": np.array([0.25, 0.75])}})
-    assert audit.facts == {"dynamics": (0.75, 0.25, 0.25, 0.75, 0.5), "time limit": (0, 0, 1, 0, 0)}
+def test_the_time_limit_is_that_of_all_tasks():
+    parts = {"one": make_audit(("open",) * 4, lengths=[5, 5, 5, 2]), "other": make_audit(("open",) * 2, lengths=[9, 9])}
+    places = {"one": [0, 1, 2, 3], "other": [4, 5], "alone": [6]}
+    audit = join_audits(parts, places, range(7), np.cumsum([0, 5, 5, 5, 2, 9, 9, 9]))
+    assert parts["one"].facts == {"time limit": (1, 1, 1, 0)}
+    assert audit.facts == {"time limit": (0, 0, 0, 0, 1, 1, 1)}
 
 
 def test_traces_stay_with_their_demonstrations():

@@ -6,7 +6,7 @@ It runs the stages of `rpil.inference` in order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
@@ -17,7 +17,6 @@ from rpil.inference.answered import Answered, answer, columns_of, learned_from, 
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, telling_pair
-from rpil.inference.facts import facts_beside
 from rpil.inference.findings import Finding
 from rpil.inference.groups import Groups, expert_share_interval
 from rpil.inference.held_out import HeldOutModel
@@ -64,8 +63,6 @@ class Judgement:
     """Mean P of the demonstrations of each demonstrator and its 95 % interval; empty without answers."""
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
-    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict)
-    """Facts from which no answer learns, see `rpil.inference.facts`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
@@ -114,7 +111,6 @@ def judge(
     log_ratio = scores.fit.log_prob - scoring.log_q
     seen = components(summaries(data, scoring.indicators()), settings.channels)
     states, columns = described(scoring, scores, seen)
-    beside = facts_beside(data, scoring.indicators(), states, settings.channels)
     against = np.zeros(len(log_ratio))
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
         claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
@@ -126,7 +122,7 @@ def judge(
     pair = telling_pair(claims, scores.score)
     within = columns_within(scoring, claims.groups, seen, seed)
     own = np.arange(data.n_demonstrations)
-    evidence = Evidence(scores, columns, states, claims, pair, beside, own, within)
+    evidence = Evidence(scores, columns, states, claims, pair, own, within)
     return conclude(data, evidence, answers, steps, log_ratio, settings)
 
 
@@ -196,8 +192,6 @@ class Evidence:
     states: StateScale
     claims: Claims
     pair: tuple[int, int] | None
-    beside: dict[str, Float[Array, " M"]]
-    """Facts from which no answer learns, see `rpil.inference.facts`."""
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
     columns_within: Float[Array, "M W"]
@@ -250,7 +244,6 @@ def conclude(
         training_group=scores.fit.group,
         demonstrator_trust=trust,
         copy_of=evidence.copy_of,
-        beside=evidence.beside,
     )
 
 
@@ -267,8 +260,7 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
     if judged.pair is not None and not copies.all_same:
         pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
     claims, columns = judged.claims.repeated(copies), judged.columns[place]
-    beside = {name: values[place] for name, values in judged.beside.items()}
     within = judged.columns_within[place]
-    evidence = Evidence(scores, columns, judged.states, claims, pair, beside, copies.copy_of, within)
+    evidence = Evidence(scores, columns, judged.states, claims, pair, copies.copy_of, within)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -1,8 +1,7 @@
 """Facts about demonstrations beside the words of an audit: they change no word, and say nothing about quality.
 
 Most are ranks within the demonstrations that were judged together, from 0 to 1: 1 is the longest, the one with the most
-pauses, and so on. They are the ranks of the channels from which answers learn (`rpil.inference.channels`), and of
-others, from which none does (`rpil.inference.facts`).
+pauses, and so on. They are the ranks of the channels from which answers learn (`rpil.inference.channels`).
 """
 
 from __future__ import annotations
@@ -13,8 +12,7 @@ import numpy as np
 from scipy.stats import norm, rankdata
 
 from rpil.inference.channels import CHANNELS
-from rpil.inference.facts import DYNAMICS, TIME_LIMIT
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.text import printable
 
 RANKS: Mapping[str, tuple[str, int]] = {
@@ -36,39 +34,34 @@ STYLES = {
 MIN_STYLE = 0.15
 """Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
 
+MIN_AT_LIMIT = 3
+"""Demonstrations, at least, that share the largest length where there is a time limit: two may by chance."""
+
+TIME_LIMIT = "time limit"
+
 Fact = float | int | str
-
-
-def ranks_beside(facts: Mapping[str, Float[Array, " M"]]) -> dict[str, Float[Array, " M"]]:
-    """Facts of `rpil.inference.facts` with ranks from 0 to 1 in the place of numbers."""
-    found = dict(facts)
-    if DYNAMICS in found:
-        found[DYNAMICS] = (rankdata(found[DYNAMICS]) - 0.5) / len(found[DYNAMICS])
-    return found
 
 
 def known_facts(
     columns: Float[Array, "M D"],
-    beside: Mapping[str, Float[Array, " M"]],
+    lengths: Int[Array, " M"],
     sessions: Sequence[str],
     order: Float[Array, " M"] | None,
 ) -> dict[str, tuple[Fact, ...]]:
     """The facts about M demonstrations by name; those that are not known are left out.
 
-    The names are those of `RANKS`; "dynamics", 1 where the next state follows best from state and action; "time limit",
-    1 where the demonstration has the largest length, as several others do, else 0; "session"; and "order", the place
-    among the demonstrations, from 1 on. `columns` are those of an audit, which begin with the normal scores of the
-    channels; `beside` are `ranks_beside`.
+    The names are those of `RANKS`; "time limit", 1 where the demonstration has the largest length, as several others
+    do, else 0; "session"; and "order", the place among the demonstrations, from 1 on. `columns` are those of an audit,
+    which begin with the normal scores of the channels.
     """
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
         for name, (channel, sign) in RANKS.items():
             ranks = norm.cdf(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
-    if DYNAMICS in beside:
-        found[DYNAMICS] = tuple(np.round(beside[DYNAMICS], 6).tolist())
-    if TIME_LIMIT in beside:
-        found[TIME_LIMIT] = tuple(beside[TIME_LIMIT].astype(int).tolist())
+    at_limit = at_time_limit(lengths)
+    if at_limit is not None:
+        found[TIME_LIMIT] = tuple(at_limit.astype(int).tolist())
     if len(sessions):
         found["session"] = tuple(sessions)
     if order is not None:
@@ -76,9 +69,15 @@ def known_facts(
     return found
 
 
+def at_time_limit(lengths: Int[Array, " M"]) -> Bool[Array, " M"] | None:
+    """Which demonstrations have the largest length and were probably cut off; None where few have it, or all."""
+    longest = lengths == lengths.max()
+    return longest if MIN_AT_LIMIT <= longest.sum() < len(longest) else None
+
+
 def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:
     """The facts about demonstration `m` in one line, or nothing."""
-    parts = [f"{name} {facts[name][m]:.2f}" for name in (*RANKS, DYNAMICS) if name in facts]
+    parts = [f"{name} {facts[name][m]:.2f}" for name in RANKS if name in facts]
     parts += ["time limit reached"] if TIME_LIMIT in facts and facts[TIME_LIMIT][m] else []
     parts += [f"session {printable(facts['session'][m])}"] if "session" in facts else []
     parts += [f"number {facts['order'][m]:,} of {len(facts['order']):,} in order"] if "order" in facts else []

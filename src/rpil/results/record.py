@@ -118,8 +118,6 @@ class Audit(AuditResult):
         The session of each demonstration; empty where none are known, as in an audit that was read from a file.
     order : (M,) array or None
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
-    beside : dict of name to (M,) array
-        Facts from which no answer learns, see `rpil.results.facts.ranks_beside`; as `sessions`.
     traces : dict of id to Traces
         The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
         (`rpil.results.traces`); as `sessions`.

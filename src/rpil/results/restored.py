@@ -43,7 +43,7 @@ def check_sound(audit: AuditResult) -> None:
     of_each = (audit.verdicts, audit.log_odds, audit.copy_of, known.labels)
     at_most = (audit.deviations, audit.sessions, audit.own_reasons, () if audit.order is None else audit.order)
     sound = all(len(values) == n for values in of_each) and all(len(values) in (0, n) for values in at_most)
-    sound &= all(len(values) == n for values in audit.beside.values()) and len({*audit.ids}) == n > 0
+    sound &= len({*audit.ids}) == n > 0
     sound &= audit.offsets[[0, -1]].tolist() == [0, len(audit.step_weight)] and {*audit.claimed.tolist()} <= {-1, 0, 1}
     sound &= len(audit.step_weight) == len(audit.step_share) == len(audit.step_log_ratio)
     sound &= bool((audit.lengths > 0).all()) and {*audit.verdicts} <= SIDES.keys()
@@ -55,8 +55,7 @@ def check_sound(audit: AuditResult) -> None:
     of_demonstrations = (audit.expert_proba, audit.reliability, audit.reliability_interval)
     for share in (*of_demonstrations, audit.step_share, audit.step_weight / 2, prior):
         sound &= bool(((share >= 0) & (share <= 1)).all())  # NaN is neither
-    ordered = () if audit.order is None else (audit.order,)
-    sound &= all(bool(np.isfinite(values).all()) for values in (*audit.beside.values(), *ordered))
+    sound &= audit.order is None or bool(np.isfinite(audit.order).all())
     steps = dict(zip(audit.ids, audit.lengths.tolist(), strict=True))
     sound &= all(traces.fits(steps[name]) for name, traces in audit.traces.items())
     names = {*audit.contradicting, *audit.pair, *(m for group in audit.competing for m in group)}

@@ -74,7 +74,6 @@ class AuditResult:
     anchor: str = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
     order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
-    beside: dict[str, Float[Array, " M"]] = field(default_factory=dict, metadata=NOT_STORED)
     traces: dict[Hashable, Traces] = field(default_factory=dict, metadata=NOT_STORED)
     settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
     own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
@@ -202,7 +201,7 @@ class AuditResult:
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
         """Facts about each demonstration by name, which change no word; see `rpil.results.facts.known_facts`."""
-        return known_facts(self.columns, self.beside, self.sessions, self.order)
+        return known_facts(self.columns, self.lengths, self.sessions, self.order)
 
     @property
     def question(self) -> str | None:

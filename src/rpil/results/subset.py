@@ -49,6 +49,5 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
         sessions=tuple(audit.sessions[m] for m in chosen) if audit.sessions else (),
         order=None if audit.order is None else audit.order[chosen],
         traces={names[name]: own for name, own in audit.traces.items() if name in names},
-        beside={name: values[chosen] for name, values in audit.beside.items()},
         deviations=tuple(audit.deviations[m] for m in chosen) if audit.deviations else (),
     )

@@ -17,7 +17,6 @@ from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
 from rpil.results.demonstrators import Interval, rank_demonstrators
-from rpil.results.facts import ranks_beside
 from rpil.results.groups import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
@@ -74,7 +73,6 @@ def audit_from_judgement(
         columns_within=judgement.columns_within,
         claimed=claims.words.astype(np.int64),
         copy_of=judgement.copy_of,
-        beside=ranks_beside(judgement.beside),
         settings=settings,
     )
     return replace(audit, step_weight=weights_of(audit))

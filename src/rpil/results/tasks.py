@@ -11,7 +11,6 @@ from scipy.special import expit, logit
 from rpil.data.id_values import Label
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
-from rpil.inference.facts import TIME_LIMIT
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 from rpil.results.demonstrators import Interval
@@ -91,7 +90,6 @@ def join_audits(
         notes=_joined_notes(audits),
         columns=_joined_columns(audits, places, n),
         copy_of=_joined_copies(audits, places, n),
-        beside=_joined_beside(audits, places, n),
         traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
@@ -184,15 +182,6 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
         for note in audit.notes:
             tasks.setdefault(note, []).append(task or "no task")
     return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
-
-
-def _joined_beside(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> dict[str, Array]:
-    """The facts beside the columns of all tasks: where a task has none, the middle rank, and no time limit."""
-    joined: dict[str, Array] = {}
-    for task, audit in audits.items():
-        for name, values in audit.beside.items():
-            joined.setdefault(name, np.full(n, 0.0 if name == TIME_LIMIT else 0.5))[places[task]] = values
-    return joined
 
 
 def _mean_prior(audits: Sequence[Audit]) -> Interval:

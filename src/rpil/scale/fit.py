@@ -22,7 +22,6 @@ from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
-from rpil.inference.facts import TIME_LIMIT, at_time_limit
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.groups import fit_groups
 from rpil.inference.settings import JudgeSettings
@@ -109,11 +108,9 @@ def judge_everyone(
     seen = components(summed, settings.channels)
     columns = columns_of(described, seen, scores.log_odds(settings), settings.answers)
     pair = telling_pair(claims, score)
-    limit = at_time_limit(lengths)
-    beside = {} if limit is None else {TIME_LIMIT: limit}
     own = np.arange(len(score))
     within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all
-    evidence = Evidence(scores, columns, judged.states, claims, pair, beside, own, within)
+    evidence = Evidence(scores, columns, judged.states, claims, pair, own, within)
     return conclude(
         data, evidence, answers, StepTrust(reliability, interval, none, judged.step_trust.whole_from), none, settings
     )
