@@ -28,7 +28,6 @@ from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
 from rpil.inference import claims as inference
-from rpil.inference import scores
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import Array, kinds
@@ -44,48 +43,27 @@ Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any]]
 """
 
 
-def as_independent(_: Any, lengths: Array) -> Array:
-    return np.asarray(lengths, dtype=float)
-
-
 RULES: dict[str, Change] = {
     "no rival groups (max_shared_gain 0)": ("rivals", {"max_shared_gain": 0.0}),
-    "rivals in one round, 3 lapses": ("rivals", {"max_iter": 1, "n_lapses": 3}),
     "min_p_two .9": ("claims", {"min_p_two": 0.9}),
     "nobody by chance": (inference, "by_chance", lambda *_: None),
     "one dealing of the folds": (Scoring, "dealt_again", lambda *_: None),
     "no better half": (inference, "in_better_part", lambda scores, upper: upper),
-    "max_part_share 1": ("claims", {"max_part_share": 1.0}),
     "no agreement (min_agreement -1)": ("claims", {"min_agreement": -1.0}),
     "all teach (share 1)": ("trimming", {"share": 1.0}),
     "one concentration step": ("trimming", {"max_iter": 1}),
     "one ridge, 1e-4": ("held_out", {"ridges": (1e-4,)}),
     "five folds": ("held_out", {"max_folds_continuous": 5}),
-    "steps are independent": (scores, "effective_steps", as_independent),
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
     "no odd experts (tail 0)": ("groups", {"tail": 1e-12}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
-    "two groups may have one centre": ("groups", {"min_distance": 0.0, "min_spread": 1e-9}),
-    "EM from 3 starts": ("groups", {"start_quantiles": (0.2, 0.5, 0.8)}),
-    "ranks are worth nothing": ("groups", {"rank_correlation": 0.0}),
     "no monotony": ("", {"monotony": 0.0}),
 }
 COMBINATIONS: dict[str, tuple[str, ...]] = {
     "noise and tail": ("error bars as they are (noise_shares 1)", "no odd experts (tail 0)"),
-    "small ones": (
-        "EM from 3 starts",
-        "two groups may have one centre",
-        "ranks are worth nothing",
-        "rivals in one round, 3 lapses",
-        "max_part_share 1",
-    ),
+    "tail and one dealing": ("no odd experts (tail 0)", "one dealing of the folds"),
+    "chance and better half": ("nobody by chance", "no better half"),
 }
-COMBINATIONS["small ones, nobody by chance"] = (*COMBINATIONS["small ones"], "nobody by chance")
-COMBINATIONS["small ones, steps are independent"] = (*COMBINATIONS["small ones"], "steps are independent")
-COMBINATIONS["small ones, steps are independent, nobody by chance"] = (
-    *COMBINATIONS["small ones, nobody by chance"],
-    "steps are independent",
-)
 VARIANTS = {DEFAULT: ()} | COMBINATIONS | {name: (name,) for name in RULES}
 ANSWERS: dict[str, AnswerSettings] = {
     DEFAULT: AnswerSettings(),
