@@ -30,7 +30,7 @@ from rpil import Settings
 from rpil.inference import claims as inference
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
-from worlds import Array, kinds
+from worlds import kinds
 from worlds.simulated import of_paper
 
 DEFAULT = "the default"

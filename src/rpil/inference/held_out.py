@@ -202,9 +202,10 @@ class HeldOutPolicy(HeldOutModel):
 
 def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:
     """The linear policy for the actions of the data, with folds dealt by `seed`."""
-    if isinstance(data.space, Discrete):
-        return HeldOutSoftmax(data, deal(data, min(settings.max_folds_discrete, data.n_demonstrations), seed), settings)
-    return HeldOutRidge(data, deal(data, min(settings.max_folds_continuous, data.n_demonstrations), seed), settings)
+    n, is_discrete = data.n_demonstrations, isinstance(data.space, Discrete)
+    most = settings.max_folds_discrete if is_discrete else settings.max_folds_continuous
+    fold = deal(data, n if n <= settings.max_left_out else min(most, n), seed)
+    return (HeldOutSoftmax if is_discrete else HeldOutRidge)(data, fold, settings)
 
 
 def log_density_of_errors(

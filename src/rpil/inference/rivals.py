@@ -127,7 +127,7 @@ class OwnPolicy:
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
         # Few folds: the columns are many, and a softmax policy keeps a matrix of their squares for each fold.
         several = settings.held_out.max_folds_discrete
-        folds = replace(settings.held_out, max_folds_continuous=several, max_folds_discrete=2)
+        folds = replace(settings.held_out, max_folds_continuous=several, max_folds_discrete=2, max_left_out=0)
         model = held_out_model(few, 0, folds)
 
         ridge_a, ridge_b = (choose_ridge(few, model.cold_copy(), group) for group in (~is_lower, is_lower))
