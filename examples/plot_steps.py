@@ -15,9 +15,9 @@ import numpy as np
 import rpil
 
 # %%
-# Twenty demonstrations of one key: press it where position and speed are together above 0. Six have a stretch of thirty
-# random steps.
-N_DEMONSTRATIONS, N_STEPS, N_SLIPS = 20, 120, 30
+# Twenty demonstrations of one key: press it where position and speed are together above 0. Six have a stretch of
+# forty-five random steps.
+N_DEMONSTRATIONS, N_STEPS, N_SLIPS = 20, 120, 45
 rng = np.random.default_rng(0)
 state = rng.normal(size=(N_DEMONSTRATIONS * N_STEPS, 2))
 action = (state.sum(axis=1) + 0.3 * rng.normal(size=len(state)) > 0).astype(int)

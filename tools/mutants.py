@@ -89,7 +89,7 @@ EQUIVALENT = {
     "trust: p_two = 1.0 if answered is not None else scores.groups.p_two: 1.0 -> 2.0": (
         "From one half on, two groups are likely."
     ),
-    "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, 0.0, np.zeros(1)): 1 -> 2": (
+    "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",

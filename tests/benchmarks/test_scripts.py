@@ -15,7 +15,7 @@ import claims
 import paper
 import results
 import speed
-from rpil import Demonstrations, Settings, formats, simulate
+from rpil import Demonstrations, formats, simulate
 from study import experiments
 from study.experiments import METHODS, OURS, TRUST_ALL
 from worlds.simulated import of_paper
@@ -111,19 +111,20 @@ def test_paper(written, monkeypatch):
 
 
 def test_ablations(written, monkeypatch):
-    chosen = (ablations.DEFAULT, "min_p_two .999", "no better half")
-    monkeypatch.setattr(ablations, "RULES", {name: ablations.RULES[name] for name in chosen})
+    chosen = (ablations.DEFAULT, "min_p_two .9", "no better half")
+    monkeypatch.setattr(ablations, "VARIANTS", {name: ablations.VARIANTS[name] for name in chosen})
     found = written.run("ablations")
     assert not found["unfinished"]
     words = {name: sum(word > 0 for row in rows for word in row["words"]) for name, rows in found["rules"].items()}
-    assert words["min_p_two .999"] <= words[ablations.DEFAULT] <= words["no better half"]
+    assert words[ablations.DEFAULT] <= words["min_p_two .9"]
+    assert words[ablations.DEFAULT] <= words["no better half"]
     told = {name: sum(word != 0 for row in rows for word in row["words"]) for name, rows in found["answers"].items()}
     assert told["sharpness 1"] < told[ablations.DEFAULT] < told["sharpness 3"]
 
 
 def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):
     path = tmp_path / "ablations.json"
-    monkeypatch.setattr(ablations, "RULES", {ablations.DEFAULT: ablations.RULES[ablations.DEFAULT]})
+    monkeypatch.setattr(ablations, "VARIANTS", {ablations.DEFAULT: ()})
     assert ablations.main(["--quick", "--json", str(path)]) == 0
     found = json.loads(path.read_text())
     found["rules"][ablations.DEFAULT][0]["words"] = [0] * 20
@@ -140,7 +141,7 @@ def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):
     assert json.loads(path.read_text())["rules"] != found["rules"]
 
 
-@pytest.mark.parametrize("name", [name for name, rule in ablations.RULES.items() if not isinstance(rule, Settings)])
+@pytest.mark.parametrize("name", [name for name, rule in ablations.RULES.items() if len(rule) == 3])
 def test_a_rule_is_put_back(name):
     owner, what, function = ablations.RULES[name]
     before = getattr(owner, what)
