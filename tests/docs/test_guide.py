@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import rpil
+from rpil.inference.settings import JudgeSettings
 
 pytestmark = pytest.mark.slow
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "policies.md").read_text(encoding="utf-8")
 SNIPPETS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
-from rpil.inference.settings import JudgeSettings
 
 
 @pytest.fixture(scope="module")

@@ -198,10 +198,10 @@ def test_a_policy_of_their_own_makes_two_groups():
 
 def test_two_labels_tell_which_of_two_groups_is_good():
     labels = np.zeros(12, dtype=np.int64)
-    labels[[7, 8, 1]] = 1, 1, -1  # against the ranking, which takes both for one
+    labels[[7, 8, 1]] = -1, -1, 1  # against the ranking
     toy, judgement = judged("shifted", 1, 6, 6, answers=Answers.of_labels(labels))
     assert judgement.finding == "answered"
-    assert roc_auc_score(~toy.is_good, judgement.log_odds) > 0.75 > roc_auc_score(~toy.is_good, judgement.from_actions)
+    assert roc_auc_score(toy.is_good, judgement.log_odds) > 0.75 > roc_auc_score(toy.is_good, judgement.from_actions)
 
 
 def test_labels_of_the_data_are_the_answers():
