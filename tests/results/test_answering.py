@@ -16,7 +16,7 @@ from rpil.results.answering import NEXT_STEPS, NOT_USED, question, shown_proba
 from rpil.results.record import Audit
 from rpil.results.words import WORDS
 
-TOY = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
+TOY = make("random", 2, n_good=7, n_bad=4, steps=(13, 13))
 LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
 
 
