@@ -1,7 +1,7 @@
 """Settings of the judge: one record for each stage. docs/model.md has the formulas in which they stand.
 
-`benchmarks/ablations.py` compared the values that name it; docs/ablations.md has the table. Values without a source were
-chosen by hand, not tuned.
+`benchmarks/ablations.py` compared the values that name it; docs/ablations.md has the table. Values without a source
+were chosen by hand, not tuned.
 """
 
 from __future__ import annotations
