@@ -30,6 +30,12 @@ from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
+FEW_RUNS = (
+    "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
+    "set-up or a calibration, and not necessarily worse."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Doubt:
     """A reason not to call demonstrations unlike the others."""
@@ -37,9 +43,9 @@ class Doubt:
     sentence: str
     """In it, {members} stands for the names of the demonstrations."""
     runs: tuple[Int[Array, " _"], ...] = ()
-    """The demonstrations of which it speaks, in runs that follow one another in the stated order."""
+    """The demonstrations that the sentence names, in runs that follow one another in the stated order."""
     operators: tuple[Hashable, ...] = ()
-    """The operators of whom it speaks, for whom {operators} stands."""
+    """The operators that the sentence names; {operators} stands for their names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,11 +221,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
-        sentence = (
-            "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a "
-        )
-        sentence += "session, a set-up or a calibration, and not necessarily worse."
-        doubts.append(Doubt(sentence, runs_of(unlike, order)))
+        doubts.append(Doubt(FEW_RUNS, runs_of(unlike, order)))
     doubts += doubts_of_operators(data.demonstrators, split.words, limits)
     return doubts
 

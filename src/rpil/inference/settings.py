@@ -109,7 +109,8 @@ class RivalSettings:
     """Rival groups (`rpil.inference.rivals`)."""
 
     max_shared_gain: float = 0.5
-    """Gain of a rival group by the policy of the upper group, relative to that by its own, at most."""
+    """Gain of a rival group by the policy of the upper group, relative to that by its own, at most.
+    benchmarks/ablations.py ("no rival groups")."""
     max_noise: float = 0.1
     """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     standard_errors: float = 2.0
@@ -147,7 +148,8 @@ class ClaimSettings:
     min_upper: int = 2
     """Demonstrations of the upper group, at least."""
     min_agreement: float = 0.2
-    """Rank correlation of the likelihood and of its gain over frequent actions, at least."""
+    """Rank correlation of the likelihood and of its gain over frequent actions, at least. benchmarks/ablations.py ("no
+    agreement")."""
     max_runs_p: float = 0.01
     """Probability of so few runs in the order of recording, below which the unlike follow one another."""
     max_error: float = 0.01
