@@ -29,7 +29,6 @@ from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
 
-
 FEW_RUNS = (
     "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
     "set-up or a calibration, and not necessarily worse."
