@@ -139,8 +139,7 @@ class ClaimSettings:
     min_p_two_of_noise: float = 0.2
     """P(two groups) from which those are called unlike the others that act as noise does."""
     max_missing_steps: int = 200
-    """Independent steps that a demonstration may lack to be told from noise, where noise is called unlike the others:
-    between the lander of the paper (0 to 78) and actions that nothing explains (730 and more)."""
+    """Steps that the median demonstration may lack to be told from noise, where noise is called unlike the others."""
     noise_share: float = 0.5
     """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
     min_proba: float = 0.9
