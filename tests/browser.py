@@ -86,18 +86,20 @@ class Browser:
         self.send("Page.navigate", url=url.resolve().as_uri() if isinstance(url, Path) else url)
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
 
-    def reload(self) -> None:
-        """Load the page again; once more where the new page does not see the storage of the old one yet.
+    def reload(self, shows: str) -> None:
+        """Load the page again until an expression is true of what it shows.
 
-        A page writes to the storage at once, and a busy Chromium hands it to the next page some time later.
+        A page writes to the storage at once, and a busy Chromium hands it to the next page some time later; a page that
+        was loaded before does not look again.
         """
-        stored = "(() => { try { return JSON.stringify(Object.entries(localStorage).sort()) } catch { return '' } })()"
-        before, deadline, is_seen = self.evaluate(stored), time.monotonic() + TIMEOUT, False
-        while not is_seen and time.monotonic() < deadline:
-            self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1500))")
+        deadline, is_shown = time.monotonic() + TIMEOUT, False
+        while not is_shown:
+            if time.monotonic() > deadline:
+                raise BrowserError(f"{shows}: not true of a page that is loaded again within {TIMEOUT:g} s")
+            self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1000))")
             self.send("Page.reload")
             self.wait("!window.isOld && document.readyState === 'complete'")
-            is_seen = self.evaluate(stored) == before
+            is_shown = self.evaluate(shows)
 
     def evaluate(self, code: str) -> Any:
         """The value of an expression in the page, or what its promise gives."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -72,19 +72,27 @@ def _time_left(start: float, done: int, total: int) -> str:
     return f", about {(time.monotonic() - start) * (total - done) / done:.0f} s left" if done else ""
 
 
+def lines(timing: ProgressTiming) -> Generator[float, tuple[float, str], None]:
+    """Print a line now and then, when the elapsed seconds and the stage are sent; yields the seconds until the next."""
+    wait, said, last = timing.first, "", 0.0
+    while True:
+        elapsed, stage = yield wait
+        wait = max(timing.interval, timing.elapsed_share * elapsed)
+        if stage != said or elapsed - last >= timing.unchanged:
+            said, last = stage, elapsed
+            click.echo(f"rpil: {elapsed:.0f} s: {without_secrets(stage)}", err=True)
+
+
 @contextmanager
 def _print_lines(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
     """A function that sets the text of the next line; a thread prints the lines."""
     start, latest, finished = time.monotonic(), [LOADING], threading.Event()
 
     def print_lines() -> None:
-        wait, said, last = timing.first, "", 0.0
+        printer = lines(timing)
+        wait = next(printer)
         while not finished.wait(wait):
-            elapsed = time.monotonic() - start
-            wait = max(timing.interval, timing.elapsed_share * elapsed)
-            if latest[0] != said or elapsed - last >= timing.unchanged:
-                said, last = latest[0], elapsed
-                click.echo(f"rpil: {elapsed:.0f} s: {without_secrets(said)}", err=True)
+            wait = printer.send((time.monotonic() - start, latest[0]))
 
     thread = threading.Thread(target=print_lines, daemon=True)
     if not quiet:
