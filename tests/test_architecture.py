@@ -107,7 +107,7 @@ def test_no_circle_between_files():
         ("rpil.numerics.blocks", "def f():\n    from rpil.policies.networks import train"),
         ("rpil.data.archive", "from rpil import __version__"),
         ("rpil.scale.fit", "def f():\n    import rpil.estimators.persistence"),
-        ("rpil.mixture.em", "from rpil.inference import search"),
+        ("rpil.mixture.em", "from rpil.inference import trust"),
         ("rpil.data.files", "from ..cli import main"),
         ("rpil.simulation.experts", "if TYPE_CHECKING:\n    from rpil.estimators.rpil import RPIL"),
     ],

@@ -12,7 +12,7 @@ from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.held_out import held_out_model, log_reference
-from rpil.inference.parts import ActionScale, judged_parts, not_judged, resting_names, resting_sessions
+from rpil.inference.parts import ActionScale, judged_parts
 from rpil.inference.settings import HeldOutSettings
 
 OFFSETS = np.arange(0, 401, 40)  # ten demonstrations of 40 steps
@@ -63,31 +63,6 @@ def test_small_units_are_no_rest():
 
 def test_all_are_judged_if_all_rest():
     assert judged(parked(np.zeros(10)), parked(np.arange(10.0))) == [True, True]
-
-
-def test_names_are_folded_where_all_of_a_prefix_rests():
-    names = ["actions.left.1", "actions.left.2", "actions.right.1", "actions.right.2", "actions.right.3"]
-    moves = np.array([False, False, True, False, True])
-    assert resting_names(moves, names) == "actions.left.*, actions.right.2"
-    said = "not judged: 3 of 5 parts of the action, which rest: actions.left.*, actions.right.2"
-    assert not_judged(moves, names) == said
-    assert not_judged(np.array([True, False])) == "not judged: 1 of 2 parts of the action, which rest: 1"
-    assert not_judged(np.array([True])) == ""
-
-
-def test_sessions_are_the_groups_of_resting_values():
-    values = np.array([0.0, 0.0, 5.0, 5.1, 5.0, -3.0, -3.0, 0.1, 0.0, 5.0])
-    actions = np.column_stack([moving(), parked(values), parked(np.zeros(10))])
-    found = resting_sessions(actions, OFFSETS, judged_parts(actions, OFFSETS))
-    assert {part: [group.tolist() for group in groups] for part, groups in found.items()} == {
-        1: [[5, 6], [0, 1, 7, 8], [2, 3, 4, 9]]
-    }
-
-
-@pytest.mark.parametrize("values", [np.arange(10.0), [0.0] * 9 + [5.0]], ids=["evenly", "one alone"])
-def test_no_sessions(values):
-    actions = np.column_stack([moving(), parked(np.asarray(values))])
-    assert resting_sessions(actions, OFFSETS, np.array([True, False])) == {}
 
 
 def data_of(actions, judged=None):

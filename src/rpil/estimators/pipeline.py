@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
+
+import numpy as np
 
 from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
@@ -25,11 +27,11 @@ from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
-from rpil.inference.parts import judged_parts, not_judged, resting_sessions, session_sentence
-from rpil.inference.search import SearchSettings, fit_mixture
+from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
+from rpil.mixture.search import SearchSettings, fit_mixture
 from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
@@ -38,6 +40,7 @@ from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
 from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
 from rpil.results.record import Audit, Interval
+from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.protocol import Engine, Shards
@@ -182,10 +185,11 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
         )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
         decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
-        return replace(decision, notes=_resting(data, posed.demonstrations))
+        notes = resting_sentences(data, ids, posed.demonstrations.action_names)
+        return replace(decision, notes=notes)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
-    search = SearchSettings(start, settings.mixture, settings.judge, options.seed)
+    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.seed))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
@@ -193,17 +197,12 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
     return TrustDecision(audit, None, result.state, n_iter, result.objective, bool(result.converged))
 
 
-def _resting(data: FitData, demonstrations: Demonstrations) -> tuple[str, ...]:
-    """Sentences that name the parts of the action that are not judged, and sessions by where these rest."""
-    if data.judged is None or data.judged.all():
-        return ()
-    names = demonstrations.action_names or tuple(map(str, range(len(data.judged))))
-    sentence = not_judged(data.judged, names)
-    sessions = resting_sessions(data.actions, data.offsets, data.judged)
-    return f"{sentence[:1].upper()}{sentence[1:]}.", *(
-        session_sentence(names[part], [[demonstrations.ids[m] for m in group] for group in groups])
-        for part, groups in sessions.items()
-    )
+def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Array]:
+    """Starts of EM that the judge proposes: its training group, and each of the demonstrations with the best scores."""
+    judged = judge(data, held_out_model(data, seed, settings.judge.held_out), settings.judge, seed=seed)
+    best = np.argsort(-judged.scores.score, kind="stable")[: settings.mixture.single_starts]
+    single = {f"single {m}": (np.arange(data.n_demonstrations) == m).astype(float) for m in best}
+    return {"agreeing": judged.training_group.astype(float)} | single
 
 
 @dataclass(frozen=True, eq=False)

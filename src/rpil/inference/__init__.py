@@ -14,7 +14,6 @@
     step_trust       which steps of a demonstration are an expert's
     trust            the judge: all of the above in order
     fitted_judge     judges demonstrations that were not fitted
-    search           the paper's mixture, by EM from several starts
     settings         every constant of the judge
 
 docs/model.md has the formulas.

@@ -1,1 +1,1 @@
-"""The paper's mixture: adversaries psi(a|s), priors, and EM."""
+"""The paper's mixture: adversaries psi(a|s), priors, EM, and its starts."""

@@ -17,7 +17,7 @@ MStep = Literal["joint", "expert_only"]
 @stored()
 @dataclass(frozen=True)
 class MixtureSettings:
-    """EM for the paper's mixture (`rpil.mixture.em`) and its starts (`rpil.inference.search`).
+    """EM for the paper's mixture (`rpil.mixture.em`) and its starts (`rpil.mixture.search`).
 
     The seed is no field: it is an argument of the functions that draw.
     """

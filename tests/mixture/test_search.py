@@ -10,11 +10,12 @@ import pytest
 
 from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
-from rpil.inference import search
-from rpil.inference.search import SearchSettings, fit_mixture, starts
-from rpil.inference.settings import JudgeSettings
+from rpil.estimators.pipeline import judged_starts
+from rpil.estimators.settings import Settings
+from rpil.mixture import search
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.em import MixtureFit, e_step, run_em
+from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings, MStep
 from rpil.numerics.parallel import in_parallel
 from rpil.policies.softmax import SoftmaxPolicy
@@ -24,7 +25,7 @@ STEPS = (40, 60)
 
 def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> SearchSettings:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return SearchSettings(policy, MixtureSettings(m_step=mode), JudgeSettings(), seed)
+    return SearchSettings(policy, MixtureSettings(m_step=mode), partial(judged_starts, problem, Settings(), seed))
 
 
 def fitted(problem: FitData, which="uniform", seed: int = 0):

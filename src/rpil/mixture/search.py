@@ -6,15 +6,12 @@ best objective goes on until it converges.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.inference.held_out import held_out_model
-from rpil.inference.settings import JudgeSettings
-from rpil.inference.trust import judge
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import MixtureFit, State, e_step, run_em
@@ -32,10 +29,8 @@ class SearchSettings:
     policy: Policy
     """Before it has been fitted."""
     mixture: MixtureSettings
-    judge: JudgeSettings
-    """Of the judge that proposes starts."""
-    seed: int = 0
-    """Of its folds."""
+    proposed: Callable[[], Mapping[str, Float[Array, " M"]]]
+    """Weights of the demonstrations in further starts, where no demonstration is labelled an expert's."""
 
 
 def fit_mixture(
@@ -65,8 +60,7 @@ def fit_mixture(
 def starts(data: FitData, settings: SearchSettings) -> dict[str, Float[Array, " M"]]:
     """Weights of the demonstrations to which the policy of each start is fitted.
 
-    Without a labelled expert, the training group of the judge is a start, and so is each of the `single_starts`
-    demonstrations with the best scores.
+    Where no demonstration is labelled an expert's, the `proposed` ones are starts too.
     """
     labels = data.labels
     possible = (labels >= 0).astype(float)
@@ -75,11 +69,7 @@ def starts(data: FitData, settings: SearchSettings) -> dict[str, Float[Array, " 
         weights |= _unlike_labelled_adversaries(data, settings)
     if (labels > 0).any():
         return {"labelled experts": (labels > 0).astype(float), **weights}
-    model = held_out_model(data, settings.seed, settings.judge.held_out)
-    judgement = judge(data, model, settings.judge, seed=settings.seed)
-    best = np.argsort(-judgement.scores.score, kind="stable")[: settings.mixture.single_starts]
-    single = {f"single {m}": (np.arange(len(labels)) == m).astype(float) for m in best}
-    return weights | {"agreeing": judgement.training_group.astype(float)} | single
+    return {**weights, **settings.proposed()}
 
 
 def _unlike_labelled_adversaries(data: FitData, settings: SearchSettings) -> dict[str, Array]:
