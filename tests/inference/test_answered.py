@@ -10,7 +10,7 @@ from scipy.special import expit, logit
 from scipy.stats import norm
 
 from rpil.inference import answered as module
-from rpil.inference.answered import Answered, Said, answer, columns_of, most_telling
+from rpil.inference.answered import Answered, answer, columns_of, most_telling
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -32,10 +32,6 @@ def without(answers, m) -> Answers:
 
 
 NOTHING = np.zeros(12, dtype=int)
-
-
-def said_by(columns, answers) -> Said:
-    return Said.by(columns, answers, SETTINGS, answers.labels * 0, posterior(columns, answers, SETTINGS))
 
 
 def judged(columns, answers, settings=SETTINGS, claimed=None) -> Answered:
@@ -198,37 +194,7 @@ def test_nobody_is_bad_before_an_answer_says_so():
     assert judged(columns, answers_of(good, m=40)).words.min() == 0
     assert judged(columns, answers_of(bad, m=40)).words.max() == 0
     for pairs, outcome in (([(39, 0)], None), ([], [0.0] + [NAN] * 39)):
-        both = judged(columns, answers_of(good, pairs, outcome, m=40), replace(SETTINGS, max_changed=1.0))
-        assert both.words.min() == -1
-    few = replace(SETTINGS, max_changed=0.01)
-    first = judged(columns, answers_of([-1, *good[1:]], m=40), few)
-    assert first.words[1:].min() == 0
-    assert [one.about for one in first.lone] == [(0,)]
-    assert judged(columns, answers_of([-1, -1, *good[2:]], m=40), few).words[2:].min() == -1
-
-
-def test_one_answer_against_the_others_changes_nothing_until_a_second_one_agrees():
-    columns = np.column_stack([np.linspace(-3, 3, 60), np.repeat([-1.0, 1.0], 30)])
-    labels = np.zeros(60, dtype=int)
-    labels[[50, 55, 58]], labels[[5, 9]] = 1, -1
-    right = judged(columns, answers_of(labels, m=60))
-    assert right.lone == ()
-    labels[1] = 1
-    found, believed = (
-        judged(columns, answers_of(labels, m=60)),
-        said_by(columns, answers_of(labels, m=60)),
-    )
-    others = labels == 0
-    assert (found.words * right.words)[others].min() >= 0
-    changed = (believed.words != right.words)[others].sum()
-    assert changed > 6  # a tenth
-    assert [(one.about, one.n_changed) for one in found.lone] == [((1,), changed)]
-    assert labels[found.lone[0].look_at] == 0
-    patient = judged(columns, answers_of(labels, m=60), replace(SETTINGS, max_changed=changed / 60))
-    assert patient.lone == ()
-    np.testing.assert_array_equal(patient.words[others], believed.words[others])
-    many = judged(columns, answers_of(labels, m=60), replace(SETTINGS, max_left_out=5))
-    assert many.lone == ()
+        assert judged(columns, answers_of(good, pairs, outcome, m=40)).words.min() == -1
 
 
 def test_probabilities_stay_away_from_certainty():
@@ -250,7 +216,9 @@ def test_labels_are_asked_for_at_the_quantiles_of_the_ranking(seed):
     columns = np.random.default_rng(seed).normal(size=(101, 3))
     nothing = answers_of(m=101)
     chosen = most_telling(columns, nothing, SETTINGS, 8)
-    np.testing.assert_allclose(places(columns, nothing)[chosen], [0.9, 0.1, 0.5, 0.75, 0.25, 0.6, 0.4, 0.95])
+    at = places(columns, nothing)[chosen]
+    np.testing.assert_allclose(at[:3], [0.9, 0.1, 0.5])
+    np.testing.assert_allclose(np.abs(at[3:] - 0.5), [0.01, 0.01, 0.02, 0.02, 0.03])
     # once two are labelled, the third place is asked for, in the ranking that has become of them
     two = answers_of(np.isin(np.arange(101), chosen[0]) * 1 - np.isin(np.arange(101), chosen[1]) * 1, m=101)
     assert places(columns, two)[most_telling(columns, two, SETTINGS, 1)] == pytest.approx(0.5, abs=0.011)

@@ -30,10 +30,10 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
     return FitData(features, actions, offsets, space, np.zeros(len(offsets) - 1, dtype=int))
 
 
-def described(data, actions=None, group=EVERYONE, settings=SETTINGS, states=None):
-    states = states or StateScale.of(data, group, settings)
+def described(data, actions=None, states=None):
+    states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, LOG_PROB, LOG_RATIO, actions, states, settings)
+    found = channels(data, LOG_PROB, LOG_RATIO, actions, states, SETTINGS)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 
@@ -71,8 +71,7 @@ def test_smoothness_is_the_mean_change_of_all_parts_of_the_action():
 
 def test_moves_are_in_standard_deviations_of_the_states():
     data = data_of()
-    scale = StateScale.of(data, EVERYONE, SETTINGS)
-    np.testing.assert_allclose(scale.center, [13 / 8, 1 / 2, 1])
+    scale = StateScale.of(data, SETTINGS)
     np.testing.assert_allclose(scale.spread, [STATES[:, 0].std(), STATES[:, 1].std(), 1.0])
     x, y = 1 / scale.spread[:2]
     moves = np.array([x, x, 0, 3 * y, y])  # within demonstrations
@@ -80,50 +79,13 @@ def test_moves_are_in_standard_deviations_of_the_states():
     found = described(data)
     np.testing.assert_allclose(found["short path"], [-2 * x, -3 * y, -y])
     np.testing.assert_allclose(found["motion"], [-1 / 3, 0, 0])
-    np.testing.assert_allclose(scale.scaled(data.features)[5], [(4 - 13 / 8) * x, 2.5 * y, 0.0])
 
 
 def test_a_step_at_the_limit_of_rest_is_idle():
-    scale = StateScale.of(data_of(), EVERYONE, SETTINGS)
+    scale = StateScale.of(data_of(), SETTINGS)
     x = 1 / scale.spread[0]
     for rest, idle in ((x, 1.0), (0.999 * x, 1 / 3)):
         assert described(data_of(), states=replace(scale, rest=rest))["motion"][0] == pytest.approx(-idle, abs=1e-9)
-
-
-def test_a_common_end_is_near_the_nearest_others():
-    data = data_of()
-    ends = STATES[[3, 5, 7]] / STATES.std(axis=0)
-    apart = np.linalg.norm(ends[:, None] - ends, axis=2)
-    by_hand = [-np.delete(apart[m], m).mean() for m in range(3)]
-    np.testing.assert_allclose(described(data)["common end"], by_hand)
-    nearest = [-np.delete(apart[m], m).min() for m in range(3)]
-    one = replace(SETTINGS, n_neighbours=1)
-    np.testing.assert_allclose(described(data, settings=one)["common end"], nearest)
-
-
-def test_ends_are_those_of_the_training_group():
-    data, group = data_of(), np.array([True, False, True])
-    scale = StateScale.of(data, group, SETTINGS)
-    np.testing.assert_allclose(scale.ends, scale.scaled(data.features)[[3, 7]])
-    apart = np.linalg.norm(
-        (STATES[[3, 5, 7]] / STATES.std(axis=0))[:, None] - (STATES[[3, 7]] / STATES.std(axis=0)), axis=2
-    )
-    found = described(data, group=group)["common end"]
-    np.testing.assert_allclose(found, [-apart[0, 1], -min(apart[1]), -apart[2, 0]])
-    assert len(StateScale.of(data, EVERYONE, replace(SETTINGS, max_ends=2)).ends) == 2
-
-
-def test_a_copy_is_no_neighbour():
-    states, actions = np.vstack([STATES, STATES[6:]]), np.vstack([ACTIONS, ACTIONS[6:]])
-    data = data_of(states, actions, np.array([0, 4, 6, 8, 10]))
-    scale = StateScale.of(data, np.ones(4, dtype=bool), SETTINGS)
-    log_prob = np.append(LOG_PROB, [-1.0, -2.0])
-    found = channels(data, log_prob, log_prob, actions, scale, replace(SETTINGS, n_neighbours=1))[:, -1]
-    ends = scale.ends[:, :2]
-    to_first = np.linalg.norm(ends[2] - ends[0])
-    np.testing.assert_allclose(found[2:], -to_first)
-    alone = channels(data, log_prob, log_prob, actions, replace(scale, ends=scale.ends[2:]), SETTINGS)[:, -1]
-    np.testing.assert_allclose(alone[2:], alone[:2].min())  # nothing but copies: as far as the farthest
 
 
 def test_shifts_and_units_of_states_change_nothing():
@@ -140,8 +102,8 @@ def test_a_constant_state_changes_nothing():
 
 def test_demonstrations_of_one_step():
     data = data_of(STATES, ACTIONS, np.arange(9))
-    assert StateScale.of(data, np.ones(8, dtype=bool), SETTINGS).rest == 0.0
-    found = described(data, group=np.ones(8, dtype=bool))
+    assert StateScale.of(data, SETTINGS).rest == 0.0
+    found = described(data)
     for name in ("motion", "short path", "smoothness", "length"):
         np.testing.assert_array_equal(found[name], 0.0)
 
@@ -152,18 +114,6 @@ def test_normal_scores_are_quantiles_of_ranks():
     np.testing.assert_allclose(found[:, 0], norm.ppf([3.5 / 4, 1 / 4, 2.5 / 4, 1 / 4]))
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(normal_scores(np.exp(values) * 7), found)
-
-
-def test_a_last_state_far_off_is_not_its_own_neighbour():
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        states = rng.normal(size=(50, 6))
-        states[0] += 1000 * rng.normal(size=6)
-        data = data_of(states, np.zeros((50, 1)), np.arange(51))
-        scale = StateScale(np.zeros(7), np.ones(7), 0.0, data.features)
-        found = channels(data, np.zeros(50), np.zeros(50), data.actions, scale, SETTINGS)[0, -1]
-        apart = np.sort(np.linalg.norm(states[1:] - states[0], axis=1))
-        assert found == pytest.approx(-apart[:3].mean(), rel=1e-6)
 
 
 def test_components_are_those_of_the_summaries_by_hand():

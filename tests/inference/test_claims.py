@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hand_made import same_actions, scores_of, scoring_of
-from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, missing_steps, said
+from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, said
 from rpil.inference.contrast import Contrast
-from rpil.inference.rivals import Lower, OwnPolicy
+from rpil.inference.rivals import Lower, SecondWay
 from rpil.inference.settings import ClaimSettings, JudgeSettings, RivalSettings
 
 SCORE = np.array([1.0] * 6 + [0.0] * 4)
@@ -22,8 +22,8 @@ ONE_GROUP = "When the demonstrations are divided into other folds, their scores 
 @pytest.fixture(autouse=True)
 def no_second_way(monkeypatch):
     """Scores made by hand have no steps from which a second way could be learned."""
-    own = OwnPolicy(-1.0, 1.0, 0.0, True, False, RivalSettings())
-    monkeypatch.setattr(OwnPolicy, "of", classmethod(lambda cls, *_: own))
+    own = SecondWay(-1.0, 1.0, 0.0, True, False, RivalSettings())
+    monkeypatch.setattr(SecondWay, "of", classmethod(lambda cls, *_: own))
 
 
 def settings_with(**limits):
@@ -226,10 +226,6 @@ def test_no_gain_of_the_upper_group_no_noise():
     assert by_noise(upper=0.5, lower=-1.0) is not None
 
 
-def test_a_weak_policy_from_which_too_many_steps_are_missing_calls_nobody_noise():
-    assert by_noise(upper=1e-3, lower=-1.0) is None
-
-
 def test_a_credible_policy_is_no_noise_however_small_its_gain():
     found = scored(NOISE, 0.3, policies(lower=0.01), discrete=True)
     assert by_chance(*found, None) is None
@@ -315,19 +311,3 @@ def test_sampled_groups_and_doubts_extend_to_all():
         extended(Claims("nobody stands out", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower
         is None
     )
-
-
-@pytest.mark.parametrize(("gain", "variance", "missing"), [(0.5, 4.0, 342), (0.5, 1e-3, 0)])
-def test_missing_steps_are_those_of_two_means_that_are_told_apart(gain, variance, missing):
-    # 2 z s / g = 2 x 2.326 x 2 / .5 = 18.61, and its square is 346.3: more than the 5 of each
-    score = np.where(SCORE > 0, gain, 0.0)
-    score[:2] += 0.01, -0.01
-    data = scored(score, gains=lambda group: score, step_variance=variance)
-    scores = replace(data[1], fit=replace(data[1].fit, group=SCORE > 0))
-    assert missing_steps(data[0], scores) == missing
-
-
-@pytest.mark.parametrize("gain", [0.0, -0.5])
-def test_no_steps_are_missing_where_nothing_is_gained(gain):
-    scoring, scores = scored(np.full(10, gain), gains=lambda group: np.full(10, gain), step_variance=4.0)
-    assert missing_steps(scoring, replace(scores, fit=replace(scores.fit, group=SCORE > 0))) == 0

@@ -49,7 +49,7 @@ def test_channels_are_those_of_the_judged_steps(judged):
     actions = kept.ratio.indicators(data.actions)
     by_hand = channels(data, log_prob, log_ratio, actions, judgement.states, SETTINGS.channels)
     np.testing.assert_array_equal(found, by_hand)
-    assert found.shape == (data.n_demonstrations, 8)
+    assert found.shape == (data.n_demonstrations, 7)
 
 
 def test_a_user_policy_replaces_the_ratio(judged):
@@ -61,9 +61,9 @@ def test_a_user_policy_replaces_the_ratio(judged):
 
 def test_log_odds_by_hand():
     log_ratio, offsets = np.array([1.0, 0.0, 2.0, 0.2, -0.2]), np.array([0, 3, 5])
-    kept = FittedJudge(None, groups_of(0.9), 2.0, StateScale(np.zeros(1), np.ones(1), 0.0, np.zeros((1, 1))))
+    kept = FittedJudge(None, groups_of(0.9), 2.0, StateScale(np.ones(1), 0.0))
     variance = mean_variance(np.array([2.0, 0.08]), np.array([3, 2]), 2.0, 20.0)
-    by_hand = kept.groups.log_odds(np.array([1.0, 0.0]), variance, SETTINGS.groups)
+    by_hand = kept.groups.log_odds(np.array([1.0, 0.0]), variance)
     steps = FitData(np.ones((5, 1)), np.zeros(5, dtype=int), offsets, Discrete(2), np.zeros(2, dtype=int))
     np.testing.assert_allclose(kept.log_odds(steps, log_ratio, SETTINGS), by_hand)
 

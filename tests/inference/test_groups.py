@@ -24,7 +24,7 @@ def test_two_clear_groups_have_their_share_and_means():
     assert groups.p_two > 0.99
     np.testing.assert_allclose(groups.mean, [0.0, 1.0], atol=0.1)
     assert groups.share == pytest.approx(0.3, abs=0.1)
-    log_odds = groups.log_odds(score, np.full(20, 1e-4), GroupSettings())
+    log_odds = groups.log_odds(score, np.full(20, 1e-4))
     assert (log_odds[:14] < -2.2).all()
     assert (log_odds[14:] > 2.2).all()
 
@@ -44,14 +44,14 @@ def test_log_odds_rise_with_the_score():
     for spread in (0.1, 1.0):
         groups = fitted(np.concatenate([rng.normal(0.0, spread, 10), rng.normal(2.0, 0.1, 10)]))
         at = np.linspace(-6, 6, 101)
-        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4), GroupSettings())) > 0).all()
+        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4))) > 0).all()
 
 
 def test_scores_of_one_group_are_ranked_without_certainty():
     score = np.linspace(0, 1, 40)
     groups = fitted(score, np.full(40, 1e-6))
     assert groups.p_two < 0.5
-    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6), GroupSettings())))
+    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6))))
     assert (np.diff(proba) > 0).all()
     assert proba[0] > 0.1
     assert proba[-1] < 0.9
@@ -102,11 +102,11 @@ def groups_of(log_bayes_factor=np.inf, spread=(0.04, 0.01), share=0.3, noise=0.5
     return Groups(log_bayes_factor, np.array([0.0, 1.0]), np.array(spread), share, noise, quantiles)
 
 
-def upper_by_hand(score, variance, spread=(0.04, 0.01), share=0.3, noise=0.5, tail=0.05):
+def upper_by_hand(score, variance, spread=(0.04, 0.01), share=0.3, noise=0.5):
     """P(upper group) of one score."""
     score, widths = min(max(score, 0.0), 1.0), np.sqrt(np.array(spread) + noise * variance)
     lower = norm.pdf(score, 0.0, widths[0])
-    upper = (1 - tail) * norm.pdf(score, 1.0, widths[1]) + tail * norm.pdf(score, 1.0, widths.max())
+    upper = norm.pdf(score, 1.0, widths[1])
     return share * upper / (share * upper + (1 - share) * lower)
 
 
@@ -114,29 +114,29 @@ SCORES, VARIANCES = np.array([-1.0, 0.2, 0.45, 0.6, 0.8, 3.0]), np.array([0.1, 0
 
 
 def test_log_odds_of_two_groups_by_hand():
-    found = groups_of().log_odds(SCORES, VARIANCES, SETTINGS)
+    found = groups_of().log_odds(SCORES, VARIANCES)
     by_hand = [logit(upper_by_hand(*pair)) for pair in zip(SCORES, VARIANCES, strict=True)]
     np.testing.assert_allclose(found, by_hand + 1e-3 * np.tanh(SCORES - 0.4), atol=1e-9)
-    np.testing.assert_array_equal(groups_of(-5.0).upper(SCORES, VARIANCES, SETTINGS), np.array(by_hand) > 0)
+    np.testing.assert_array_equal(groups_of(-5.0).upper(SCORES, VARIANCES), np.array(by_hand) > 0)
 
 
 def test_log_odds_of_one_group_are_even_but_for_their_order():
-    found = groups_of(-np.inf).log_odds(SCORES, VARIANCES, SETTINGS)
+    found = groups_of(-np.inf).log_odds(SCORES, VARIANCES)
     np.testing.assert_allclose(found, 1e-3 * np.tanh(SCORES - 0.4))
-    mixed = groups_of(1.0).log_odds(SCORES, VARIANCES, SETTINGS)
+    mixed = groups_of(1.0).log_odds(SCORES, VARIANCES)
     p_two, two = expit(1.0), [upper_by_hand(*pair) for pair in zip(SCORES, VARIANCES, strict=True)]
     np.testing.assert_allclose(mixed, logit(p_two * np.array(two) + (1 - p_two) / 2) + 1e-3 * np.tanh(SCORES - 0.4))
 
 
 def test_log_odds_are_finite_and_keep_the_order():
-    found = groups_of(spread=(1e-6, 1e-6)).log_odds(np.array([-3.0, -2.0, 2.0, 3.0]), np.zeros(4), SETTINGS)
+    found = groups_of(spread=(1e-6, 1e-6)).log_odds(np.array([-3.0, -2.0, 2.0, 3.0]), np.zeros(4))
     assert (np.diff(found) > 0).all()
     np.testing.assert_allclose(np.abs(found), logit(1 - 1e-9), atol=2e-3)
 
 
 def test_equal_scores_are_even():
     same = groups_of(-np.inf, quantiles=np.full(3, 2.0))
-    np.testing.assert_allclose(same.log_odds(np.full(2, 2.0), np.ones(2), SETTINGS), 0.0)
+    np.testing.assert_allclose(same.log_odds(np.full(2, 2.0), np.ones(2)), 0.0)
 
 
 @pytest.mark.parametrize(("deviation", "is_cluster"), [(0.249, True), (0.25, False), (0.251, False)])

@@ -111,7 +111,7 @@ def test_errors_may_have_the_scale_of_other_steps():
 @pytest.mark.parametrize("toy", [make("noisy", 0, steps=STEPS), make_continuous("noisy", 0, steps=STEPS)])
 def test_other_folds_and_a_cold_copy(toy):
     problem = fit_data_of(toy)
-    found = held_out_model(problem, 0, HeldOutSettings(max_folds_continuous=3, max_left_out=0))
+    found = held_out_model(problem, 0, HeldOutSettings(max_folds=3, max_left_out=0))
     again = found.dealt_again(1)
     assert (again.fold != found.fold).any()
     np.testing.assert_array_equal(again.fold, held_out_model(problem, 1, found.settings).fold)

@@ -11,7 +11,7 @@ from hand_made import Written, reference, same_actions
 from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutModel, HeldOutRidge, held_out_model, log_reference
 from rpil.inference.rivals import gains, is_credible, is_learnable, look_below, shared_gains
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
+from rpil.inference.settings import ClaimSettings, HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit, fit_group
 
 UPPER = np.arange(8) < 4
@@ -19,7 +19,8 @@ LOWER = np.where(UPPER, -9.0, 1.0)  # times the gain of a policy of lower demons
 
 
 def looked(of_policies, upper=UPPER, at=None, **limits):
-    settings = JudgeSettings(rivals=replace(RivalSettings(), **limits))
+    claims = ClaimSettings(min_group=limits.pop("min_group", 2))
+    settings = JudgeSettings(rivals=replace(RivalSettings(), **limits), claims=claims)
     model = Written(same_actions(len(upper)), of_policies, settings, gains_at=at)
     return look_below(model.data, model, upper, fit_of(model, np.ones(len(upper), dtype=bool), 0.0), settings), model
 

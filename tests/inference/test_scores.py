@@ -15,6 +15,7 @@ from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model
 from rpil.inference.parts import ActionScale
+from rpil.inference.rivals import is_credible
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trimming import TrimmedFit
@@ -43,7 +44,7 @@ def test_scores_by_hand(discrete):
     space = Discrete(2) if discrete else Box.around(actions)
     data = FitData(np.ones((n, 1)), actions, offsets, space, np.zeros(3, dtype=int))
     log_q = rng.normal(size=n)
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, False)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q)
     group, log_prob = np.array([True, False, True]), rng.normal(size=n)
     found = scoring.score(TrimmedFit(log_prob, group, 0.1, np.zeros(1)))
     log_ratio = log_prob - log_q if discrete else log_prob
@@ -54,36 +55,30 @@ def test_scores_by_hand(discrete):
     np.testing.assert_allclose(
         found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / data.lengths
     )
-    assert found.state_predicts_action is False
-    np.testing.assert_array_equal(
-        found.log_odds(SETTINGS), found.groups.log_odds(found.score, found.variance, SETTINGS.groups)
-    )
+    assert found.state_predicts_action is is_credible(data.mean_steps(log_prob - log_q), 2.0)
+    np.testing.assert_array_equal(found.log_odds, found.groups.log_odds(found.score, found.variance))
 
 
 def test_one_step_each_has_no_variance_of_steps():
     data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), True)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3))
     fit = TrimmedFit(np.arange(3.0), np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).step_variance == 0.0
 
 
-GAINS = np.array([1.0, 3.0, 1.0, 3.0])  # a mean of 2, with a standard error of 1/2
+GAINS = np.array([1.0, 3.0, 1.0, 3.0])  # a median of 2, 2.152 times its robust standard error
 
 
-@pytest.mark.parametrize(("limit", "predicts"), [(3.9, True), (4.1, False)])
-def test_the_state_predicts_the_action_by_standard_errors(limit, predicts):
+@pytest.mark.parametrize(("limit", "sign", "predicts"), [(2.15, 1, True), (2.16, 1, False), (2.0, -1, False)])
+def test_the_state_predicts_the_action_by_standard_errors(limit, sign, predicts):
     data = same_actions(4)
-    settings = replace(SETTINGS, min_standard_errors=limit)
-    scoring = Scoring.of(data, Written(data, lambda group: GAINS, settings), settings)
-    assert scoring.state_predicts_action is predicts
+    settings = replace(SETTINGS, rivals=replace(SETTINGS.rivals, standard_errors=limit))
+    scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS, settings), settings)
+    group = np.array([True, False, True, True])
+    assert scoring.score(scoring.fit_group(group)).state_predicts_action is predicts
     assert scoring.ridge == 0.0
     np.testing.assert_allclose(scoring.log_q, reference(data, settings))
-    assert [group.all() for group in scoring.model.fitted] == [True]
-
-
-def test_no_gain_is_no_prediction():
-    data = same_actions(4)
-    assert not Scoring.of(data, Written(data, lambda group: -GAINS, SETTINGS), SETTINGS).state_predicts_action
+    assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
 
 
 def test_other_folds_are_dealt_by_policies_that_have_some():
@@ -98,7 +93,7 @@ def test_other_folds_are_dealt_by_policies_that_have_some():
 
 def test_indicators_are_the_actions_as_the_policy_sees_them():
     problem = fit_data_of(make("random", 0))
-    scoring = Scoring(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS, 0.1, np.zeros(1), True)
+    scoring = Scoring(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS, 0.1, np.zeros(1))
     found = scoring.indicators()
     np.testing.assert_array_equal(found.argmax(axis=1), problem.actions)
     assert found.shape == (len(problem.actions), 3)

@@ -9,7 +9,7 @@ import pytest
 
 from rpil import RPIL
 from rpil.data.demonstrations import Demonstrations
-from rpil.inference.rivals import OwnPolicy
+from rpil.inference.rivals import SecondWay
 from rpil.inference.settings import RivalSettings
 
 
@@ -28,7 +28,7 @@ def test_a_rule_that_bends_is_a_second_way_and_noise_is_none(way, finding):
     assert [set(group) for group in audit.competing] == ([{*range(12, 40)}, {*range(12)}] if way == "own rule" else [])
 
 
-OWN = OwnPolicy(gain=1.0, of_upper=2.0, shared=0.9, is_worse=False, is_credible=True, limits=RivalSettings())
+OWN = SecondWay(gain=1.0, of_upper=2.0, shared=0.9, is_worse=False, is_credible=True, limits=RivalSettings())
 
 
 @pytest.mark.parametrize(

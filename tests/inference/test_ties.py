@@ -95,16 +95,6 @@ def test_ties_against_what_answers_say_take_words_that_other_ties_leave():
     assert judged([(0, 1), (10, 11)], WINS, some).words[11] == 1
 
 
-def test_a_tie_that_the_others_make_improbable_is_named():
-    """Where many words depend on it, as a wrong label is."""
-    wins = [*WINS, (9, 2), (11, 3), (8, 1)]
-    between = 0.5 * (judged([], wins).log_odds[10] + judged([(11, 0)], wins).log_odds[10])
-    some = replace(SETTINGS, min_proba=float(expit(between)), max_changed=0.0)
-    assert [one.about for one in judged([(11, 0)], wins, some).lone] == [(11, 0)]
-    assert judged([(11, 0)], wins, replace(some, max_changed=0.9)).lone == ()
-    assert judged([(11, 10)], wins, some).lone == ()
-
-
 def test_a_tie_of_copies_says_nothing_and_of_others_it_counts_once():
     copy_of = np.array([0, 0, 2, 2, 4, 4])
     known = ties([(0, 1), (0, 2), (3, 1), (2, 4), (4, 5)], [(3, 5)], 6)

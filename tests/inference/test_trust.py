@@ -36,9 +36,9 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
     data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
     described = np.column_stack([score, np.cos(np.arange(10.0))])
-    states = StateScale(np.zeros(2), np.ones(2), 0.0, np.zeros((1, 2)))
+    states = StateScale(np.ones(2), 0.0)
     columns, claims = (
-        columns_of(described, described[:, :0], scores.log_odds(SETTINGS), SETTINGS.answers),
+        columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers),
         Claims("some are unlike", WORDS),
     )
     own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))
@@ -53,7 +53,7 @@ def test_without_answers_the_claims_are_said():
     assert found.finding == "some are unlike"
     np.testing.assert_array_equal(found.words, WORDS)
     assert found.answered is None
-    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds(SETTINGS))
+    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
     assert not found.from_answers.any()
     assert not found.from_demonstrator.any()
     np.testing.assert_array_equal(found.log_odds, found.from_actions)
@@ -70,7 +70,7 @@ def test_answers_replace_the_claims():
     assert found.finding == "answered"
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
     np.testing.assert_array_equal(found.words, by_hand.words)
-    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds(SETTINGS))
+    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
     np.testing.assert_array_equal(found.claims.words, WORDS)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil import DataError
-from rpil.inference.answered import Answered, Lone
+from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NOT_USED, doubts_of_answers, stretch_of, verdicts_of, where_to_look
@@ -100,20 +100,13 @@ def test_words_of_answers_stand_above_those_that_stay():
 
 def test_doubts_of_answers():
     odds, none = np.zeros(4), np.zeros(4, dtype=int)
-    lone = Lone((1,), 3, 1_200), Lone((0, 2), 1, 30)
 
-    def doubts(count, *lone, p_nothing=0.4):
-        return doubts_of_answers(Answered(odds, none, none, none[:0], lone, count, p_nothing), "abcd")
+    def doubts(count, p_nothing=0.4):
+        return doubts_of_answers(Answered(odds, none, none, none[:0], count, p_nothing))
 
-    assert ["One answer is not enough" in doubt for doubt in doubts(1, *lone)] == [True]
+    assert ["One answer is not enough" in doubt for doubt in doubts(1)] == [True]
     assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
-    assert ["agree with nothing" in doubt for doubt in doubts(8, lone[0], p_nothing=0.6)] == [True, False]
-    assert doubts(2, *lone) == (
-        "The answer about b alone would change 1,200 words, and changes none before another answer agrees: look at it "
-        "again, and label d.",
-        "The answer about a and c alone would change 30 words, and changes none before another answer agrees: look at "
-        "it again, and label b.",
-    )
+    assert ["agree with nothing" in doubt for doubt in doubts(8, p_nothing=0.6)] == [True]
 
 
 def asking(ratio=(), **changes):

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logit
 
-from rpil.inference.answers import Answers, Posterior, posterior
+from rpil.inference.answers import Answers, posterior
 from rpil.inference.channels import normal_scores
 from rpil.inference.settings import AnswerSettings
-from rpil.numerics.types import Array, Bool, Float, Int
-
-
-class Lone(NamedTuple):
-    """An answer that would change many words, and that the others make improbable."""
-
-    about: tuple[int, ...]
-    """The one or two demonstrations that it is about."""
-    look_at: int
-    """The demonstration without a label that it moves most."""
-    n_changed: int
-    """Words that it would change."""
+from rpil.numerics.types import Array, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +26,6 @@ class Answered:
     """Where they give no word and do not contradict what was said without them: 1 typical, -1 unlike; else 0."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
-    lone: tuple[Lone, ...]
-    """The answers that change no word but their own until another one agrees."""
     count: int
     """The number of answers about different demonstrations."""
     p_nothing: float
@@ -98,11 +84,8 @@ def answer(
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     found = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
     named = np.flatnonzero(np.isin(place, found.contradicting) & (answers.labels != 0))
-    lone = tuple(
-        Lone(tuple(first[list(one.about)].tolist()), int(first[one.look_at]), one.n_changed) for one in found.lone
-    )
     of_each = found.log_odds[place], found.words[place], found.stays[place]
-    return Answered(*of_each, named, lone, found.count, found.p_nothing)
+    return Answered(*of_each, named, found.count, found.p_nothing)
 
 
 def answer_about_different(
@@ -110,101 +93,55 @@ def answer_about_different(
 ) -> Answered:
     """P(good) of every demonstration where none is a copy of another.
 
-    A label says what its own demonstration is; that it contradicts other answers is named beside it. An answer that
-    would change many words of others changes none of them until another one agrees: where all other answers make it
-    improbable, or where it is the first that calls somebody bad, and those are called bad by it.
+    A label says what its own demonstration is; that it contradicts other answers is named beside it. No other
+    demonstration is good before an answer calls one good, and none is bad before one is called bad; one answer alone
+    neither gives nor takes a word.
     """
-    by_all = posterior(columns, answers, settings)
-    said, expected = Said.by(columns, answers, settings, claimed, by_all), np.ones(answers.count)
-    lone, withheld = list[Lone](), said
-    rows, targets = answers.rows(columns)
-    for r in range(answers.count if answers.count <= settings.max_left_out else 0):
-        others = answers.only(np.arange(answers.count) != r)
-        found = posterior(columns, others, settings)
-        expected[r] = found.proba_of(rows[r : r + 1], targets[r : r + 1])[0]
-        if expected[r] >= 0.5:
-            continue
-        without = Said.by(columns, others, settings, claimed, found)
-        changed = without.differs(said) & (answers.labels == 0)
-        if changed.sum() > settings.max_changed * len(columns):
-            moved = np.where(answers.labels == 0, np.abs(said.log_odds - without.log_odds), -1.0)
-            lone.append(Lone(answers.about[r], int(np.argmax(moved)), int(changed.sum())))
-            withheld = withheld.unless(without)
-    words, labelled = withheld.words.copy(), np.flatnonzero(answers.labels)
-    bad = (words < 0) & (answers.labels == 0)
-    if len(first := answers.say_bad) == 1 and bad.sum() > settings.max_changed * len(columns):
-        words[bad] = 0
-        lone.append(Lone(answers.about[first[0]], int(np.argmin(np.where(bad, said.log_odds, np.inf))), int(bad.sum())))
-    words[labelled] = answers.labels[labelled]
-    log_odds = said.log_odds.copy()
-    log_odds[labelled] = answers.labels[labelled] * logit(1 - settings.min_proba_bound)
-    stays = np.where(words == 0, withheld.stays, 0)
-    named = contradicting(expected[: len(labelled)], answers, settings)
-    return Answered(log_odds, words, stays, named, tuple(lone), answers.count, by_all.p_nothing)
-
-
-@dataclass(frozen=True, eq=False)
-class Said:
-    """What answers say of M demonstrations, all of them believed: see the fields of `Answered`."""
-
-    log_odds: Float[Array, " M"]
-    words: Int[Array, " M"]
-    stays: Int[Array, " M"]
-
-    @classmethod
-    def by(
-        cls,
-        columns: Float[Array, "M D"],
-        answers: Answers,
-        settings: AnswerSettings,
-        claimed: Int[Array, " M"],
-        found: Posterior,
-    ) -> Said:
-        """By the posterior that was `found`. No demonstration is good before an answer calls one good, and none is bad
-        before one is called bad; one answer alone neither gives nor takes a word."""
-        proba = found.proba(columns, np.where(answers.labels == 0, answers.ranks(), np.nan))
-        log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
-        if answers.count < 2:
-            return cls(log_odds, np.zeros(len(columns), dtype=int), claimed)
+    found, labels = posterior(columns, answers, settings), answers.labels
+    proba = found.proba(columns, np.where(labels == 0, answers.ranks(), np.nan))
+    log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
+    if answers.count < 2:
+        words, stays = np.zeros(len(columns), dtype=int), claimed
+    else:
         good = (log_odds >= settings.log_odds) & (1 in answers.sides)
         bad = (log_odds <= -settings.log_odds) & (-1 in answers.sides)
-        return cls(log_odds, good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0))
-
-    def unless(self, other: Said) -> Said:
-        """The words that the `other` has too, and what was said without answers unless both contradict it."""
-        words = np.where(self.words == other.words, self.words, 0)
-        return Said(self.log_odds, words, np.where(self.stays == 0, other.stays, self.stays))
-
-    def differs(self, other: Said) -> Bool[Array, " M"]:
-        """Which demonstrations have another word."""
-        both = [np.where(one.words != 0, 2 * one.words, one.stays) for one in (self, other)]
-        return np.asarray(both[0] != both[1])
+        words, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
+    log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
+    words = np.where(labels == 0, words, labels)
+    stays, named = np.where(words == 0, stays, 0), contradicting(columns, answers, settings)
+    return Answered(log_odds, words, stays, named, answers.count, found.p_nothing)
 
 
-def contradicting(expected: Float[Array, " L"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
-    """The demonstrations whose labels the other answers make improbable; `expected` is the probability of each of the L
-    labels by the other answers.
+def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
+    """The demonstrations whose labels the other answers make improbable.
 
     A wrong label makes right ones improbable, too: only the most improbable are named, as many as leave each
     `min_other_answers` answers that it contradicts.
     """
-    most = answers.count // (settings.min_other_answers + 1)
+    labelled, most = np.flatnonzero(answers.labels), answers.count // (settings.min_other_answers + 1)
+    if not most or answers.count > settings.max_left_out:
+        return labelled[:0]
+    rows, targets = answers.rows(columns)
+    expected = np.empty(len(labelled))
+    for r in range(len(labelled)):
+        others = posterior(columns, answers.only(np.arange(answers.count) != r), settings)
+        expected[r] = others.proba_of(rows[r : r + 1], targets[r : r + 1])[0]
     least = np.argsort(expected, kind="stable")[:most]
-    return np.sort(np.flatnonzero(answers.labels)[least[expected[least] < settings.max_contradicted_proba]])
+    return np.sort(labelled[least[expected[least] < settings.max_contradicted_proba]])
 
 
 def most_telling(
     columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, k: int, excluded: Sequence[int] = ()
 ) -> list[int]:
     """Up to `k` demonstrations without a label to ask about, the first one first: those nearest to `asked_quantiles` of
-    the ranking by P(good), which spread over it and are not odd themselves."""
+    the ranking by P(good), of which the last one is that of all further ones."""
     proba = posterior(columns, answers, settings).proba(columns)
     place = np.argsort(np.argsort(proba, kind="stable")) / max(len(columns) - 1, 1)
     asked = answers.labels == 0
     asked[list(excluded)] = False
     first, chosen = int(np.count_nonzero(answers.labels)), list[int]()
     for n in range(first, first + min(k, int(asked.sum()))):
-        quantile = settings.asked_quantiles[n % len(settings.asked_quantiles)]
+        quantile = settings.asked_quantiles[min(n, len(settings.asked_quantiles) - 1)]
         chosen.append(int(np.argmin(np.where(asked, np.abs(place - quantile), np.inf))))
         asked[chosen[-1]] = False
     return chosen

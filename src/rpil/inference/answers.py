@@ -89,12 +89,6 @@ class Answers:
         return Answers(self.labels[chosen], pairs, self.outcome[chosen], tied)
 
     @property
-    def about(self) -> list[tuple[int, ...]]:
-        """The demonstrations that each of the R answers is about, in the order of `rows`."""
-        alone = [*np.flatnonzero(self.labels).tolist(), *self._graded.tolist()]
-        return [*((m,) for m in alone), *map(tuple, self.compared.tolist())]
-
-    @property
     def compared(self) -> Int[Array, "_ 2"]:
         """The pairs without a difference, and the others."""
         return np.concatenate([self.tied, self.pairs])
@@ -105,25 +99,15 @@ class Answers:
         return np.flatnonzero(np.isfinite(self.outcome) & (self.labels == 0))
 
     @property
-    def _signs(self) -> Int[Array, " R"]:
-        """Of the R answers, 1 for good, -1 for bad, 0 for a pair or an outcome in the middle."""
-        graded = np.sign(self.ranks()[self._graded] - 0.5).astype(int)
-        return np.concatenate([self.labels[self.labels != 0], graded, np.zeros(len(self.compared), dtype=int)])
-
-    @property
     def are_outcomes(self) -> Bool[Array, " R"]:
         """Which of the R answers are outcomes."""
         return np.repeat([False, True, False, False], self._counts)
 
     @property
-    def say_bad(self) -> Int[Array, " _"]:
-        """The numbers of the answers that call a demonstration bad or worse."""
-        return np.flatnonzero((self._signs < 0) | (np.arange(self.count) >= self.count - len(self.pairs)))
-
-    @property
     def sides(self) -> set[int]:
         """1 where some demonstration is said to be good or better, -1 where one is bad or worse."""
-        return {1, -1} if len(self.pairs) else {*self._signs.tolist()} - {0}
+        graded = np.sign(self.ranks()[self._graded] - 0.5).astype(int)
+        return {1, -1} if len(self.pairs) else {*self.labels.tolist(), *graded.tolist()} - {0}
 
     def only(self, kept: Bool[Array, " R"]) -> Answers:
         """Those of the R answers, in the order of `rows`, that are `kept`."""

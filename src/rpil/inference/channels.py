@@ -27,7 +27,6 @@ CHANNELS = (
     "smoothness",
     "motion",
     "short path",
-    "common end",
 )
 """Names of the channels; of each, more is more of what the name says."""
 
@@ -35,35 +34,24 @@ BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 4
 """Steps whose moves are computed together, and columns that are summarised together."""
 
 
-@stored(center="states", spread="states", ends="trusted states")
+@stored(spread="states")
 @dataclass(frozen=True, eq=False)
 class StateScale:
     """What the channels of states are measured by."""
 
-    center: Float[Array, " F"]
     spread: Float[Array, " F"]
-    """Mean and standard deviation of the features, without the constant."""
+    """Standard deviation of the features, without the constant."""
     rest: float
     """Length of a move, in standard deviations, below which a step is idle."""
-    ends: Float[Array, "G F"]
-    """Last states of the training group, scaled."""
 
     @classmethod
-    def of(cls, data: FitData, group: Bool[Array, " M"], settings: ChannelSettings) -> StateScale:
-        """Measure the states of `data`; `group` is the training group."""
-        features = data.features  # column by column, so that no copy in double precision is made
-        center = np.array([column.mean(dtype=float) for column in features.T])
-        spread = np.array([column.std(dtype=float) for column in features.T])
+    def of(cls, data: FitData, settings: ChannelSettings) -> StateScale:
+        """Measure the states of `data`."""
+        # Column by column, so that no copy in double precision is made.
+        spread = np.array([column.std(dtype=float) for column in data.features.T])
         spread = np.where(spread > 0, spread, 1.0)
-        moves = _moves(features, spread, data)
-        inside = _inside(data)
-        rest = settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0
-        ends = ((features[data.offsets[1:] - 1] - center) / spread)[group]
-        return cls(center, spread, rest, ends[: settings.max_ends])
-
-    def scaled(self, features: Float[Array, "N F"]) -> Float[Array, "N F"]:
-        """Features in standard deviations."""
-        return np.asarray((features - self.center) / self.spread)
+        moves, inside = _moves(data.features, spread, data), _inside(data)
+        return cls(spread, settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0)
 
 
 def channels(
@@ -83,7 +71,7 @@ def channels(
     own = own_log_prob(data, actions, settings)
     likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
-    moves, last = _moves(data.features, states.spread, data), states.scaled(data.features[data.offsets[1:] - 1])
+    moves = _moves(data.features, states.spread, data)
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
@@ -94,7 +82,6 @@ def channels(
         -data.sum_steps(changes) / moves_of,
         -idle,
         -data.sum_steps(moves),
-        -_distance_to_ends(last, states.ends, settings.n_neighbours),
     ]
     return np.stack(columns, axis=1)
 
@@ -148,17 +135,6 @@ def _moves(features: Array, spread: Array, data: FitData) -> Array:
         steps = np.diff(features[begin : begin + BLOCK_ROWS + 1], axis=0) / spread
         moves[begin : begin + len(steps)] = np.sqrt(np.einsum("nf,nf->n", steps, steps))
     return np.asarray(moves * _inside(data))
-
-
-def _distance_to_ends(last: Array, ends: Array, n_neighbours: int) -> Array:
-    """Mean distance of each last state to the nearest last states of the training group, itself left out."""
-    lengths = (last**2).sum(axis=1)[:, None] + (ends**2).sum(axis=1)
-    squares = lengths - 2 * last @ ends.T
-    distance = np.sqrt(np.maximum(squares, 0.0))
-    distance[squares < 1e-12 * (1 + lengths)] = np.inf  # itself, or a copy, but for rounding
-    nearest = np.sort(distance, axis=1)[:, : max(min(n_neighbours, len(ends) - 1), 1)]
-    largest = float(nearest[np.isfinite(nearest)].max(initial=0.0))
-    return np.asarray(np.where(np.isfinite(nearest), nearest, largest).mean(axis=1))
 
 
 def own_log_prob(data: FitData, actions: Float[Array, "N A"], settings: ChannelSettings) -> Float[Array, " M"]:

@@ -24,7 +24,7 @@ from rpil.data.copies import Copies
 from rpil.data.demonstrators import Demonstrators
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, OwnPolicy, is_learnable, look_below
+from rpil.inference.rivals import Lower, SecondWay, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -114,7 +114,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if not unlike.any():
         return Claims("nobody stands out", nobody, (), split.lower)
     upper = np.isin(np.arange(len(unlike)), split.lower.upper)
-    if OwnPolicy.of(data, upper, unlike, scoring.settings).is_there:
+    if SecondWay.of(data, upper, unlike, scoring.settings).is_there:
         return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(unlike)))
     return Claims("some are unlike", split.words, (), split.lower)
 
@@ -141,12 +141,12 @@ class Split:
 def by_groups(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
     """The split by the groups of scores; None where they are hardly two."""
     settings, limits = scoring.settings, scoring.settings.claims
-    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
-    if scores.groups.p_two < limits.min_p_two or not limits.min_upper <= upper.sum() < len(upper):
+    upper = scores.groups.upper(scores.score, scores.variance)
+    if scores.groups.p_two < limits.min_p_two or not limits.min_group <= upper.sum() < len(upper):
         return None
-    words, agrees = said(scores, limits, upper, scores.log_odds(settings)), True
+    words, agrees = said(scores, limits, upper, scores.log_odds), True
     if again is not None:
-        words *= words == np.sign(again.log_odds(settings)).astype(int)
+        words *= words == np.sign(again.log_odds).astype(int)
         agrees = again.groups.p_two >= limits.min_p_two
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, settings)
     return Split(words, lower, agrees, scores.groups.is_cluster)
@@ -161,10 +161,10 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     """
     limits, upper = scoring.settings.claims, scores.score > 0
     no_groups = scores.groups.p_two < limits.min_p_two_of_noise
-    if scoring.data.space.kind != "discrete" or no_groups or not limits.min_upper <= upper.sum() < len(upper):
+    if scoring.data.space.kind != "discrete" or no_groups or not limits.min_group <= upper.sum() < len(upper):
         return None
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
-    if lower.gain_upper <= 0 or not lower.is_noise or missing_steps(scoring, scores) > limits.max_missing_steps:
+    if lower.gain_upper <= 0 or not lower.is_noise:
         return None
     if not is_learnable(scoring.data, scoring.model, upper, int((~upper).sum()), scores.fit.ridge, scoring.settings):
         return None
@@ -177,9 +177,9 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
 def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
     """The claims about a sample, at these `indices`, as claims about all demonstrations with `scores`."""
     words = np.zeros(len(scores.score), dtype=int)
-    upper = scores.groups.upper(scores.score, scores.variance, settings.groups)
+    upper = scores.groups.upper(scores.score, scores.variance)
     if claims.words.any():
-        words = said(scores, settings.claims, upper, scores.log_odds(settings))
+        words = said(scores, settings.claims, upper, scores.log_odds)
         words[indices] = claims.words
     doubts = tuple(replace(doubt, runs=tuple(indices[run] for run in doubt.runs)) for doubt in claims.doubts)
     lower = claims.lower
@@ -273,15 +273,3 @@ def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] |
     if not np.ptp(score) > 0:
         return None
     return int(order[round(0.9 * last)]), int(order[round(0.1 * last)])
-
-
-def missing_steps(scoring: Scoring, scores: Scores) -> int:
-    """How many steps the median demonstration lacks to be told from one that does not look at the state, at an error of
-    `max_error` either way: n = (2 z s / g)^2, for log-ratios of a step with mean g and standard deviation s."""
-    data, z = scoring.data, norm.isf(scoring.settings.claims.max_error)
-    typical = data.mean_steps(scores.fit.log_prob - scoring.log_q)[scores.fit.group]
-    gain = float(np.median(typical))
-    if gain <= 0:
-        return 0
-    needed = (2 * z * np.sqrt(scores.step_variance) / gain) ** 2
-    return max(0, int(np.ceil(needed - np.median(data.lengths))))

@@ -171,7 +171,7 @@ class FittedJudge:
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
         """Log-odds of the upper group against the lower, of demonstrations whose steps have these log-ratios."""
         score, squares = self.score(data, log_ratio, settings)
-        return self.groups.log_odds(score, self.score_variance(squares, data.lengths, settings), settings.groups)
+        return self.groups.log_odds(score, self.score_variance(squares, data.lengths, settings))
 
     def score_variance(
         self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings

@@ -33,11 +33,6 @@ is a cluster. In recorded data it is 1 to 3.5, in simulated worlds of noise 6 an
 _TIE_LOG_ODDS = 1e-3
 """Log-odds that keep the order of the scores where P(expert) is at its bound."""
 
-_STARTS = ((0.0, -2.0, 0.5), (0.3, 0.0, 0.0), (0.7, 0.0, 0.0), (1.0, 0.5, -2.0))
-"""Quantile of the mode, and log spreads below and above it in standard deviations, from which `one_group` starts: all
-scores on one side of the mode, or both sides alike. On 400 random vectors of scores they miss the best optimum twice.
-"""
-
 _MIN_VARIANCE = 1e-6
 _MAX_LOG_SPREAD = 3.0
 """Bounds of variances and log spreads in `one_group`, in standard deviations of the scores."""
@@ -70,21 +65,15 @@ class Groups:
         """Whether the lower group is a cluster of its own, and not the tail of a wide one."""
         return bool(self.mean[1] - self.mean[0] > CLUSTER_DISTANCE * np.sqrt(self.spread[0]))
 
-    def upper(
-        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
-    ) -> Bool[Array, " M"]:
+    def upper(self, score: Float[Array, " M"], variance: Float[Array, " M"]) -> Bool[Array, " M"]:
         """The members of the upper group, whether or not there are two."""
-        return np.asarray(replace(self, log_bayes_factor=np.inf).log_odds(score, variance, settings) > 0)
+        return np.asarray(replace(self, log_bayes_factor=np.inf).log_odds(score, variance) > 0)
 
-    def log_odds(
-        self, score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
-    ) -> Float[Array, " M"]:
+    def log_odds(self, score: Float[Array, " M"], variance: Float[Array, " M"]) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, nats, of demonstrations with these scores and their variances."""
         inside = np.clip(score, *self.mean)  # a score beyond the mean of a group counts as that mean
         widths = self.spread + self.noise * variance[:, None]
         lower, upper = _log_normal(inside[:, None], self.mean, widths).T
-        tail = _log_normal(inside, self.mean[1:], widths.max(axis=1))
-        upper = np.logaddexp(np.log1p(-settings.tail) + upper, np.log(settings.tail) + tail)
         p_upper = expit(logit(self.share) + upper - lower)
         proba = self.p_two * p_upper + (1 - self.p_two) / 2
         scale = max(float(np.ptp(self.quantiles)), 1e-300)
@@ -102,8 +91,7 @@ def fit_groups(
     quantiles = np.quantile(score, np.linspace(0, 1, min(len(score), 201)))
     total = max(float(score.var()), float(np.finfo(float).tiny))
     single = Groups(-np.inf, np.full(2, score.mean()), np.full(2, total), 0.5, 1.0, quantiles)
-    too_few = len(score) < settings.min_demonstrations or float(np.median(lengths)) < settings.min_steps
-    if too_few or float(np.ptp(score)) == 0.0:
+    if float(np.median(lengths)) < settings.min_steps or float(np.ptp(score)) == 0.0:
         return single
     if len(score) > settings.max_scores:
         spaced = np.linspace(0, len(score) - 1, settings.max_scores).astype(int)
@@ -138,7 +126,8 @@ def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
     low = 0.5 * np.log(least)
     high = max(_MAX_LOG_SPREAD, low + 1.0)  # scores may differ by less than their noise
     bounds = np.array([[y.min(), y.max()], [low, high], [low, high]])
-    starts = [np.clip([np.quantile(y, q), *spreads], *bounds.T) for q, *spreads in _STARTS]
+    # All scores on one side of the mode: of 400 random vectors of scores five have a better optimum, by .4 nats.
+    starts = [np.clip([mode, 0.0, 0.0], *bounds.T) for mode in bounds[0]]
     fits = (minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts)
     constant = np.log(2 / np.sqrt(2 * np.pi)) - np.log(deviation)
     return float(len(y) * constant - min(fit.fun for fit in fits))

@@ -70,13 +70,12 @@ class HeldOutModel(Protocol):
 
 
 @dataclass(eq=False)
-class HeldOutSoftmax(HeldOutModel):
-    """Softmax policies with lapses, for discrete actions; `fold` (M,) is the fold of each demonstration."""
+class _Linear(HeldOutModel):
+    """What both kinds of linear policies share; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
     fold: Int[Array, " M"]
     settings: HeldOutSettings
-    _fits: dict[int, WarmStart] = field(default_factory=dict)
 
     @property
     def ridges(self) -> tuple[float, ...]:
@@ -84,6 +83,13 @@ class HeldOutSoftmax(HeldOutModel):
 
     def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
         return held_out_model(self.data if data is None else data, seed, self.settings)
+
+
+@dataclass(eq=False)
+class HeldOutSoftmax(_Linear):
+    """Softmax policies with lapses, for discrete actions."""
+
+    _fits: dict[int, WarmStart] = field(default_factory=dict)
 
     def cold_copy(self) -> HeldOutSoftmax:
         return HeldOutSoftmax(self.data, self.fold, self.settings)
@@ -139,22 +145,11 @@ def with_lapses(
 
 
 @dataclass(eq=False)
-class HeldOutRidge(HeldOutModel):
-    """Ridge regression with Student's errors, for continuous actions; `fold` (M,) is the fold of each demonstration."""
-
-    data: FitData
-    fold: Int[Array, " M"]
-    settings: HeldOutSettings
+class HeldOutRidge(_Linear):
+    """Ridge regression with Student's errors, for continuous actions."""
 
     def __post_init__(self) -> None:
         self.actions = ActionScale.of(self.data)(self.data.actions)
-
-    @property
-    def ridges(self) -> tuple[float, ...]:
-        return self.settings.ridges
-
-    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
-        return held_out_model(self.data if data is None else data, seed, self.settings)
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         return log_density_of_errors(self.errors(weight, ridge), weight, self.settings)
@@ -202,10 +197,9 @@ class HeldOutPolicy(HeldOutModel):
 
 def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:
     """The linear policy for the actions of the data, with folds dealt by `seed`."""
-    n, is_discrete = data.n_demonstrations, isinstance(data.space, Discrete)
-    most = settings.max_folds_discrete if is_discrete else settings.max_folds_continuous
-    fold = deal(data, n if n <= settings.max_left_out else min(most, n), seed)
-    return (HeldOutSoftmax if is_discrete else HeldOutRidge)(data, fold, settings)
+    n = data.n_demonstrations
+    fold = deal(data, n if n <= settings.max_left_out else min(settings.max_folds, n), seed)
+    return (HeldOutSoftmax if isinstance(data.space, Discrete) else HeldOutRidge)(data, fold, settings)
 
 
 def log_density_of_errors(

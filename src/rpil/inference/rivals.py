@@ -20,15 +20,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
 from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
-
-MAX_ENTRIES = 100_000
-"""Of the features from which policies that can bend learn, of either group: they bound the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ def look_below(
     rival = ~upper & (score <= np.median(score[~upper]))
     log_pi_rival = _log_prob(data, below, rival, ridge)
     rival = ~upper & (data.mean_steps(log_pi_rival) > score)
-    if rival.sum() < limits.min_group:
+    if rival.sum() < settings.claims.min_group:
         return Lower(members, np.flatnonzero(rival), gain_upper, False, bool(is_noise))
     own = gains(data, log_pi_rival, rival, settings.held_out)
     has_policy = is_credible(own, limits.standard_errors) and bool(np.median(own) > limits.max_noise * gain_upper)
@@ -92,13 +90,13 @@ def do_steps_tell(data: FitData, fit: TrimmedFit, settings: JudgeSettings) -> bo
     It is not where the others are too few to have a policy, or may follow one of their own: then there are two ways.
     """
     others = ~fit.group
-    if others.sum() < settings.rivals.min_group:
+    if others.sum() < settings.claims.min_group:
         return False
-    return not OwnPolicy.of(data, fit.group, others, settings).is_strong
+    return not SecondWay.of(data, fit.group, others, settings).is_strong
 
 
 @dataclass(frozen=True, eq=False)
-class OwnPolicy:
+class SecondWay:
     """How well policies that can bend (of Nystroem's features) explain the `lower` of two groups, held out.
 
     To the features of the scores a rule that they cannot express looks like noise.
@@ -111,7 +109,8 @@ class OwnPolicy:
     shared: float
     """The largest gain of the lower group by the policy of the upper one, mixed with its own reference."""
     is_worse: bool
-    """Whether the lower demonstrations gain credibly less by their own policy than by that of the upper group."""
+    """Whether the lower demonstrations gain credibly less by their own policy than by that of the upper group: they are
+    noisy versions of it."""
     is_credible: bool
     """Whether the gain is above 0 by its standard errors, and above the share of it that noise has."""
     limits: RivalSettings
@@ -119,17 +118,15 @@ class OwnPolicy:
     @classmethod
     def of(
         cls, data: FitData, upper: Bool[Array, " M"], lower: Bool[Array, " M"], settings: JudgeSettings
-    ) -> OwnPolicy:
+    ) -> SecondWay:
         """Fitted to a sample of the demonstrations, where the groups have many steps."""
         limits = settings.rivals
-        few, is_lower = _sample(data, upper, lower, min(limits.max_steps, MAX_ENTRIES // data.features.shape[1]))
+        few, is_lower = _sample(data, upper, lower, limits.max_entries // data.features.shape[1])
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
         # Few folds: the columns are many, and a softmax policy keeps a matrix of their squares for each fold.
-        several = settings.held_out.max_folds_discrete
-        folds = replace(settings.held_out, max_folds_continuous=several, max_folds_discrete=2, max_left_out=0)
-        model = held_out_model(few, 0, folds)
-
+        several = 2 if isinstance(few.space, Discrete) else settings.held_out.max_folds
+        model = held_out_model(few, 0, replace(settings.held_out, max_folds=several, max_left_out=0))
         ridge_a, ridge_b = (choose_ridge(few, model.cold_copy(), group) for group in (~is_lower, is_lower))
 
         def own_gains(group: Array, ridge: float) -> Array:

@@ -20,6 +20,7 @@ from rpil.inference.channels import own_log_prob
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
+from rpil.inference.rivals import is_credible
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -36,15 +37,16 @@ class Scores:
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
     state_predicts_action: bool
-    """Whether policies of all demonstrations predict held-out actions better than their frequencies do."""
+    """Whether the policies of the training group predict held-out actions better than their frequencies do."""
     fit: TrimmedFit
     """The policies of the training group."""
     typical_own: float | None = None
     """Of the `Scoring`."""
 
-    def log_odds(self, settings: JudgeSettings) -> Float[Array, " M"]:
+    @property
+    def log_odds(self) -> Float[Array, " M"]:
         """Log-odds of expert against adversary, nats, by the scores alone."""
-        return self.groups.log_odds(self.score, self.variance, settings.groups)
+        return self.groups.log_odds(self.score, self.variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,6 @@ class Scoring:
     """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
-    state_predicts_action: bool
     typical_own: float | None = None
     """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
     None where actions are discrete."""
@@ -67,19 +68,16 @@ class Scoring:
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
-        """Choose the ridge, and test whether the state predicts the action, by policies of all demonstrations."""
+        """Choose the ridge by policies of all demonstrations."""
         group = np.ones(data.n_demonstrations, dtype=bool)
         log_q = log_reference(data, group, settings.held_out)
         ridge = choose_ridge(data, model, group)
-        gain = data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge) - log_q)
-        error = gain.std() / np.sqrt(len(gain))
-        predicts = bool(gain.mean() > settings.min_standard_errors * error)
         if data.space.kind == "discrete":
-            return cls(data, model, settings, ridge, log_q, predicts)
+            return cls(data, model, settings, ridge, log_q)
         own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.channels)
         typical = float(np.median(own))
         excess = settings.monotony * np.maximum(own - typical, 0.0)
-        return cls(data, model, settings, ridge, log_q, predicts, typical, excess)
+        return cls(data, model, settings, ridge, log_q, typical, excess)
 
     def dealt_again(self, seed: int) -> Scoring | None:
         """The same with other folds; None where the policy deals its own."""
@@ -114,8 +112,8 @@ class Scoring:
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
-        predicts, typical = self.state_predicts_action, self.typical_own
-        return Scores(score, variance, groups, step_variance, predicts, fit, typical)
+        predicts = is_credible(data.mean_steps(fit.log_prob - self.log_q), settings.rivals.standard_errors)
+        return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)
 
 
 def mean_variance(

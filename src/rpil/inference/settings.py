@@ -20,10 +20,8 @@ from rpil.numerics.regression import ErrorSettings
 class HeldOutSettings:
     """Held-out log-probabilities (`rpil.inference.held_out`)."""
 
-    max_folds_discrete: int = 5
-    max_folds_continuous: int = 50
-    """Folds of demonstrations at most. Fifty folds cost least squares no more than five, but softmax policies ten times
-    as much. benchmarks/ablations.py ("five folds")."""
+    max_folds: int = 5
+    """Folds of demonstrations at most, where each is not a fold of its own."""
     max_left_out: int = 25
     """Demonstrations up to which each is a fold of its own, so that chance deals no folds. With five folds another seed
     changed the finding of 10 in 62 small worlds (benchmarks/stability.py)."""
@@ -43,8 +41,7 @@ class HeldOutSettings:
     def __post_init__(self) -> None:
         check_settings(
             self,
-            max_folds_discrete="[2, inf)",
-            max_folds_continuous="[2, inf)",
+            max_folds="[2, inf)",
             max_left_out="[0, inf)",
             lapse="(0, 1)",
         )
@@ -78,13 +75,8 @@ class GroupSettings:
     prior_spread: float = 1 / 16
     """Prior value of the variance of a group, worth one demonstration, relative to the variance of all scores.
     benchmarks/ablations.py ("no prior on the spread of a group")."""
-    tail: float = 0.05
-    """Share of the experts whose scores are as widely spread as those of the wider group. benchmarks/ablations.py ("no
-    odd experts")."""
     min_steps: int = 8
     """Steps of the median demonstration from which a mean over steps is about normal."""
-    min_demonstrations: int = 4
-    """Demonstrations from which two groups are fitted."""
     max_scores: int = 2_000
     """Scores to which the groups are fitted; of more, this many quantiles."""
     max_iter: int = 300
@@ -99,7 +91,6 @@ class GroupSettings:
             start_quantiles="(0, 1)",
             prior_spread="(0, inf)",
             tol="[0, inf)",
-            tail="(0, 1)",
         )
 
 
@@ -114,16 +105,15 @@ class RivalSettings:
     max_noise: float = 0.1
     """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     standard_errors: float = 2.0
-    """By which a gain is above 0."""
+    """By which a gain is above 0: of a policy of either group, and, else nothing could be learned, of that of the
+    training group over all demonstrations."""
     n_lapses: int = 3
     """Shares of lapses of which the best is taken."""
-    min_group: int = 2
-    """Demonstrations of a group, at least."""
     min_own_gain: float = 1 / 3
     """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
     which they may be a second way. benchmarks/claims.py prints it of every set."""
-    max_steps: int = 10_000
-    """Steps of either group from which such policies learn, at most."""
+    max_entries: int = 100_000
+    """Features of the steps of either group from which such policies learn, at most: they bound the memory."""
 
     def __post_init__(self) -> None:
         check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
@@ -138,21 +128,17 @@ class ClaimSettings:
     """The least P(two groups), with both assignments to folds, at which a demonstration is called unlike."""
     min_p_two_of_noise: float = 0.2
     """P(two groups) from which those are called unlike the others that act as noise does."""
-    max_missing_steps: int = 200
-    """Steps that the median demonstration may lack to be told from noise, where noise is called unlike the others."""
     noise_share: float = 0.5
     """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
     min_proba: float = 0.9
     """P of the upper group from which a demonstration is typical, and 1 - P from which it is unlike."""
-    min_upper: int = 2
-    """Demonstrations of the upper group, at least."""
+    min_group: int = 2
+    """Demonstrations of a group, at least."""
     min_agreement: float = 0.2
     """Rank correlation of the likelihood and of its gain over frequent actions, at least. benchmarks/ablations.py ("no
     agreement")."""
     max_runs_p: float = 0.01
     """Probability of so few runs in the order of recording, below which the unlike follow one another."""
-    max_error: float = 0.01
-    """Error at which the steps that are missing are counted."""
 
     def __post_init__(self) -> None:
         check_settings(self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]")
@@ -170,10 +156,6 @@ class ChannelSettings:
 
     idle_share: float = 0.1
     """A step is idle that moves by less than this share of the median move."""
-    n_neighbours: int = 3
-    """Last states of the training group to which a last state is compared."""
-    max_ends: int = 1_000
-    """Last states of the training group that are kept, at most."""
     n_components: int = 8
     """Principal components of the summaries of a demonstration, at most."""
     errors: ErrorSettings = ErrorSettings()
@@ -220,13 +202,10 @@ class AnswerSettings:
     min_other_answers: int = 4
     """Other answers, at least, that a label can contradict."""
     max_left_out: int = 64
-    """Answers up to which each is compared with the others."""
-    max_changed: float = 0.1
-    """Share of the words that an answer may change which the others make improbable."""
-    asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5, 0.75, 0.25, 0.6, 0.4, 0.95)
-    """Places in the ranking by P(good) at which labels are asked for, one after the other and again from the first on.
-    They reach about what random labels reach (benchmarks/answers.py). Labels of the largest mutual information reached
-    more, but were odd ones, after which many good demonstrations were called bad."""
+    """Answers up to which each label is compared with the others."""
+    asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5)
+    """Places in the ranking by P(good) at which labels are asked for, one after the other; further ones at the last: a
+    likely good one and a likely bad one, then where the ranking is least sure (benchmarks/answers.py)."""
 
     def __post_init__(self) -> None:
         check_settings(
@@ -238,7 +217,6 @@ class AnswerSettings:
             max_left_out="[0, inf)",
             luck="[0, 1)",
             weak_precision="(0, inf)",
-            max_changed="[0, 1]",
             asked_quantiles="[0, 1]",
         )
 
@@ -286,9 +264,6 @@ class JudgeSettings:
     steps: StepSettings = StepSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
-    min_standard_errors: float = 2.0
-    """Standard errors by which the state must predict held-out actions better than their frequencies do; else nothing
-    could be learned."""
     monotony: float = 1 / 3
     """Share of the nats by which own actions are easier to predict without the state than typical ones, that a score
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
@@ -298,4 +273,4 @@ class JudgeSettings:
     """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""
 
     def __post_init__(self) -> None:
-        check_settings(self, variance_steps="[0, inf)", min_standard_errors="[0, inf)", reliability_nodes="[2, inf)")
+        check_settings(self, variance_steps="[0, inf)", reliability_nodes="[2, inf)")

@@ -30,7 +30,24 @@ from rpil.numerics.types import Array, Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Evidence:
+    """What is known of M demonstrations before anything is asked."""
+
+    scores: Scores
+    columns: Float[Array, "M D"]
+    """From which answers learn, see `rpil.inference.answered.columns_of`."""
+    states: StateScale
+    claims: Claims
+    pair: tuple[int, int] | None
+    """Two demonstrations of which an answer would say most."""
+    copy_of: Int[Array, " M"]
+    """The first of the copies of each demonstration, which may be itself."""
+    columns_within: Float[Array, "M W"]
+    """From which answers learn where both of two groups are good, or bad, see `columns_within`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement(Evidence):
     """The result of the judge for M demonstrations of N steps by U demonstrators."""
 
     finding: Finding
@@ -41,13 +58,6 @@ class Judgement:
     from_answers: Float[Array, " M"]
     """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator
     (where there are answers), and by the answers."""
-    scores: Scores
-    columns: Float[Array, "M D"]
-    """From which answers learn, see `rpil.inference.answered.columns_of`."""
-    columns_within: Float[Array, "M W"]
-    """From which they learn where both of two groups are good, or bad, see `columns_within`."""
-    states: StateScale
-    claims: Claims
     answered: Answered | None
     """What the answers say, if there are any."""
     log_ratio: Float[Array, " N"]
@@ -55,14 +65,10 @@ class Judgement:
     step_trust: StepTrust
     expert_share: tuple[float, float, float]
     """Share of the upper group among the demonstrations, and its 95 % interval."""
-    pair: tuple[int, int] | None
-    """Two demonstrations of which an answer would say most."""
     training_group: Bool[Array, " S"]
     """Of those from which the policies learned: all, or a sample."""
     demonstrator_trust: Float[Array, "U 3"]
     """Mean P of the demonstrations of each demonstrator and its 95 % interval; empty without answers."""
-    copy_of: Int[Array, " M"]
-    """The first of the copies of each demonstration, which may be itself."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
@@ -137,10 +143,10 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     share, max_iter = settings.trimming.share, settings.trimming.max_iter
     trimmed = fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter, scoring.monotony)
     first = scoring.score(trimmed)
-    upper = first.groups.upper(first.score, first.variance, settings.groups)
+    upper = first.groups.upper(first.score, first.variance)
     if data.space.kind == "discrete":
         upper &= first.score > 0
-    if not settings.claims.min_upper <= upper.sum() < first.fit.group.sum():
+    if not settings.claims.min_group <= upper.sum() < first.fit.group.sum():
         return first
     return scoring.score(scoring.fit_group(upper))
 
@@ -149,10 +155,10 @@ def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tu
     """What channels of states are measured by, and the columns from which answers learn, the components `seen` among
     them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
-    states = StateScale.of(data, scores.fit.group, settings.channels)
+    states = StateScale.of(data, settings.channels)
     found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
     found[:, 0] = scores.score  # agreement
-    return states, columns_of(found, seen, scores.log_odds(settings), settings.answers)
+    return states, columns_of(found, seen, scores.log_odds, settings.answers)
 
 
 def columns_within(
@@ -183,21 +189,6 @@ def columns_within(
     return columns
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What is known of M demonstrations before anything is asked."""
-
-    scores: Scores
-    columns: Float[Array, "M D"]
-    states: StateScale
-    claims: Claims
-    pair: tuple[int, int] | None
-    copy_of: Int[Array, " M"]
-    """The first of the copies of each demonstration, which may be itself."""
-    columns_within: Float[Array, "M W"]
-    """See `columns_within`."""
-
-
 def conclude(
     data: FitData,
     evidence: Evidence,
@@ -211,7 +202,7 @@ def conclude(
     `data` needs no steps, and `log_ratio` and the steps of `steps` may be empty.
     """
     scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
-    from_actions = scores.log_odds(settings)
+    from_actions = scores.log_odds
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
@@ -226,24 +217,18 @@ def conclude(
     words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two
     return Judgement(
+        **vars(evidence),
         finding=claims.finding if answered is None else "answered",
         words=words,
         from_actions=from_actions,
         from_demonstrator=from_demonstrator,
         from_answers=from_answers,
-        scores=scores,
-        columns=evidence.columns,
-        columns_within=evidence.columns_within,
-        states=evidence.states,
-        claims=claims,
         answered=answered,
         log_ratio=log_ratio,
         step_trust=steps,
         expert_share=expert_share_interval(expit(total), p_two),
-        pair=evidence.pair,
         training_group=scores.fit.group,
         demonstrator_trust=trust,
-        copy_of=evidence.copy_of,
     )
 
 
@@ -251,16 +236,11 @@ def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers,
     """The judgement of all demonstrations of `data`, of which the different ones were `judged`: a copy has the scores
     and the words of the one that was."""
     place, rows, scores, steps = copies.place, copies.rows(data.offsets), judged.scores, judged.step_trust
-    scores = replace(
-        scores,
-        score=scores.score[place],
-        variance=scores.variance[place],
-    )
+    scores = replace(scores, score=scores.score[place], variance=scores.variance[place])
     pair = None
     if judged.pair is not None and not copies.all_same:
         pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
-    claims, columns = judged.claims.repeated(copies), judged.columns[place]
-    within = judged.columns_within[place]
-    evidence = Evidence(scores, columns, judged.states, claims, pair, copies.copy_of, within)
+    columns, within = judged.columns[place], judged.columns_within[place]
+    evidence = Evidence(scores, columns, judged.states, judged.claims.repeated(copies), pair, copies.copy_of, within)
     steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
     return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -21,7 +21,7 @@ from rpil.results.groups import TWO_GROUPS
 from rpil.results.judged import Judged
 from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
 from rpil.results.step_weights import weights_of
-from rpil.results.text import listed, printable
+from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
@@ -85,7 +85,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id,
         own_reasons=(),
         max_unlike_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found, audit.ids),
+        doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
         assumptions=_assumptions(audit, known, is_decided),
     )
@@ -134,16 +134,12 @@ def verdicts_of(words: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | 
     return tuple(verdict[word] for word in np.where(words == 0, stays, 2 * words).tolist())
 
 
-def doubts_of_answers(found: Answered, ids: Sequence[Hashable]) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against words by these answers."""
     if found.count == 1:
         return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
     nothing = found.count >= MIN_OF_NOTHING and found.p_nothing > 0.5
-    return (NOTHING_FOLLOWED,) * nothing + tuple(
-        f"The answer about {listed([ids[m] for m in lone.about])} alone would change {lone.n_changed:,} words, and "
-        f"changes none before another answer agrees: look at it again, and label {printable(ids[lone.look_at])}."
-        for lone in found.lone
-    )
+    return (NOTHING_FOLLOWED,) * nothing
 
 
 def sentence_of(audit: Judged, known: Answers) -> str:

@@ -20,7 +20,6 @@ RANKS: Mapping[str, tuple[str, int]] = {
     "pauses": ("motion", -1),
     "smoothness": ("smoothness", 1),
     "path": ("short path", -1),
-    "unusual end": ("common end", -1),
 }
 """Each fact that is a rank: the channel that it is read from, and whether it grows or falls with it."""
 

@@ -33,7 +33,6 @@ SAID_OF_B = {
     "pauses": ("pauses more", "pauses less"),
     "smoothness": ("is smoother", "is less smooth"),
     "path": ("has a longer path", "has a shorter path"),
-    "unusual end": ("ends elsewhere", ""),
 }
 """What is said of group B where the fact is larger, and where it is smaller, than in group A; "" for nothing."""
 
@@ -69,10 +68,9 @@ def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> I
         values = sign * columns[:, CHANNELS.index(channel)]
         test = mannwhitneyu(values[second], values[first])
         above = test.statistic / (len(first) * len(second))
-        said = SAID_OF_B[name][int(above < 0.5)]
-        if said and test.pvalue <= MAX_P and max(above, 1 - above) >= MIN_SEPARATION:
+        if test.pvalue <= MAX_P and max(above, 1 - above) >= MIN_SEPARATION:
             steps = f" (median {contrast.length[1]:,.0f} against {contrast.length[0]:,.0f} steps)"
-            yield said + steps * (name == "length")
+            yield SAID_OF_B[name][int(above < 0.5)] + steps * (name == "length")
 
 
 def _parts(contrast: Contrast, data: FitData) -> Iterator[str]:

@@ -67,7 +67,7 @@ def audit_from_judgement(
         anchor=anchor,
         answers=answers,
         contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
-        doubts=doubts if known is None else doubts_of_answers(known, ids),
+        doubts=doubts if known is None else doubts_of_answers(known),
         notes=notes,
         columns=judgement.columns,
         columns_within=judgement.columns_within,

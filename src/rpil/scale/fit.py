@@ -106,7 +106,7 @@ def judge_everyone(
         claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
     none = np.empty(0)
     seen = components(summed, settings.channels)
-    columns = columns_of(described, seen, scores.log_odds(settings), settings.answers)
+    columns = columns_of(described, seen, scores.log_odds, settings.answers)
     pair = telling_pair(claims, score)
     own = np.arange(len(score))
     within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all

@@ -1,6 +1,6 @@
 // The panel of one demonstration: why it has its word, where to look, its facts, and its steps drawn.
 const VISUALIZER = "https://huggingface.co/spaces/lerobot/visualize_dataset";
-const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path", "unusual end": "unusual end" };
+const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path" };
 
 const makeDetail = (model, place, act) => {
   const { d, view, names, found } = model;
