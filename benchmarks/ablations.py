@@ -28,6 +28,7 @@ from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
 from rpil.inference import claims as inference
+from rpil.inference.rivals import SecondWay
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
@@ -38,8 +39,8 @@ DRAWS, LABELS = 5, 8
 FAMILIES = ("recorded", "half", "point mass", "paper", *kinds.KINDS)
 
 
-Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any]]
-"""Other values in one stage of the judge, or an object, the name of a function of it, and what replaces the function.
+Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any] | property]
+"""Other values in one stage of the judge, or an object, the name of a function or property of it, and its replacement.
 """
 
 
@@ -53,16 +54,21 @@ RULES: dict[str, Change] = {
     "all teach (share 1)": ("trimming", {"share": 1.0}),
     "one concentration step": ("trimming", {"max_iter": 1}),
     "one ridge, 1e-4": ("held_out", {"ridges": (1e-4,)}),
-    "five folds": ("held_out", {"max_folds_continuous": 5}),
+    "ten folds": ("held_out", {"max_folds": 10}),
+    "five folds of few demonstrations too": ("held_out", {"max_left_out": 0}),
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
-    "no odd experts (tail 0)": ("groups", {"tail": 1e-12}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
     "no monotony": ("", {"monotony": 0.0}),
+    "no second way": (SecondWay, "is_there", property(lambda self: False)),
+    "a second way that is strong alone": (SecondWay, "is_there", property(lambda self: self.is_strong)),
+    "any credible policy is a second way": (SecondWay, "is_there", property(lambda self: self.is_credible)),
+    "few are noise too (no is_learnable)": (inference, "is_learnable", lambda *_: True),
+    "own variance of each demonstration (variance_steps 0)": ("", {"variance_steps": 0.0}),
 }
 COMBINATIONS: dict[str, tuple[str, ...]] = {
-    "noise and tail": ("error bars as they are (noise_shares 1)", "no odd experts (tail 0)"),
-    "tail and one dealing": ("no odd experts (tail 0)", "one dealing of the folds"),
     "chance and better half": ("nobody by chance", "no better half"),
+    "one dealing of ten folds": ("one dealing of the folds", "ten folds"),
+    "no rival groups, no second way": ("no rival groups (max_shared_gain 0)", "no second way"),
 }
 VARIANTS = {DEFAULT: ()} | COMBINATIONS | {name: (name,) for name in RULES}
 ANSWERS: dict[str, AnswerSettings] = {

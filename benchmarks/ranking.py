@@ -1,4 +1,6 @@
-"""How demonstrations are ranked without answers: the AUROC of each set, and the mean rank of each kind, from 0 to 1.
+"""How demonstrations are ranked without answers: the AUROC of each set, the mean rank of each kind, from 0 to 1.
+
+Also how many good ones are called unlike.
 
     python benchmarks/ranking.py --data ../shared/data --worlds worlds --json ranking.json
     python benchmarks/ranking.py --quick
@@ -66,8 +68,9 @@ def sets(options: argparse.Namespace) -> Iterator[tuple[str, str, Callable[[], S
         for family, given in ARM.items():
             for task in (*arm.ARM_TASKS, *arm.OTHER_ARM_TASKS):
                 yield family, task, partial(from_arm, options.worlds, family, task, given)
-        for task in GRASPS:
-            yield "gripper", task, partial(from_arm, options.worlds, "gripper", task, (6, (OPEN,), 3))
+        for seed, task in product(range(3, 8), GRASPS):
+            name = f"gripper {seed}" if seed > 3 else "gripper"
+            yield "gripper", f"{task} {seed}", partial(from_arm, options.worlds, name, task, (6, (OPEN,), seed))
 
 
 def auroc(log_odds: Array, is_good: Array) -> float:
@@ -84,18 +87,25 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="three small sets: checks the script")
     options = parser.parse_args(arguments)
     found, ranks = defaultdict[str, dict[str, float]](dict), defaultdict[str, dict[str, list[float]]](dict)
+    accused: dict[str, Array] = {}
     for family, name, make in sets(options):
         demonstrations, is_good, kinds = make()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that groups are ambiguous
-            log_odds = RPIL().fit(demonstrations).log_odds_
+            audit = RPIL().fit(demonstrations).audit_
+        log_odds, unlike = audit.log_odds, np.array(audit.verdicts) == "unlike"
+        counts = np.array([(unlike & (is_good == 1)).sum(), (is_good == 1).sum()])
+        accused[family] = accused.get(family, 0) + counts
         found[family][name] = auroc(log_odds, is_good)
         for kind, rank in zip(kinds, (rankdata(log_odds) - 1) / (len(kinds) - 1), strict=True):
             ranks[family].setdefault(kind, []).append(float(rank))
     for family, of_sets in found.items():
         worst = min(of_sets, key=of_sets.__getitem__)
         said = "; ".join(f"{kind} {np.mean(every):.2f}" for kind, every in ranks[family].items())
-        print(f"{family}: {np.mean(list(of_sets.values())):.3f} (worst {worst}, {of_sets[worst]:.2f}); ranks: {said}")
+        print(
+            f"{family}: {np.mean(list(of_sets.values())):.3f} (worst {worst}, {of_sets[worst]:.2f}); ranks: {said}; "
+            f"good ones called unlike: {accused[family][0]} of {accused[family][1]}"
+        )
     if options.json:
         options.json.write_text(json.dumps(found, indent=1))
     return 0

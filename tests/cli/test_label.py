@@ -213,10 +213,10 @@ def test_facts_are_in_every_output_and_change_no_word(data):
     options = ["--session", "day", "--observations", "x,v", "--verdicts", "v.csv", "--json"]
     rows = json.loads(ok("audit", "s.parquet", *options).stdout)["demonstrations"]
     assert {row["facts"]["session"] for row in rows if row["id"] % 2} == {"a"}
-    assert set(plain[0]["facts"]) >= {"length", "pauses", "smoothness", "path", "unusual end"}
+    assert set(plain[0]["facts"]) >= {"length", "pauses", "smoothness", "path"}
     header = Path("v.csv").read_text().splitlines()[0].replace('"', "").split(",")
     assert [name for name in header if name.startswith("fact_")] == [
-        *("fact_length", "fact_pauses", "fact_smoothness", "fact_path", "fact_unusual_end"),
+        *("fact_length", "fact_pauses", "fact_smoothness", "fact_path"),
         "fact_session",
     ]
 

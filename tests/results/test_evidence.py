@@ -98,7 +98,7 @@ def test_the_band_holds_nine_in_ten_steps_where_policies_learn_their_own_steps_b
     rng = np.random.default_rng(1)
     features = np.column_stack([rng.normal(size=(300, 60)), np.ones(300)])
     actions, box = rng.normal(size=(300, 1)), Box(np.full(1, -9.0), np.full(1, 9.0))
-    data = FitData(features, actions, np.arange(0, 301, 10), box, np.zeros(30, dtype=int))
+    data = FitData(features, actions, np.arange(0, 301, 12), box, np.zeros(25, dtype=int))
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
     compared = beside_judge(judgement, data, None, 0, HeldOutSettings())
     learned = actions - features @ np.linalg.lstsq(features, actions, rcond=None)[0]

@@ -26,7 +26,6 @@ def columns(**channels):
         ("smoothness", "smoothness", [0.125, 0.375, 0.625, 0.875]),
         ("motion", "pauses", [0.875, 0.625, 0.375, 0.125]),
         ("short_path", "path", [0.875, 0.625, 0.375, 0.125]),
-        ("common_end", "unusual end", [0.875, 0.625, 0.375, 0.125]),
     ],
 )
 def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
@@ -61,7 +60,7 @@ def test_the_time_limit_is_the_largest_length_of_several_and_not_of_all(lengths,
 def test_facts_in_words():
     lengths = np.array([5, 9, 9, 9])
     found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), lengths, ("mon", "mon", "tue\x1b", "tue"), np.arange(4.0))
-    ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50, unusual end 0.50"
+    ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50"
     assert in_words(found, 2) == f"{ranks}, time limit reached, session tue\\x1b, number 3 of 4 in order"
     assert in_words({}, 0) == ""
 

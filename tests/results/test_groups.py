@@ -72,7 +72,6 @@ def test_discrete_actions_and_names_that_are_not_given():
         ("smoothness", 1, "is smoother"),
         ("smoothness", -1, "is less smooth"),
         ("short_path", 1, "has a shorter path"),
-        ("common_end", -1, "ends elsewhere"),
     ],
 )
 def test_directions_of_facts(channel, sign, phrase):
@@ -86,7 +85,6 @@ def test_what_may_be_chance_is_not_said():
     few = np.arange(2), np.arange(2, 4)
     for groups, values in ((GROUPS, mixed), (few, UP), (GROUPS, np.zeros(14))):
         assert "they hardly differ" in groups_differ(groups, columns(length=values), contrast(), data())[0]
-    assert "they hardly differ" in groups_differ(GROUPS, columns(common_end=UP), contrast(), data())[0]
 
 
 def test_nothing_is_said_of_parts_that_no_policy_has():

@@ -20,7 +20,6 @@ from rpil.inference.channels import own_log_prob
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
-from rpil.inference.rivals import is_credible
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -37,7 +36,8 @@ class Scores:
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
     state_predicts_action: bool
-    """Whether the policies of the training group predict held-out actions better than their frequencies do."""
+    """Whether the policies of the training group predict its held-out actions better than their frequencies do, by
+    `JudgeSettings.min_gain`."""
     fit: TrimmedFit
     """The policies of the training group."""
     typical_own: float | None = None
@@ -112,7 +112,7 @@ class Scoring:
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
-        predicts = is_credible(data.mean_steps(fit.log_prob - self.log_q), settings.rivals.standard_errors)
+        predicts = bool(np.median(data.mean_steps(fit.log_prob - self.log_q)[fit.group]) > settings.min_gain)
         return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)
 
 

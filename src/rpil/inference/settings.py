@@ -21,7 +21,8 @@ class HeldOutSettings:
     """Held-out log-probabilities (`rpil.inference.held_out`)."""
 
     max_folds: int = 5
-    """Folds of demonstrations at most, where each is not a fold of its own."""
+    """Folds of demonstrations at most, where each is not a fold of its own. More folds call more good demonstrations
+    unlike, because another dealing of them changes less. benchmarks/ablations.py ("ten folds")."""
     max_left_out: int = 25
     """Demonstrations up to which each is a fold of its own, so that chance deals no folds. With five folds another seed
     changed the finding of 10 in 62 small worlds (benchmarks/stability.py)."""
@@ -105,8 +106,7 @@ class RivalSettings:
     max_noise: float = 0.1
     """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
     standard_errors: float = 2.0
-    """By which a gain is above 0: of a policy of either group, and, else nothing could be learned, of that of the
-    training group over all demonstrations."""
+    """By which a gain is above 0."""
     n_lapses: int = 3
     """Shares of lapses of which the best is taken."""
     min_own_gain: float = 1 / 3
@@ -264,6 +264,9 @@ class JudgeSettings:
     steps: StepSettings = StepSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
+    min_gain: float = 0.1
+    """Nats a step by which the state must help to predict the actions of the median demonstration of the training
+    group; else nothing could be learned. Of actions at random it is -.15 to .1, in recorded data .11 or more."""
     monotony: float = 1 / 3
     """Share of the nats by which own actions are easier to predict without the state than typical ones, that a score
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
