@@ -12,9 +12,9 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores, summaries
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import student_log_density
+from rpil.numerics.regression import ErrorSettings, student_log_density
 
-SETTINGS = ChannelSettings()
+SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
 STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0, 1]])
 OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
@@ -33,7 +33,7 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
 def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, LOG_PROB, LOG_RATIO, actions, states, SETTINGS)
+    found = channels(data, LOG_PROB, LOG_RATIO, actions, states, ERRORS)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 
@@ -59,7 +59,7 @@ def test_own_actions_are_a_student_distribution_around_their_median():
     own = []
     for errors in (np.array([-2.0, -1, 1, 1]), np.array([2.0, -2]), np.zeros(2)):
         scale = np.array([1.35 * np.median(np.abs(errors)) + 0.03])
-        own.append(student_log_density(errors[:, None], scale, SETTINGS.errors).mean())
+        own.append(student_log_density(errors[:, None], scale, ERRORS).mean())
     np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
 
 

@@ -47,7 +47,7 @@ def test_channels_are_those_of_the_judged_steps(judged):
     data, judgement, kept, (log_prob, log_ratio) = judged
     found = kept.channels(data, log_prob, log_ratio, SETTINGS)
     actions = kept.ratio.indicators(data.actions)
-    by_hand = channels(data, log_prob, log_ratio, actions, judgement.states, SETTINGS.channels)
+    by_hand = channels(data, log_prob, log_ratio, actions, judgement.states, SETTINGS.held_out.errors)
     np.testing.assert_array_equal(found, by_hand)
     assert found.shape == (data.n_demonstrations, 7)
 
@@ -76,7 +76,7 @@ def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(
     still = replace(
         data, actions=np.where(data.per_step(np.arange(data.n_demonstrations) == 3)[:, None], 0.0, data.actions)
     )
-    own = own_log_prob(still, kept.ratio.indicators(still.actions), SETTINGS.channels)
+    own = own_log_prob(still, kept.ratio.indicators(still.actions), SETTINGS.held_out.errors)
     lost = data.mean_steps(log_prob) - kept.score(still, log_prob, SETTINGS)[0]
     np.testing.assert_allclose(lost, np.maximum(own - kept.typical_own, 0.0) / 3, atol=1e-9)
     assert lost[3] > 1.0 > np.median(lost)

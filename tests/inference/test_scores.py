@@ -107,7 +107,7 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     weak = problem.per_step(np.arange(problem.n_demonstrations) == 2)
     problem = replace(problem, actions=np.where(weak[:, None], 1e-3 * problem.actions, problem.actions))
     scoring = Scoring.of(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS)
-    own = own_log_prob(problem, scoring.indicators(), SETTINGS.channels)
+    own = own_log_prob(problem, scoring.indicators(), SETTINGS.held_out.errors)
     assert scoring.typical_own == pytest.approx(np.median(own))
     np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)
     scores = scoring.score(scoring.fit_group(np.ones(problem.n_demonstrations, dtype=bool)))

@@ -16,7 +16,7 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import student_log_density
+from rpil.numerics.regression import ErrorSettings, student_log_density
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -60,7 +60,7 @@ def channels(
     log_ratio: Float[Array, " N"],
     actions: Float[Array, "N A"],
     states: StateScale,
-    settings: ChannelSettings,
+    errors: ErrorSettings,
 ) -> Float[Array, "M C"]:
     """The channels of M demonstrations, in the order of `CHANNELS`.
 
@@ -68,7 +68,7 @@ def channels(
     actions.
     """
     discrete = isinstance(data.space, Discrete)
-    own = own_log_prob(data, actions, settings)
+    own = own_log_prob(data, actions, errors)
     likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves = _moves(data.features, states.spread, data)
@@ -137,7 +137,7 @@ def _moves(features: Array, spread: Array, data: FitData) -> Array:
     return np.asarray(moves * _inside(data))
 
 
-def own_log_prob(data: FitData, actions: Float[Array, "N A"], settings: ChannelSettings) -> Float[Array, " M"]:
+def own_log_prob(data: FitData, actions: Float[Array, "N A"], errors: ErrorSettings) -> Float[Array, " M"]:
     """Mean log-probability of the actions of each demonstration under its own distribution, whatever the state."""
     if isinstance(data.space, Discrete):
         counts = data.sum_steps(actions)
@@ -145,7 +145,7 @@ def own_log_prob(data: FitData, actions: Float[Array, "N A"], settings: ChannelS
         return np.asarray((counts * np.log(shares)).sum(axis=1) / data.lengths)
     own = np.empty(data.n_demonstrations)
     for m, (begin, end) in enumerate(zip(data.offsets[:-1], data.offsets[1:], strict=True)):
-        errors = actions[begin:end] - np.median(actions[begin:end], axis=0)
-        scale = 1.35 * np.median(np.abs(errors), axis=0) + settings.errors.min_scale
-        own[m] = student_log_density(errors, scale, settings.errors).mean()
+        away = actions[begin:end] - np.median(actions[begin:end], axis=0)
+        scale = 1.35 * np.median(np.abs(away), axis=0) + errors.min_scale
+        own[m] = student_log_density(away, scale, errors).mean()
     return own

@@ -51,26 +51,16 @@ def contrast(scoring: Scoring, lower: Lower, ridge: float) -> Contrast:
 
 def _evidence(scoring: Scoring, lower: Lower, ridge: float) -> Float[Array, " J"]:
     """e_j, nats a step; 0 where the policy has no parts."""
-    data = scoring.data
+    data, every = scoring.data, np.arange(scoring.data.n_demonstrations)
+    weights = [data.per_step(np.isin(every, group).astype(float)) for group in (lower.upper, lower.rival)]
     if isinstance(data.space, Discrete):
-        log_pi_a, log_pi_b = (_log_prob(scoring, group, ridge) for group in (lower.upper, lower.rival))
-        cell = data.per_step(np.arange(data.n_demonstrations)) * data.space.n + data.actions
-        sums = np.bincount(cell, log_pi_b - log_pi_a, data.n_demonstrations * data.space.n).reshape(-1, data.space.n)
+        log_pi_a, log_pi_b = (scoring.model.cold_copy().evaluate(weight, ridge) for weight in weights)
+        cell = data.per_step(every) * data.space.n + data.actions
+        sums = np.bincount(cell, log_pi_b - log_pi_a, len(every) * data.space.n).reshape(-1, data.space.n)
     else:
-        weights = (_weight(scoring, group) for group in (lower.upper, lower.rival))
         of_upper, of_rival = (scoring.model.log_prob_of_parts(weight, ridge) for weight in weights)
         if of_upper is None or of_rival is None:
             return np.zeros(data.actions.shape[1])
         sums = data.sum_steps(of_rival - of_upper)
     means = sums / data.lengths[:, None]
     return np.maximum(np.median(means[lower.rival], axis=0) - np.median(means[lower.upper], axis=0), 0.0)
-
-
-def _log_prob(scoring: Scoring, group: Array, ridge: float) -> Float[Array, " N"]:
-    """Held-out log-probabilities by policies of a `group`."""
-    return scoring.model.cold_copy().evaluate(_weight(scoring, group), ridge)
-
-
-def _weight(scoring: Scoring, group: Array) -> Float[Array, " N"]:
-    """1 in the steps of a `group`, 0 elsewhere."""
-    return scoring.data.per_step(np.isin(np.arange(scoring.data.n_demonstrations), group).astype(float))

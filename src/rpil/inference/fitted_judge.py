@@ -139,7 +139,7 @@ class FittedJudge:
         """The channels of demonstrations whose steps have these log-ratios."""
         assert self.ratio is not None
         actions = self.ratio.indicators(data.actions)
-        return channels(data, log_prob, log_ratio, actions, self.states, settings.channels)
+        return channels(data, log_prob, log_ratio, actions, self.states, settings.held_out.errors)
 
     def step_ratios_of(
         self,
@@ -165,7 +165,7 @@ class FittedJudge:
         if self.typical_own is None:
             return mean, squares
         actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
-        own = own_log_prob(data, actions, settings.channels)
+        own = own_log_prob(data, actions, settings.held_out.errors)
         return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
 
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:

@@ -74,7 +74,7 @@ class Scoring:
         ridge = choose_ridge(data, model, group)
         if data.space.kind == "discrete":
             return cls(data, model, settings, ridge, log_q)
-        own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.channels)
+        own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.held_out.errors)
         typical = float(np.median(own))
         excess = settings.monotony * np.maximum(own - typical, 0.0)
         return cls(data, model, settings, ridge, log_q, typical, excess)

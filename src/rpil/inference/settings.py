@@ -158,8 +158,6 @@ class ChannelSettings:
     """A step is idle that moves by less than this share of the median move."""
     n_components: int = 8
     """Principal components of the summaries of a demonstration, at most."""
-    errors: ErrorSettings = ErrorSettings()
-    """Of the actions of a demonstration around their median."""
 
     def __post_init__(self) -> None:
         check_settings(self, idle_share="[0, 1]")

@@ -156,7 +156,7 @@ def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tu
     them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
     states = StateScale.of(data, settings.channels)
-    found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.channels)
+    found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.held_out.errors)
     found[:, 0] = scores.score  # agreement
     return states, columns_of(found, seen, scores.log_odds, settings.answers)
 
