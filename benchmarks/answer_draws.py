@@ -18,6 +18,7 @@ from rpil.inference.answered import Answered, answer_about_different, learned_fr
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from worlds import Array
+from worlds.recorded import read_table
 from worlds.simulated import ENVIRONMENTS, grid, of_grid, random_and_shifted
 
 SETTINGS = AnswerSettings()
@@ -32,6 +33,12 @@ N_LEFT = 3
 def recorded_jobs(folder: Path) -> Iterator[Job]:
     """The recorded sets and the good half of each."""
     return (job for job in claims_jobs(folder, 0, 0) if job.kind in ("recorded", "half"))
+
+
+def table_jobs(folder: Path) -> Iterator[Job]:
+    """Tables of people at screens and of agents, in folders of `newkinds`."""
+    for path in sorted((folder / "newkinds").glob("*/data.csv")):
+        yield Job("new kinds", path.parent.name, partial(read_table, path.parent))
 
 
 def simulated_jobs() -> Iterator[Job]:

@@ -38,12 +38,14 @@ from answer_draws import (
     rest_of,
     simulated_jobs,
     suggested,
+    table_jobs,
 )
 from answer_goals import by_both_good, by_coin, by_one_side, by_questions, by_success, left_after_one
 from claims import Job, Row, auroc
 from options import asked
 from provenance import line, provenance
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from worlds.simulated import of_paper
 
 LOW = 0.4
@@ -63,11 +65,13 @@ def main(arguments: list[str] | None = None) -> int:
     draws = 1 if options.quick else options.draws
     jobs = [Job("quick", "", partial(of_paper, "MountainCar-v0", "random", seed)) for seed in range(2)]
     if not options.quick:
-        jobs = list(recorded_jobs(options.data)) + list(simulated_jobs())
+        jobs = [*recorded_jobs(options.data), *simulated_jobs(), *table_jobs(options.data)]
     with Pool(options.processes, maxtasksperchild=20) as pool:
         audits = pool.map(audited, jobs)
         sets = [audit for audit in audits if audit["kind"] in ("recorded", "quick")]
         parts = [partial(by_labels, sets, draws, count) for count in (2, 4, 8, 16)]
+        new_kinds = [audit for audit in audits if audit["kind"] == "new kinds"]
+        parts += [partial(by_labels_of_new_kinds, [audit], draws) for audit in new_kinds]
         parts += [partial(never_lower, sets, draws), partial(by_pair, audits), partial(by_one_wrong, sets, draws)]
         parts += [partial(by_ties, sets, draws)]
         parts += [partial(by_coin, audits, draws, count) for count in (8, 16)]
@@ -126,6 +130,22 @@ def by_labels(sets: list[Row], draws: int, count: int) -> list[Row]:
         {"what": f"{count} random labels: sets below {LOW} without", "figure": mean(low)},
         {"what": f"{count} random labels: words", "figure": words},
     ]
+
+
+def by_labels_of_new_kinds(sets: list[Row], draws: int, count: int = 8) -> list[Row]:
+    """Random labels, and a logistic regression on the components alone."""
+    rows = by_labels(sets, draws, count)
+    for row in rows:
+        row["what"] = f"{sets[0]['name']}: {row['what']}"
+    values = []
+    for audit, draw in product(sets, range(draws)):
+        chosen = drawn(audit["good"], count, np.random.default_rng(draw))
+        if chosen is not None:
+            seen, rest = audit["columns"][:, len(CHANNELS) : -1], rest_of(audit, chosen)
+            model = LogisticRegression().fit(seen[chosen], audit["good"][chosen])
+            values.append(auroc(audit["good"][rest], model.decision_function(seen[rest])))
+    what = f"{sets[0]['name']}: regression on the components, {count} random labels: AUROC of the rest"
+    return [rows[0], rows[2], {"what": what, "figure": f"{np.mean(values):.3f}"}]
 
 
 def never_lower(sets: list[Row], draws: int) -> list[Row]:

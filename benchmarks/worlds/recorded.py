@@ -6,12 +6,14 @@ all are good), `episode_quality` (higher is better) and `demonstrator_ids`. All 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
+import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from worlds import Array, World
@@ -52,6 +54,14 @@ def read(path: Path) -> World:
     people = tuple(map(str, of_each(path, held, "demonstrator_ids", np.empty(len(ids))).tolist()))
     known = people if "demonstrator_ids" in held else ()
     return World(Demonstrations.from_groups(*steps, source=path.stem), good, quality, known)
+
+
+def read_table(folder: Path) -> World:
+    """The demonstrations of `data.csv` in a folder, as a user opens it, and `good` of each in `truth.json`."""
+    demonstrations = rpil.open(folder / "data.csv").demonstrations
+    assert isinstance(demonstrations, Demonstrations)
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["good"]
+    return World.of(demonstrations, np.array([truth[str(name)] for name in demonstrations.ids]))
 
 
 def of_each(path: Path, held: dict[str, Array], name: str, missing: Any) -> Array:

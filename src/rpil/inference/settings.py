@@ -187,7 +187,7 @@ class AnswerSettings:
     arm with six kinds of bad demonstrations, as the best of about 45 choices."""
     group_weight: float = 2.0
     """Prior weight of the group of scores; that of agreement is 1."""
-    sharpness: float = 2.0
+    sharpness: float = 1.75
     """Factor of what the columns say of P(good)."""
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a channel."""
