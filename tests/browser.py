@@ -86,20 +86,18 @@ class Browser:
         self.send("Page.navigate", url=url.resolve().as_uri() if isinstance(url, Path) else url)
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
 
-    def reload(self, shows: str) -> None:
-        """Load the page again until an expression is true of what it shows.
+    def reload(self) -> None:
+        """Load the page again, with what it has written to the storage.
 
-        A page writes to the storage at once, and a busy Chromium hands it to the next page some time later; a page that
-        was loaded before does not look again.
+        A busy Chromium may hand the storage to the next page late, or not at all: here it is handed over by a script.
         """
-        deadline, is_shown = time.monotonic() + TIMEOUT, False
-        while not is_shown:
-            if time.monotonic() > deadline:
-                raise BrowserError(f"{shows}: not true of a page that is loaded again within {TIMEOUT:g} s")
-            self.evaluate("window.isOld = true; new Promise(done => setTimeout(done, 1000))")
-            self.send("Page.reload")
-            self.wait("!window.isOld && document.readyState === 'complete'")
-            is_shown = self.evaluate(shows)
+        stored = self.evaluate("JSON.stringify(Object.entries(localStorage))")
+        script = f"for (const [name, value] of {stored}) localStorage.setItem(name, value);"
+        added = self.send("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
+        self.evaluate("window.isOld = true")
+        self.send("Page.reload")
+        self.wait("!window.isOld && document.readyState === 'complete'")
+        self.send("Page.removeScriptToEvaluateOnNewDocument", identifier=added)
 
     def evaluate(self, code: str) -> Any:
         """The value of an expression in the page, or what its promise gives."""

@@ -265,7 +265,8 @@ def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path)
         browser.press("g")
         marked = "document.querySelector('[data-role=marked]').innerText === 'Your marks: 1 good, 2 bad.'"
         browser.wait(marked)
-        browser.reload(marked)
+        browser.reload()
+        browser.wait(marked)
         browser.click("[data-role=labels]")
         file = tmp_path / "labels.csv"
         while not (file.exists() and file.stat().st_size):  # Chromium holds the name by an empty file first

@@ -156,7 +156,7 @@ def test_minus_infinite_log_prob_lowers_log_odds():
 def test_progress():
     said = []
     reweight(Linear(), TOY.demonstrations, log_prob=log_prob, train=train, max_rounds=2, progress=said.append)
-    assert said[:3] == ["ridge", "round 1", "round 2"]
+    assert said[:4] == ["ridge", "fitting the training group", "round 1", "round 2"]
     assert said[-1].startswith("training the policy: ")
 
 

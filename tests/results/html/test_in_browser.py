@@ -145,7 +145,8 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     first = column(browser, 1)[:3]
     browser.press("b", "j", "g", "j", "g", "u", "z")
     assert column(browser, 2)[:3] == ["bad", "good", "good"]
-    browser.reload(marked("Your marks: 2 good, 1 bad."))
+    browser.reload()
+    browser.wait(marked("Your marks: 2 good, 1 bad."))
     assert column(browser, 2)[:3] == ["bad", "good", "good"]
     rows = list(csv.reader(io.StringIO(downloaded(tmp_path, browser, "labels", "labels.csv"))))
     marks = dict(zip(first, ("bad", "good", "good"), strict=True))
@@ -211,7 +212,8 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     shown = {text.replace("\\u202e", "\u202e") for text in column(browser, 1)}
     assert shown == set(HOSTILE)
     assert "\u202e" not in browser.evaluate("document.body.innerText")
-    browser.reload(marked(f"Your marks: 0 good, {len(HOSTILE)} bad."))
+    browser.reload()
+    browser.wait(marked(f"Your marks: 0 good, {len(HOSTILE)} bad."))
     downloaded(tmp_path, browser, "labels", "labels.csv")
     labels, _ = formats.read_answers(tmp_path / "labels.csv")
     assert labels == dict.fromkeys(HOSTILE, "bad")
