@@ -163,7 +163,9 @@ def markdown(result: Row) -> str:
     text += (
         "wrong ones where some are bad, and good demonstrations that are called unlike. A combination changes several."
     )
-    families = [family for family in FAMILIES if any(row["kind"] == family for row in next(iter(result["rules"].values())))]
+    families = [
+        family for family in FAMILIES if any(row["kind"] == family for row in next(iter(result["rules"].values())))
+    ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
     told = [row for name, rows in result["answers"].items() for row in claims.counted(name, rows)]
