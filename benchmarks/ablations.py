@@ -58,7 +58,7 @@ RULES: dict[str, Change] = {
     "five folds of few demonstrations too": ("held_out", {"max_left_out": 0}),
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
-    "no monotony": ("", {"monotony": 1e-9}),
+    "no monotony": ("", {"monotony": 0.0}),
     "no second way": (SecondWay, "is_there", property(lambda self: False)),
     "a second way that is strong alone": (SecondWay, "is_there", property(lambda self: self.is_strong)),
     "any credible policy is a second way": (SecondWay, "is_there", property(lambda self: self.is_credible)),

@@ -23,7 +23,7 @@ from worlds.simulated import ENVIRONMENTS, grid, of_grid, random_and_shifted
 
 SETTINGS = AnswerSettings()
 FAST = replace(SETTINGS, max_left_out=0)
-"""Without a comparison of each answer with the others, which changes no log-odds."""
+"""Without a comparison of each label with the other answers, which changes no verdict."""
 N_LEFT = 3
 
 

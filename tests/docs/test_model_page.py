@@ -64,15 +64,15 @@ def test_constants_of_rivals_are_those_of_the_judge():
     assert rivals.max_shared_gain == 0.5
     assert "gains less than half as much on $B$" in FLAT
     assert rivals.min_own_gain == 1 / 3
-    assert "gains a third of what" in rows["no second way"]
+    assert "less than a third of what" in rows["no second way"]
     assert f"by {settings.JudgeSettings().min_gain:g} nats".replace("0.", ".") in rows["something learned"]
 
 
 def test_constants_of_steps_are_those_of_the_judge():
     judge, audit = settings.JudgeSettings(), AuditSettings()
-    assert f"stays with probability {judge.steps.stay}.".replace("0.", ".") in FLAT
+    assert f"continues with probability {judge.steps.stay}.".replace("0.", ".") in FLAT
     assert judge.steps.p_stretches == 0.5
-    assert "in stretches, at even odds" in FLAT
+    assert "at even odds, in stretches" in FLAT
     assert f"uniform on {judge.reliability_nodes} values" in FLAT
     assert audit.steps == judge.steps
     assert f"at least {judge.steps.whole_reliability} of that of a typical".replace("0.", ".") in FLAT

@@ -80,6 +80,15 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
 
 
+@pytest.mark.parametrize(("gain", "predicts"), [(0.006, True), (0.004, False)])
+def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predicts):
+    data = FitData(np.ones((6, 1)), np.zeros(6, dtype=int), np.array([0, 2, 4, 6]), Discrete(2), np.zeros(3, dtype=int))
+    log_q = np.full(6, -0.05)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q)
+    fit = TrimmedFit(log_q + gain, np.ones(3, dtype=bool), 0.1, np.zeros(1))
+    assert scoring.score(fit).state_predicts_action is predicts
+
+
 def test_other_folds_are_dealt_by_policies_that_have_some():
     data = same_actions(4)
     assert Scoring.of(data, Written(data, lambda group: GAINS, SETTINGS), SETTINGS).dealt_again(1) is None

@@ -256,7 +256,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
     lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in audit.groups.items()]
     lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
-    if audit.finding == "nothing could be learned":
+    if audit.finding == "nothing could be learned" and not audit.question:
         return "\n".join(lines)
     if audit.question:
         first, second = map(printable, audit.pair)

@@ -121,7 +121,7 @@ class SecondWay:
     ) -> SecondWay:
         """Fitted to a sample of the demonstrations, where the groups have many steps."""
         limits = settings.rivals
-        few, is_lower = _sample(data, upper, lower, limits.max_entries // data.features.shape[1])
+        few, is_lower = _sample(data, upper, lower, min(limits.max_steps, limits.max_entries // data.features.shape[1]))
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
         # Few folds: the columns are many, and a softmax policy keeps a matrix of their squares for each fold.

@@ -112,7 +112,9 @@ class Scoring:
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
-        predicts = bool(np.median(data.mean_steps(fit.log_prob - self.log_q)[fit.group]) > settings.min_gain)
+        gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q)[fit.group]))
+        entropy = -float(self.log_q.mean()) if data.space.kind == "discrete" else 1.0  # the most that can be gained
+        predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)
 
 

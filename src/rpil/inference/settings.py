@@ -112,8 +112,9 @@ class RivalSettings:
     min_own_gain: float = 1 / 3
     """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
     which they may be a second way. benchmarks/claims.py prints it of every set."""
+    max_steps: int = 10_000
     max_entries: int = 100_000
-    """Features of the steps of either group from which such policies learn, at most: they bound the memory."""
+    """Steps of either group from which such policies learn, and features of these steps, at most."""
 
     def __post_init__(self) -> None:
         check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
@@ -203,7 +204,7 @@ class AnswerSettings:
     """Answers up to which each label is compared with the others."""
     asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5)
     """Places in the ranking by P(good) at which labels are asked for, one after the other; further ones at the last: a
-    likely good one and a likely bad one, then where the ranking is least sure (benchmarks/answers.py)."""
+    likely good one and a likely bad one, then the middle, by the number of labels so far (benchmarks/answers.py)."""
 
     def __post_init__(self) -> None:
         check_settings(
@@ -264,7 +265,8 @@ class JudgeSettings:
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_gain: float = 0.1
     """Nats a step by which the state must help to predict the actions of the median demonstration of the training
-    group; else nothing could be learned. Of actions at random it is -.15 to .1, in recorded data .11 or more."""
+    group; else nothing could be learned. Of discrete actions whose entropy is less than 1 nat, a share of the entropy.
+    Of actions at random it is -.15 to .1, in recorded data .11 or more."""
     monotony: float = 1 / 3
     """Share of the nats by which own actions are easier to predict without the state than typical ones, that a score
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
@@ -274,4 +276,6 @@ class JudgeSettings:
     """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""
 
     def __post_init__(self) -> None:
-        check_settings(self, variance_steps="[0, inf)", reliability_nodes="[2, inf)")
+        check_settings(
+            self, variance_steps="[0, inf)", reliability_nodes="[2, inf)", min_gain="[0, inf)", monotony="[0, inf)"
+        )

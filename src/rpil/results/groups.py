@@ -34,7 +34,7 @@ SAID_OF_B = {
     "smoothness": ("is smoother", "is less smooth"),
     "path": ("has a longer path", "has a shorter path"),
 }
-"""What is said of group B where the fact is larger, and where it is smaller, than in group A; "" for nothing."""
+"""What is said of group B where the fact is larger, and where it is smaller, than in group A."""
 
 
 def groups_differ(

@@ -98,7 +98,7 @@ class Audit(AuditResult):
     doubts : tuple of str
         Reasons not to call any demonstration unlike the others, one sentence each.
     notes : tuple of str
-        What else a user should know: parts that are not judged, sessions, copies, how two groups differ, missing steps.
+        What else a user should know: parts that are not judged, sessions, copies, how two groups differ.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     columns_within : (M, W) array
