@@ -43,6 +43,8 @@ ACTS = ("step_weights", "choice", "answering", "tasks")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = dict.fromkeys(JUDGE, "inference/test_trust.py") | {
+    "rivals": "inference/test_second_way.py",
+    "answered": "inference/test_within_groups.py",
     "step_weights": "scale/test_fit.py",
     "choice": "cli/test_keep_rules.py",
     "tasks": "estimators/test_within_tasks.py",
