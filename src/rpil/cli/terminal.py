@@ -283,7 +283,7 @@ def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: b
         pair = json.dumps({name: label}, ensure_ascii=False)
         content = [pair[1:-1] if add else pair]
     else:
-        row = csv_row([to_cell(id_), label])
+        row = csv_row([printable(to_cell(id_)), label])
         content = [row] if add else ["id,label", row]
     verb = "Add" if add else "Write"
     return [
