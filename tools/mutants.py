@@ -85,9 +85,6 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
-    "answered: expected[r] = others.proba_of(rows[r : r + 1], targets[r : r + 1])[0]: 1 -> 2": (
-        "The first of the rows is read."
-    ),
     "trust: p_two = 1.0 if answered is not None else scores.groups.p_two: 1.0 -> 2.0": (
         "From one half on, two groups are likely."
     ),

@@ -71,18 +71,6 @@ def test_ties_alone_give_no_word_and_turn_no_ranking(seed):
     assert np.corrcoef(found.log_odds, judged([]).log_odds)[0, 1] > 0.5
 
 
-def test_a_tie_is_the_less_probable_the_further_apart_the_others_put_the_two():
-    """By Davidson (1970) it is as probable as the root of the product of both wins; the most is at a win of 1/2."""
-    found = posterior(COLUMN, ties([], [(8, 0), (7, 1), (6, 2)]), SETTINGS)
-    apart, one, half = np.array([[0.0, d] for d in (0.0, 0.5, 1.0, 2.0, 4.0)]), np.ones(5), np.full(5, 0.5)
-    tie = found.proba_of(apart, half)
-    np.testing.assert_allclose(tie, 2 * np.sqrt(found.proba_of(apart, one) * found.proba_of(-apart, one)))
-    np.testing.assert_allclose(tie, found.proba_of(-apart, half))
-    assert tie[0] == 1.0
-    assert (np.diff(tie) < 0).all()
-    np.testing.assert_allclose(found.proba_of(np.column_stack([one, apart[:, 1]]), half), 0.5)  # outcomes, no ties
-
-
 WINS, ACROSS = [(11, 0), (10, 1)], [(11, 0), (10, 1)]
 
 

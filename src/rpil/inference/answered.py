@@ -125,7 +125,7 @@ def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: Answ
     expected = np.empty(len(labelled))
     for r in range(len(labelled)):
         others = posterior(columns, answers.only(np.arange(answers.count) != r), settings)
-        expected[r] = others.proba_of(rows[r : r + 1], targets[r : r + 1])[0]
+        expected[r] = np.abs(1 - targets[r] - others.proba_of(rows[r : r + 1])[0])
     least = np.argsort(expected, kind="stable")[:most]
     return np.sort(labelled[least[expected[least] < settings.max_contradicted_proba]])
 

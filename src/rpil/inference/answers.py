@@ -211,11 +211,9 @@ class Posterior:
             logit_by_channels += np.clip(said, least, most)
         return np.asarray(expit(logit_by_channels) @ np.exp(self.log_weight))
 
-    def proba_of(self, rows: Float[Array, "R D"], targets: Float[Array, " R"]) -> Float[Array, " R"]:
-        """P of answers t to the rows A, of which none is wrong; of a tie, its share of the most that it can be."""
-        yes = expit(self._moderated(rows)) @ np.exp(self.log_weight)
-        is_tie = (rows[:, 0] == 0) & (targets == 0.5)
-        return np.asarray(np.where(is_tie, 2 * np.sqrt(yes * (1 - yes)), targets * yes + (1 - targets) * (1 - yes)))
+    def proba_of(self, rows: Float[Array, "R D"]) -> Float[Array, " R"]:
+        """P(yes) of answers to the rows A, of which none is wrong."""
+        return np.asarray(expit(self._moderated(rows)) @ np.exp(self.log_weight))
 
     def _moderated(self, rows: Float[Array, "R D"]) -> Float[Array, "R K"]:
         """The logit of each row and distribution, nearer to 0 the less is known (MacKay 1992)."""
