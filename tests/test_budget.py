@@ -16,7 +16,7 @@ BUDGETS = {
     "estimators": (2364, 19),
     "faults": (2387, 73),
     "formats": (9539, 127),
-    "inference": (2757, 91),
+    "inference": (2755, 91),
     "mixture": (828, 24),
     "numerics": (616, 15),
     "policies": (2022, 71),
