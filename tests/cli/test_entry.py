@@ -60,6 +60,15 @@ def test_an_interruption_of_a_later_import_is_one_sentence(name):
     check(done.returncode, done.stdout, done.stderr)
 
 
+def test_an_import_that_hides_errors_does_not_hide_an_interruption(interruptible):
+    npz("data.npz")
+    hides = "import contextlib, signal\n            with contextlib.suppress(BaseException):\n"
+    hides += "                signal.raise_signal(signal.SIGINT)"
+    command = [sys.executable, "-c", interrupt("pyarrow", hides) + RUN, "audit", "data.npz", "-q"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    check(done.returncode, done.stdout, done.stderr)
+
+
 def test_an_interruption_while_options_are_read_is_one_sentence():
     command = [sys.executable, "-c", interrupt("importlib.metadata") + RUN, "--version"]
     done = subprocess.run(command, capture_output=True, text=True)
