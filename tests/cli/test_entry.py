@@ -25,6 +25,19 @@ sys.meta_path.insert(0, AtImport())
 """
 
 
+CALLED_BY_C = """
+import ctypes, signal, time, rpil.cli.main
+
+called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+
+def command(prog_name):
+    called()
+    time.sleep(60)
+
+rpil.cli.main.main = command
+"""
+
+
 def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
 
@@ -66,6 +79,11 @@ def test_an_import_that_hides_errors_does_not_hide_an_interruption(interruptible
     hides += "                signal.raise_signal(signal.SIGINT)"
     command = [sys.executable, "-c", interrupt("pyarrow", hides) + RUN, "audit", "data.npz", "-q"]
     done = subprocess.run(command, capture_output=True, text=True)
+    check(done.returncode, done.stdout, done.stderr)
+
+
+def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
+    done = subprocess.run([sys.executable, "-c", CALLED_BY_C + RUN], capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 

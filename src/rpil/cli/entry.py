@@ -16,6 +16,7 @@ def main() -> None:
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)
+            sys.unraisablehook = unraisable
         from rpil.cli.main import main as command
 
         command(prog_name="rpil")  # also as python -m rpil
@@ -28,9 +29,21 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     """Raise ``KeyboardInterrupt``, after the import that runs: modules in C turn it into other errors, or lose it."""
     while frame is not None:
         if frame.f_code.co_filename == IMPORTS:
-            again = Timer(RETRY_SECONDS, signal.raise_signal, (number,))
-            again.daemon = True
-            again.start()
+            interrupt_later()
             return
         frame = frame.f_back
     raise KeyboardInterrupt
+
+
+def unraisable(error: "sys.UnraisableHookArgs") -> None:
+    """Interrupt again where a function that C calls was interrupted: Python prints its errors and goes on."""
+    if error.exc_type is KeyboardInterrupt:
+        interrupt_later()
+    else:
+        sys.__unraisablehook__(error)
+
+
+def interrupt_later() -> None:
+    again = Timer(RETRY_SECONDS, signal.raise_signal, (signal.SIGINT,))
+    again.daemon = True
+    again.start()
