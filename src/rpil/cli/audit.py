@@ -23,7 +23,6 @@ from rpil.cli.options import (
     with_choice_options,
     with_judge_options,
 )
-from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import (
     OUTPUTS,
     Audited,
@@ -43,7 +42,7 @@ N_LABELS = 3
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
 @click.option(
     "--weights",

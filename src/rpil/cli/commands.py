@@ -18,7 +18,6 @@ import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import FitOptions, command_words
-from rpil.cli.options_file import LISTS
 from rpil.cli.progress import LOADING, ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
@@ -36,6 +35,9 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
     from rpil.scale.protocol import Engine
 
+
+SEVERAL_COLUMNS = "--action", "--observations", "--exclude", "--only", "--without"
+"""Options that take several names with commas between them."""
 
 KEPT = "rpil.kept"
 """Key of what an interruption leaves, in the `meta` of a click context."""
@@ -106,7 +108,7 @@ def _with_commas(message: str, words: Sequence[str]) -> str:
         if extra and word == "--json" and words[k + 1 : k + 2] == [extra[1]]:
             return f"{message}; --json prints JSON, so write --json > {shlex.quote(extra[1])}"
         values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
-        if extra and word.removeprefix("--") in LISTS and " ".join(values[1:]) == extra[1]:
+        if extra and word in SEVERAL_COLUMNS and " ".join(values[1:]) == extra[1]:
             return f"{message}; write {word} {shlex.quote(','.join(values))}"
     return message
 

@@ -28,7 +28,6 @@ from rpil.cli.options import (
     with_column_options,
     with_judge_options,
 )
-from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import ChoiceOptions, deciding_lines, lost_without
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
 @click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
@@ -227,7 +226,7 @@ def _faults(read: Recording, progress: StageProgress) -> FaultReport:
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "-o",
     "--output",

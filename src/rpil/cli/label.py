@@ -20,7 +20,6 @@ from rpil.cli.commands import (
     tell_if_interrupted,
 )
 from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
-from rpil.cli.options_file import file_argument
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
@@ -87,7 +86,7 @@ def judge(file: str, options: dict[str, Value]) -> Judged:
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @with_label_options
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:

@@ -35,7 +35,6 @@ from rpil.cli.options import (
     seed_option,
     with_fit_options,
 )
-from rpil.cli.options_file import file_argument
 from rpil.cli.progress import LOADING, StageProgress, show_stages
 from rpil.cli.review import review
 
@@ -63,7 +62,7 @@ for command in (audit, report, check, info, label, review, keep, convert, evalua
 
 
 @main.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
 )

@@ -17,7 +17,6 @@ from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, check_paths
 from rpil.cli.label import Judged, command_with_labels, judge, last_lines
 from rpil.cli.options import Value, with_label_options
-from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import OUTPUTS, Audited, about, lines_after_output, write_outputs
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
@@ -31,7 +30,7 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "--port",
     type=click.IntRange(1024, 65535),
