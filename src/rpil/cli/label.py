@@ -34,7 +34,7 @@ MAX_QUESTIONS = 8
 
 LABELS_FILE = "labels.csv"
 
-WITHOUT = "labels", "resume", "quiet", "port", "browser"
+WITHOUT = "labels", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 _OTHER_KEYS = "u cannot tell, s skip, z undo, q quit"

@@ -120,7 +120,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    names = "labels", "operator", "outcome", "resume", "adversary"
+    names = "labels", "operator", "outcome", "adversary"
     given = [name for name in names if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
         message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"

@@ -32,7 +32,6 @@ class FitOptions:
     features: str
     adversary: str
     seed: int
-    resume: bool
     session: str | None = None
 
 
@@ -50,7 +49,7 @@ class NameChoice(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "spline", "poly", "nystroem")
+FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "nystroem")
 ADVERSARY_CHOICE = NameChoice(
     *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
 )
@@ -206,7 +205,6 @@ FIT_OPTIONS = (
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     stream_option,
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
@@ -282,7 +280,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     )
 
 
-def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "resume", "quiet")) -> list[str]:
+def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet")) -> list[str]:
     """The command `name` with the arguments of `ctx`, `without` some options."""
     words = ["rpil", name]
     for param in ctx.command.params:

@@ -49,7 +49,6 @@ def print_warnings() -> Iterator[None]:
 
 
 _IN_SHELL = {
-    "checkpoint=": "--resume",
     "trims=": "--trim",
     "into memory with rpil.read": "into memory with --no-stream",
     "on disk with rpil.open": "on disk with --stream",

@@ -14,7 +14,6 @@ from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.answers import Answers
-from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
@@ -22,12 +21,11 @@ from rpil.policies.protocol import AdditivePolicy
 from rpil.results.evidence import beside_sample, traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
-from rpil.scale.ascent import AscentState, ascend, gather_steps
-from rpil.scale.checkpoint import Checkpoint
+from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.disk import Streamed
 from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.memory import InMemory
-from rpil.scale.protocol import Engine, Shards
+from rpil.scale.protocol import Engine
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 
 MAX_DRAWN_STEPS = 200_000
@@ -136,29 +134,9 @@ class SampledFit:
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
-        policy = self._ascend(blocks, start, hessian, posed, audit)
+        policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
         audit = replace(audit, traces=self._traces(posed, decision, audit))
         return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
-
-    def _ascend(
-        self,
-        blocks: Shards[WeightedBlock],
-        start: AdditivePolicy,
-        hessian: Preconditioner | None,
-        posed: JudgeInput,
-        audit: Audit,
-    ) -> AdditivePolicy:
-        """The final policy, from `start` or from the checkpoint of a fit that was interrupted."""
-        settings, progress = self.options.settings.ascent, self.options.progress
-        if self.options.checkpoint is None:
-            return ascend(blocks, AscentState(start), hessian, settings, progress, lambda _: None)
-        described = f"{self.options!r} {self.task.space!r} {posed.demonstrations.ids!r}"
-        sample, offsets = posed.demonstrations, self.task.source.offsets
-        arrays = (offsets, sample.observations, sample.actions, audit.expert_proba)
-        checkpoint = Checkpoint.of(self.options.checkpoint, described, arrays)
-        policy = ascend(blocks, checkpoint.read() or AscentState(start), hessian, settings, progress, checkpoint.keep)
-        checkpoint.done()
-        return policy
 
     def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""

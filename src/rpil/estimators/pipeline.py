@@ -18,7 +18,6 @@ from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
@@ -60,7 +59,6 @@ class Options:
     settings: Settings
     progress: Progress = field(repr=False)
     engine: Engine | None = field(repr=False)
-    checkpoint: StrPath | None = field(repr=False)
 
     @property
     def audit_settings(self) -> AuditSettings:

@@ -15,7 +15,6 @@ from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome
-from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
@@ -53,7 +52,7 @@ class RPIL(PolicyEstimator):
 
     Parameters
     ----------
-    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+    features : {"raw", "folded", "nystroem", "auto"}
         The feature map of the policy, see `rpil.policies.features`. "auto" chooses the map and the ridge by the
         held-out likelihood of the trusted demonstrations.
     policy : scikit-learn estimator or TorchPolicy, optional
@@ -80,9 +79,6 @@ class RPIL(PolicyEstimator):
     engine : Engine, optional
         Runs the passes over data that are too large for the judge to read, see `rpil.scale`. By default: this process,
         on data in memory or, for a `Dataset`, on disk.
-    checkpoint : path, optional
-        File of the state of the final policy's fit to large data, written after every pass and removed at the end. A
-        fit goes on from an existing file.
     groups : {"rows"}, optional
         "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
@@ -136,7 +132,6 @@ class RPIL(PolicyEstimator):
         settings: Settings | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
-        checkpoint: StrPath | None = None,
         groups: Literal["rows"] | None = None,
     ) -> None:
         self.features = features
@@ -149,7 +144,6 @@ class RPIL(PolicyEstimator):
         self.settings = settings
         self.progress = progress
         self.engine = engine
-        self.checkpoint = checkpoint
         self.groups = groups
 
     def fit(

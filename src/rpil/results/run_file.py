@@ -32,7 +32,7 @@ MAX_RUN_LIST = 10_000
 MAX_RUN_NUMBER = 1e15
 MAX_RUN_DEPTH = 8
 """Of the values of the provenance."""
-NOT_IN_A_RUN = ("report", "weights", "verdicts", "keep", "save", "resume", "scheduler")
+NOT_IN_A_RUN = ("report", "weights", "verdicts", "keep", "save", "scheduler")
 """Options of ``rpil audit`` that no command of a page has: files to write, and an address that may send code."""
 
 

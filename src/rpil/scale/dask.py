@@ -143,7 +143,7 @@ class _Passes:
     @contextmanager
     def guarded(self) -> Iterator[None]:
         reached = f"in pass {self.n} over the data" if self.n else "before the first pass over the data"
-        remedy = "start it again, and fit again, with checkpoint= if a checkpoint was kept"
+        remedy = "start it again, and fit again"
         with guarded(f"The Dask cluster, {reached}", "it was lost", remedy):
             try:
                 yield
