@@ -15,17 +15,17 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (3362, 29),
-    "data": (3462, 67),
-    "estimators": (2364, 19),
+    "cli": (3338, 29),
+    "data": (3466, 67),
+    "estimators": (2334, 19),
     "faults": (2387, 73),
-    "formats": (9539, 127),
-    "inference": (2755, 91),
+    "formats": (9541, 127),
+    "inference": (2773, 91),
     "mixture": (828, 24),
     "numerics": (616, 15),
-    "policies": (2022, 71),
+    "policies": (1971, 69),
     "results": (4211, 75),
-    "scale": (911, 33),
+    "scale": (836, 27),
     "simulation": (1094, 29),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
