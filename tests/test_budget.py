@@ -20,11 +20,11 @@ BUDGETS = {
     "estimators": (2334, 19),
     "faults": (2387, 73),
     "formats": (9541, 127),
-    "inference": (2773, 91),
+    "inference": (2779, 93),
     "mixture": (828, 24),
     "numerics": (616, 15),
     "policies": (1971, 69),
-    "results": (4211, 75),
+    "results": (4102, 71),
     "scale": (836, 27),
     "simulation": (1094, 29),
 }

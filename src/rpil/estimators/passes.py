@@ -18,7 +18,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.results.evidence import beside_sample, traces, worth_a_look
+from rpil.results.evidence import by_policy_of_sample, traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
@@ -149,7 +149,7 @@ class SampledFit:
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
         read = np.union1d(posed.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
-        return traces(audit, beside_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
+        return traces(audit, by_policy_of_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:

@@ -37,7 +37,7 @@ from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
-from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
+from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
@@ -183,7 +183,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
         )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
         decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
-        notes = resting_sentences(data, ids, posed.demonstrations.action_names)
+        notes = tuple(resting_sentences(data, ids))
         return replace(decision, notes=notes)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
@@ -302,11 +302,11 @@ class FullFit:
 
         found, settings = decision.judgement, self.options.settings.judge.held_out
         if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
-            compared = beside_final_policy(audit, found, data, outputs, settings)
+            evidence = by_final_policy(audit, found, data, outputs, settings)
         else:
-            compared = beside_judge(found, judged.data, judged.copies, self.options.seed, settings)
-        phrases = deviations(audit, compared, self.task.classes, outputs)
-        drawn = audit.traces or traces(audit, compared, worth_a_look(audit))
+            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.seed, settings)
+        phrases = deviations(audit, evidence, self.task.classes, outputs)
+        drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
