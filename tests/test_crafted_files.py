@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-FAST_CASES = ("very long label quoted",)
+FAST_CASES = (
+    *("expected faults of many dots", "command in a run file", "tiny observations"),
+    "very long label quoted",
+)
 
 
 @pytest.fixture
