@@ -24,15 +24,25 @@ Value = Any
 
 
 @dataclass(frozen=True)
-class FitOptions:
-    """The options of ``rpil audit`` and ``rpil fit`` that say how to fit; see their ``--help``."""
+class RunOptions:
+    """What the command line says of the data and of how to judge or fit them; see ``rpil audit --help``."""
 
+    columns: ColumnOptions
     labels: str | None
     operator: str | None
     features: str
     adversary: str
     seed: int
-    session: str | None = None
+    stream: bool | None
+    scheduler: str | None
+    quiet: bool
+    reference: str | None = None
+
+    @classmethod
+    def of(cls, options: dict[str, Value]) -> RunOptions:
+        columns = pop_columns(options)
+        options.pop("session", None)  # is one of the columns
+        return cls(columns, **options)
 
 
 class NameChoice(click.Choice[str]):
@@ -251,7 +261,7 @@ def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
 
 
 def with_label_options(command: Callable[..., object]) -> Callable[..., object]:
-    """Those of an audit but --reference: what others are known to be good would not count when answers are learned."""
+    """Audit options without --reference, which has no effect once answers are learned."""
     return reduce(lambda wrapped, option: option(wrapped), reversed(LABEL_OPTIONS), command)
 
 

@@ -67,7 +67,7 @@ class SampledFit:
         task, options = self.task, self.options
         options.progress("a sample")
         rng, settings = np.random.default_rng(options.seed), options.settings.sample
-        indices = draw_sample(np.diff(task.source.offsets), task.labels, budget(task, options), rng, settings)
+        indices = draw_sample(np.diff(task.source.offsets), task.answers.labels, budget(task, options), rng, settings)
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)
         if copies.any:
@@ -93,7 +93,7 @@ class SampledFit:
         sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
         options.progress("a pass over everything: scores")
         none = np.empty(0)
-        everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
+        everyone = FitData(none, none, source.offsets, task.space, task.answers.labels, task.demonstrators)
         everyone = replace(everyone, action_names=posed.data.action_names)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
         judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)

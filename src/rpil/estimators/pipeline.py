@@ -88,9 +88,9 @@ class Options:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-        if not self.judges and (len(task.answers.compared) or task.outcome is not None):
+        if not self.judges and (len(task.answers.compared) or np.isfinite(task.answers.outcome).any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
-        if not self.judges and (task.labels < 0).all():
+        if not self.judges and (task.answers.labels < 0).all():
             raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
@@ -287,7 +287,7 @@ class FullFit:
         """The data of all demonstrations, with labels and demonstrators."""
         task = self.task
         data = task.data(demonstrations, features, self._single(demonstrations))
-        return replace(data, labels=task.labels, demonstrators=task.demonstrators)
+        return replace(data, labels=task.answers.labels, demonstrators=task.demonstrators)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         audit, judged = decision.audit, posed
