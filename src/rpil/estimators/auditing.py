@@ -23,7 +23,7 @@ from rpil.formats.recording import Recording, from_demonstrations
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
-FEATURES = "folded"
+JUDGE_FEATURES = "folded"
 """Those of the judge: no policy is kept, for which others would be chosen."""
 
 
@@ -83,7 +83,7 @@ def audit(
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     files = labels if isinstance(labels, str | os.PathLike) else None, operator if from_file else None
-    model = RPIL(FEATURES, random_state=random_state, settings=settings, progress=progress)
+    model = RPIL(JUDGE_FEATURES, random_state=random_state, settings=settings, progress=progress)
     return audit_recording(model, recording, stated, path, call, files)
 
 
@@ -100,7 +100,7 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     model.judge_within_tasks(recording, stated)
-    changed: dict[str, object] = {} if model.features == FEATURES else {"features": model.features}
+    changed: dict[str, object] = {} if model.features == JUDGE_FEATURES else {"features": model.features}
     changed |= {} if model.adversary == "auto" else {"adversary": model.adversary}
     changed |= changed_settings(model.settings or Settings(), Settings())
     made = Provenance.of(recording, path, command, model.random_state, changed, files)
