@@ -38,7 +38,6 @@ ENVIRONMENTS = {
     "Acrobot-v1": ("flip", "corrupted"),
     "CartPole-v1": ("random",),
     "LunarLander-v3": ("shift", "corrupted"),
-    "rpil/DiscretePendulum-v1": ("random",),
     "Pendulum-v1": ("corrupted", "noisy", "flip", "shift"),
 }
 

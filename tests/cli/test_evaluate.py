@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
-import pytest
 from scipy import stats
 
-from command_line import refused
 from rpil.cli.evaluate import sentences, values
-from rpil.simulation.rollouts import OneByOne, Returns, rollout
+from rpil.simulation.rollouts import Returns
 
 
 def test_successes_in_words_and_numbers():
@@ -30,22 +26,3 @@ def test_successes_in_words_and_numbers():
     unknown = Returns.of(np.zeros(2), None)
     assert list(values(unknown)) == ["mean", "ci95", "returns"]
     assert len(list(sentences(unknown, "Climb"))) == 1
-
-
-def test_meta_world_without_its_package_names_the_extra(monkeypatch, folder):
-    monkeypatch.setitem(sys.modules, "metaworld.env_dict", None)
-    for env in ("metaworld:reach-v3", "Meta-World/reach-v3"):
-        refused(r"install it with pip install 'rpil\[value\]'", "evaluate", folder / "policy", "--env", env)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
-def test_meta_world(folder):
-    policies = pytest.importorskip("metaworld.policies", reason="needs pip install 'rpil[value]'")
-    scripted = policies.ENV_POLICY_MAP["reach-v3"]().get_action
-    runs = [rollout(OneByOne(scripted), "metaworld:reach-v3", n_episodes=2, seed=0) for _ in "ab"]
-    assert runs[0].success.tolist() == [True, True]
-    assert 10 < runs[0].median_steps < 100
-    assert runs[0].returns[0] != runs[0].returns[1]  # each episode has its own goal
-    np.testing.assert_array_equal(runs[0].returns, runs[1].returns)  # which the seed draws
-    refused("Meta-World has no task 'fly-v3'", "evaluate", folder / "policy", "--env", "Meta-World/fly-v3")

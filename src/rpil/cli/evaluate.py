@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "--env",
     metavar="ID",
     required=True,
-    help="Name of the environment in Gymnasium, as LunarLander-v3, or of a task of Meta-World, as metaworld:reach-v3.",
+    help="Name of the environment in Gymnasium, as LunarLander-v3; module:ID where a module registers it.",
 )
 @click.option("--episodes", type=click.IntRange(1), default=100, show_default=True, help="Number of episodes to play.")
 @json_option
