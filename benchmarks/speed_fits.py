@@ -33,7 +33,7 @@ def plain(size: dict[str, int], repeats: int) -> Measured:
 
 
 def ill_conditioned(size: dict[str, int], repeats: int) -> Measured:
-    """B: Nystroem's features of LunarLander, half of the demonstrations corrupted; the same columns for scikit-learn."""
+    """B: Nystroem's features of LunarLander, half of the demonstrations corrupted; scikit-learn gets the same."""
     data = lander(size["demonstrations"] // 2, size["demonstrations"] // 2)
     return _over_scikit_learn(data, "nystroem", repeats, ("lbfgs", "newton-cg"))
 
