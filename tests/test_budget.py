@@ -30,7 +30,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 26, 15, 5
+TYPES, FILES, CONTEXT_VARIABLES = 17, 15, 5
 """Names of types and of files with two meanings, and context variables, at most."""
 
 FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 895, 165

@@ -39,8 +39,8 @@ import rpil
 from rpil.cli.commands import CommandSettings
 from rpil.cli.main import main as command
 from rpil.cli.progress import ProgressTiming
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.security import Gate
+from rpil.cli.questions.videos import EpisodeVideos
 from served import Client
 
 DATA, COLUMNS = "d.parquet", ("--observations", "x,v", "-q")
@@ -189,7 +189,7 @@ def video_times_that_are_no_numbers(folder: Path) -> Found:
         pq.write_table(
             pa.table({key: times.get(key, table[key]) for key in table.column_names}), f"from {start}/{place}"
         )
-        videos = Videos.of(f"from {start}", range(n), 20.0)
+        videos = EpisodeVideos.of(f"from {start}", range(n), 20.0)
         json.dumps([videos.cameras(m) for m in range(n)], allow_nan=False)  # as the server of a review answers
         keep = call("keep", f"from {start}", "--verdicts", "labels.csv", "-q", "-o", f"kept {start}")
         said = "40 frames for 8 rows" in keep.stderr, "TypeError" in keep.stderr
@@ -283,7 +283,7 @@ def damaged_files(folder: Path) -> Found:
     video.write_bytes(video.read_bytes().replace(b"stsz", b"free"))  # FFmpeg then says that it is not permitted
     wrong = "a damaged video is shown"
     try:
-        Videos.of("set", range(2), 20.0).frame(0, 0, 2)
+        EpisodeVideos.of("set", range(2), 20.0).frame(0, 0, 2)
     except rpil.DataError as error:
         wrong = None if "it is no video, or a damaged one" in str(error) else str(error)
     Path("minari/data/0").mkdir(parents=True)

@@ -69,16 +69,16 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 def _review(ctx: click.Context, run: AuditRun, labels: str, before: bytes | None, quiet: bool) -> Review:
     """What the page shows and changes."""
-    from rpil.cli.questions.frames import Videos
     from rpil.cli.questions.page import page_of
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
+    from rpil.cli.questions.videos import EpisodeVideos
 
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         run = replace(run, faults=look_for_faults(run.recording, progress))
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
-        videos = Videos.of(run.source, () if run.recording.options.id else run.audit.ids, run.fps)
+        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.fps)
     written: dict[str, object] = {}
     return Review(
         session=Session(run.audit, labels, before, None),

@@ -11,7 +11,7 @@ import numpy as np
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
+from rpil.estimators.pipeline import FitOptions, JudgeInput, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
@@ -32,14 +32,14 @@ MAX_DRAWN_STEPS = 200_000
 """Steps that are read again for traces."""
 
 
-def is_sampled(task: Task, options: Options) -> bool:
+def is_sampled(task: Task, options: FitOptions) -> bool:
     """Whether the judge reads a sample of the demonstrations instead of all."""
     if options.policy is not None or not options.judges:
         return False
     return is_large(task.source.offsets, budget(task, options), options.settings.sample)
 
 
-def budget(task: Task, options: Options) -> int:
+def budget(task: Task, options: FitOptions) -> int:
     """Steps of the sample for the policy of the judge."""
     # Enough demonstrations to count the columns of the features.
     first = int(np.searchsorted(task.source.offsets, options.settings.selection.maps.n_landmarks))
@@ -53,7 +53,7 @@ class SampledFit:
     """The stages of a fit whose decision reads a sample, and which passes of an engine extend to everything."""
 
     task: Task
-    options: Options
+    options: FitOptions
 
     @property
     def engine(self) -> Engine:

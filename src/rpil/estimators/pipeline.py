@@ -48,7 +48,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
 
     features: str
@@ -161,7 +161,7 @@ class TrustDecision:
         return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
+def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
     """Decide which demonstrations to trust: by the judge, or by the mixture with a named adversary."""
     data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
     n_steps, own = len(data.actions), options.policy is not None
@@ -204,7 +204,7 @@ def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Arr
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FitResult:
     """The result of a fit; the estimator copies it onto itself."""
 
     decision: TrustDecision
@@ -228,13 +228,13 @@ class Stages(Protocol):
         """The features and the final policy, and the decision with the weights of all steps."""
 
 
-def fit(stages: Stages, options: Options) -> Fitted:
+def fit(stages: Stages, options: FitOptions) -> FitResult:
     """Pose, decide, and fit the final policy."""
     posed = stages.pose()
     decision = stages.extend(posed, decide_trust(posed, options))
     options.progress("the policy")
     features, policy, decision = stages.fit_policy(posed, decision)
-    return Fitted(decision, posed.features, features, policy)
+    return FitResult(decision, posed.features, features, policy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,7 @@ class FullFit:
     """The stages of a fit whose decision reads all demonstrations, in memory."""
 
     task: Task
-    options: Options
+    options: FitOptions
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
@@ -318,7 +318,7 @@ class FullFit:
         return posed.features, start.fit_all(data, weight)
 
 
-def learn(task: Task, options: Options, audit: Audit) -> Fitted:
+def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
     source = task.source
     demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
@@ -327,4 +327,4 @@ def learn(task: Task, options: Options, audit: Audit) -> Fitted:
     options.progress("the policy")
     decision = TrustDecision(audit, None, None, 0, 0.0)
     kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)
-    return Fitted(decision, features, kind, policy)
+    return FitResult(decision, features, kind, policy)

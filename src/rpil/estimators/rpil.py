@@ -18,7 +18,7 @@ from rpil.data.facts import Outcome, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
-from rpil.estimators.pipeline import Fitted, FullFit, Options, fit, learn
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, fit, learn
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
@@ -240,7 +240,7 @@ class RPIL(PolicyEstimator):
         self.audit_ = judge_within_tasks(recording, stated, judge)
         return models
 
-    def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
+    def _explain(self, task: Task, options: FitOptions, fitted: FitResult) -> None:
         """Add the assumptions to the audit; warn if the fit did not converge."""
         notes = tuple(filter(None, (*self.audit_.notes, *fitted.decision.notes)))
         self.audit_ = replace(self.audit_, notes=notes)
@@ -256,15 +256,15 @@ class RPIL(PolicyEstimator):
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
 
-    def _options(self) -> Options:
+    def _options(self) -> FitOptions:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
         given = self.get_params(deep=False)
-        names = [field.name for field in fields(Options) if field.name in given]
+        names = [field.name for field in fields(FitOptions) if field.name in given]
         chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
         chosen["progress"] = self.progress or (lambda _: None)
-        return Options(**chosen, seed=self.random_state)
+        return FitOptions(**chosen, seed=self.random_state)
 
-    def _keep(self, task: Task, fitted: Fitted) -> None:
+    def _keep(self, task: Task, fitted: FitResult) -> None:
         """Copy the result of a fit."""
         decision = fitted.decision
         if isinstance(task.source, Dataset):
