@@ -14,9 +14,8 @@ from rpil import Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
 from rpil.results.words import SIDES
-from rpil.scale.disk import Streamed
 from rpil.scale.fit import Sample
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory, Streamed
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 from small import SAMPLE, SMALL, small_rpil
 

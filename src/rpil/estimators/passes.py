@@ -22,9 +22,8 @@ from rpil.results.evidence import by_policy_of_sample, traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
-from rpil.scale.disk import Streamed
 from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 
