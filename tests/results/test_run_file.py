@@ -26,7 +26,7 @@ def full_view():
     """A view in which nothing is empty."""
     ids = tuple(f"d{k}" for k in range(10))
     part = TracedPart("action", 0.6, -3.0, np.arange(80.0), np.full(80, np.nan), np.ones(80))
-    made = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {}, {"id": ["a", 1, None]}, (), "2026-11-23")
+    made = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {"x": ["a", 1, None]}, (), "2026-11-23")
     audit = make_audit(
         ids=ids,
         lengths=[80] * 10,
@@ -165,7 +165,7 @@ def test_a_run_is_read_as_it_was_written(tmp_path, make):
         ("drawings/0/parts", [{}] * 20),
         ("drawings/0/taken/codes", "AAAA"),
         ("drawings/0/compared_with", "javascript:"),
-        ("provenance/columns", [[[[[[[[[1]]]]]]]]]),
+        ("provenance/settings", [[[[[[[[[1]]]]]]]]]),
         ("drawings/0/trust/to", "1"),
         ("version", 1),
         ("format", "other"),

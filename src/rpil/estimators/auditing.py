@@ -103,7 +103,8 @@ def audit_recording(
     changed: dict[str, object] = {} if model.features == JUDGE_FEATURES else {"features": model.features}
     changed |= {} if model.adversary == "auto" else {"adversary": model.adversary}
     changed |= changed_settings(model.settings or Settings(), Settings())
-    made = Provenance.of(recording, path, command, model.random_state, changed, files)
+    read = (path, recording.options.embeddings, *files)
+    made = Provenance.of(command, model.random_state, changed, read)
     return replace(model.audit_, provenance=made)
 
 

@@ -30,7 +30,7 @@ HOSTILE = (
 )
 
 
-MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, {"id": "trip"}, (), "2026-11-23")
+MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, (), "2026-11-23")
 
 
 @pytest.fixture(scope="module")
