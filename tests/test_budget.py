@@ -24,7 +24,7 @@ BUDGETS = {
     "mixture": (828, 24),
     "numerics": (608, 14),
     "policies": (1971, 69),
-    "results": (4102, 71),
+    "results": (4061, 71),
     "scale": (836, 27),
     "simulation": (982, 23),
 }
