@@ -103,9 +103,8 @@ def audit_recording(
     changed: dict[str, object] = {} if model.features == JUDGE_FEATURES else {"features": model.features}
     changed |= {} if model.adversary == "auto" else {"adversary": model.adversary}
     changed |= changed_settings(model.settings or Settings(), Settings())
-    read = (path, recording.options.embeddings, *files)
-    made = Provenance.of(command, model.random_state, changed, read)
-    return replace(model.audit_, provenance=made)
+    files = (path, recording.options.embeddings, *files)
+    return replace(model.audit_, provenance=Provenance.of(command, model.random_state, changed, files))
 
 
 def _opened(data: object, options: ColumnOptions) -> Recording:
