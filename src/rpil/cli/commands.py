@@ -139,16 +139,9 @@ def open_recording(
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
-    from rpil.formats.guesses import RoleError
 
     progress(f"reading {file}")
-    try:
-        return formats.read_recording(file, columns, on_disk=stream)
-    except RoleError as error:
-        if not error.guess:
-            raise
-        words = [word for name, value in error.guess.items() for word in (f"--{name}", value)]
-        raise DataError(f"{error.sentence}; perhaps: {shlex.join(['rpil', 'audit', file, *words])}.") from error
+    return formats.read_recording(file, columns, on_disk=stream)
 
 
 def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:

@@ -25,9 +25,6 @@ Place = Callable[[int], str]
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
-GUESSED_ROWS = 20_000
-"""Rows by which the roles of columns with strange names are guessed."""
-
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
