@@ -71,7 +71,7 @@ _SMALL = {"steps": 2_000, "features": 4, "actions": 3}
 ROWS = {
     "A": Row("RPIL over LogisticRegression", speed_fits.plain, _LARGE, _SMALL, {"A": 1.0}),
     "B": Row(
-        "the same, ill-conditioned splines",
+        "the same, ill-conditioned columns",
         speed_fits.ill_conditioned,
         {"demonstrations": 200},
         {"demonstrations": 4},

@@ -33,9 +33,9 @@ def plain(size: dict[str, int], repeats: int) -> Measured:
 
 
 def ill_conditioned(size: dict[str, int], repeats: int) -> Measured:
-    """B: splines of LunarLander, half of the demonstrations corrupted; scikit-learn gets the same design matrix."""
+    """B: Nystroem's features of LunarLander, half of the demonstrations corrupted; scikit-learn gets the same."""
     data = lander(size["demonstrations"] // 2, size["demonstrations"] // 2)
-    return _over_scikit_learn(data, "spline", repeats, ("lbfgs", "newton-cg"))
+    return _over_scikit_learn(data, "nystroem", repeats, ("lbfgs", "newton-cg"))
 
 
 def _over_scikit_learn(data: Planted, kind: str, repeats: int, solvers: tuple[str, ...]) -> Measured:

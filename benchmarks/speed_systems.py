@@ -18,8 +18,7 @@ import rpil
 from rpil import Settings
 from rpil.estimators.rpil import RPIL
 from rpil.scale.dask import DaskEngine
-from rpil.scale.disk import Streamed
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine
 from speed_common import Measured, Skipped, in_turns, peak_gib, softmax_expert
 

@@ -3,7 +3,7 @@ Does choosing demonstrations make a better policy?
 ==================================================
 
 Train on all demonstrations and on those that an audit keeps, play both policies from the same starts, and let
-`rpil.compare` say whether the difference is more than chance. Here the simulator is Mountain Car; for your own robot
+`rpil.compare` say whether the difference is more than chance. Here the simulator is Acrobot; for your own robot
 replace `train` and `evaluate`.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 import rpil
 
-ENV = "MountainCar-v0"
+ENV = "Acrobot-v1"
 
 # %%
 # Eight demonstrations of an expert, and twelve with random actions in their place.
@@ -32,7 +32,7 @@ print(f"kept {len(kept)} of {len(demonstrations)} demonstrations, {int(made.is_g
 def train(choice: rpil.Demonstrations, seed: int) -> rpil.BehavioralCloning:
     """A linear policy of drawn demonstrations, because nothing is random in its training."""
     drawn = np.random.default_rng(seed).choice(len(choice), size=len(choice))
-    return rpil.BehavioralCloning(features="spline").fit(choice.select(np.unique(drawn)))
+    return rpil.BehavioralCloning(features="nystroem").fit(choice.select(np.unique(drawn)))
 
 
 def evaluate(policy: rpil.BehavioralCloning, seed: int) -> np.ndarray:

@@ -37,7 +37,7 @@ demonstrations = Demonstrations(observations, actions, np.arange(N_DEMONSTRATION
 
 # %%
 # Whom to trust, a policy on a few simple features can tell.
-audit = RPIL(features="poly").fit(demonstrations).audit_
+audit = RPIL(features="nystroem").fit(demonstrations).audit_
 trusted = audit.step_weight
 print(f"trusted: {trusted[~random_steps].mean():.2f} of good steps, {trusted[random_steps].mean():.2f} of random ones")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rpil.inference.answers import Answers
 from rpil.results.record import Audit, Interval
-from rpil.results.traces import Part, Traces
+from rpil.results.traces import TracedPart, Traces
 from rpil.results.words import SIDES, Verdict
 
 
@@ -22,7 +22,7 @@ def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
     low, high = mean - 0.66, mean + 0.66
     parts = zip(*(np.asarray(each, dtype=np.float32).T for each in (value, low, high)), strict=True)
     named = zip((name, "wrist"), (0.75, 0.25), (-30.0, -10.0), parts, strict=True)
-    return Traces("continuous", tuple(Part(what, share, nats, *each) for what, share, nats, each in named), 1)
+    return Traces(tuple(TracedPart(what, share, nats, *each) for what, share, nats, each in named))
 
 
 def make_audit(

@@ -32,7 +32,6 @@ SLOW_FILES = {
     "estimators/test_rment.py",
     "estimators/test_rpil.py",
     "policies/test_torch.py",
-    "scale/test_checkpoint.py",
     "scale/test_dask.py",
     "scale/test_disk.py",
     "test_golden.py",

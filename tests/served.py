@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.server import Review, application, listen, load_server
 from rpil.cli.questions.session import Session
+from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import MissingExtraError
 from rpil.results.view import About
 
@@ -72,7 +72,7 @@ def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
     return Review(
         session=Session(audit, labels, None, None),
         about=About("Review of d.parquet", "d.parquet", fps=10.0, command="rpil audit d.parquet"),
-        videos=videos or Videos.of("d.parquet", audit.ids, 10.0),
+        videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
         finish=finish or (lambda audit, agreed: {"lines": []}),
         page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )

@@ -208,7 +208,6 @@ WITHOUT_TESTS = {
     "formats/dialect.py": "tests/data/test_csv_variants.py",
     "data/names.py": "as dialect.py",
     "formats/columns.py": "as dialect.py",
-    "formats/column_search.py": "tests/data/test_columns.py",
     "formats/on_disk.py": "tests/formats/test_dataset.py",
     "formats/lerobot/episodes.py": "tests/formats/lerobot/test_kept.py",
     "formats/lerobot/stats.py": "tests/formats/lerobot/test_kept.py",

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 FAST_CASES = (
-    *("options file of many dots", "options written through a link", "command in a run file", "tiny observations"),
+    *("expected faults of many dots", "command in a run file", "tiny observations"),
     "very long label quoted",
 )
 

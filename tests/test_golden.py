@@ -7,9 +7,7 @@ which is to be undone, or the format has changed, which asks for another version
 from __future__ import annotations
 
 import json
-import shutil
 import zipfile
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,6 @@ import pytest
 from sklearn.metrics.pairwise import rbf_kernel
 
 import rpil
-from rpil.scale.checkpoint import Checkpoint
 
 GOLDEN = Path(__file__).parent / "golden"
 EXPECTED = json.loads((GOLDEN / "expected.json").read_text(encoding="utf-8"))
@@ -85,20 +82,6 @@ def test_it_is_saved_as_it_was(file, tmp_path):
     """So that an older rpil of the same format reads what this one writes."""
     rpil.save(rpil.load(GOLDEN / file), tmp_path / file)
     assert members(tmp_path / file) == members(GOLDEN / file)
-
-
-@pytest.mark.parametrize("action", ["discrete", "continuous"])
-def test_a_checkpoint_is_gone_on_from(action, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "tools"))
-    data = import_module("zoo").many(action == "continuous")
-    path, stages = tmp_path / "so far", []
-    shutil.copy(GOLDEN / f"{action}.checkpoint", path)
-    # Its fit was of this data on a computer that rounds otherwise, of which the fingerprint is.
-    of_golden = Checkpoint(path, json.loads(zipfile.ZipFile(path).read("header.json"))["fingerprint"])
-    monkeypatch.setattr(Checkpoint, "of", lambda *_: of_golden)
-    rpil.RPIL(checkpoint=path, progress=stages.append).fit(data)
-    assert not path.exists()
-    assert next(stage.partition(" over")[0] for stage in stages if stage.startswith("pass ")) == "pass 3"
 
 
 def test_a_file_of_the_version_before_is_refused_in_one_sentence():

@@ -27,7 +27,7 @@ from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.results.html.page import Article, render_page
 from rpil.results.view import About, make_view
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil
 

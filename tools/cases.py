@@ -32,13 +32,12 @@ def mixture(**chosen: Any) -> rpil.Settings:
     return rpil.Settings(mixture=rpil.MixtureSettings(**chosen))
 
 
-FEATURES = ("raw", "folded", "spline", "poly", "nystroem", "auto")
+FEATURES = ("raw", "folded", "nystroem", "auto")
 ENVIRONMENTS = {
     "MountainCar-v0": ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor"),
     "Acrobot-v1": ("flip", "corrupted"),
     "CartPole-v1": ("random",),
     "LunarLander-v3": ("shift", "corrupted"),
-    "rpil/DiscretePendulum-v1": ("random",),
     "Pendulum-v1": ("corrupted", "noisy", "flip", "shift"),
 }
 
@@ -70,24 +69,6 @@ def on_dask(folder: Path) -> dict[str, Array]:
     options = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with LocalCluster(**options) as cluster, Client(cluster, set_as_default=False) as client:
         return streamed(False, folder, engine=rpil.DaskEngine(client, n_shards=3))
-
-
-def interrupt(stage: str) -> None:
-    if stage.startswith("pass 3"):
-        raise KeyboardInterrupt
-
-
-def interrupted(continuous: bool, folder: Path) -> dict[str, Array]:
-    """A fit that goes on from a checkpoint."""
-    stages: list[str] = []
-    path = folder / "so far"
-    try:
-        rpil.RPIL(checkpoint=path, progress=interrupt).fit(many(continuous))
-    except KeyboardInterrupt:
-        stages.append(f"interrupted, checkpoint: {path.exists()}")
-    model = rpil.RPIL(checkpoint=path, progress=stages.append).fit(many(continuous))
-    stage_names = np.array([s.partition(",")[0] for s in stages] + [f"left: {path.exists()}"])
-    return described(model, many(continuous), folder) | {"stages": stage_names}
 
 
 def log_prob(weights: Array, x: Array, actions: Array) -> Array:
@@ -219,7 +200,7 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
         add(f"cloning {features} {action}", partial(rpil.BehavioralCloning, features=features), noisy)
     add(
         f"judge_features {action}",
-        partial(rpil.RPIL, features="auto", settings=rpil.Settings(judge_features="spline")),
+        partial(rpil.RPIL, features="auto", settings=rpil.Settings(judge_features="nystroem")),
         noisy,
     )
     for adversary in CONTINUOUS if continuous else DISCRETE:
@@ -228,7 +209,7 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
                 make = partial(rpil.RPIL, adversary=adversary, settings=mixture(m_step=m_step))
                 add(f"adversary {adversary} {m_step} {action} {kind}", make, partial(toy, kind, continuous))
     for prior in (0.6, (3.0, 2.0)):
-        make = partial(rpil.RPIL, adversary="marginal", settings=mixture(prior=prior), features="spline")
+        make = partial(rpil.RPIL, adversary="marginal", settings=mixture(prior=prior), features="nystroem")
         add(f"prior {prior} {action}", make, noisy, labels={"d0": "good", "d14": "bad"})
     add(f"RMEnt {action}", rpil.RMEnt, noisy)
     add(f"RMEnt n_trusted {action}", partial(rpil.RMEnt, n_trusted=11, n_starts=30, features="auto"), noisy)
@@ -238,7 +219,6 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     )
     CASES[f"large {action}"] = partial(fit, rpil.RPIL, partial(many, continuous))
     CASES[f"large streamed {action}"] = partial(streamed, continuous)
-    CASES[f"large interrupted {action}"] = partial(interrupted, continuous)
     boxes = {"action_box": (-9.0, [9.0, 10.0])}
 add("action_box", partial(rpil.RPIL, **boxes), partial(toy, "noisy", True))
 given = [[0.1, 0.1, 0.8], [0.2, 0.6, 0.2], [0.8, 0.1, 0.1]]

@@ -39,8 +39,8 @@ import rpil
 from rpil.cli.commands import CommandSettings
 from rpil.cli.main import main as command
 from rpil.cli.progress import ProgressTiming
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.security import Gate
+from rpil.cli.questions.videos import EpisodeVideos
 from served import Client
 
 DATA, COLUMNS = "d.parquet", ("--observations", "x,v", "-q")
@@ -132,14 +132,13 @@ def ids_with_white_space(folder: Path) -> Found:
     return differing(({*labels.values()}, {*kept.to_pylist()}), ({"good", "bad"}, good))
 
 
-def options_file_of_many_dots(folder: Path) -> Found:
+def expected_faults_of_many_dots(folder: Path) -> Found:
     """A key of very many parts is refused before it is parsed, which takes the square of them in memory."""
     keys = {"a." * 5_000 + "b = 1": "8 dots", "[" + "a." * 5_000 + "b]": "8 dots", "a." * 600_000 + "b=1": "is longer"}
-    for name, words in (("e.toml", ["check", DATA, "--expected", "e.toml"]), ("rpil.toml", ["info", DATA])):
-        for text, reason in keys.items():
-            Path(name).write_text(text)
-            if wrong := ended(call(*words), reason):
-                return f"{name}: {wrong}"
+    for text, reason in keys.items():
+        Path("e.toml").write_text(text)
+        if wrong := ended(call("check", DATA, "--expected", "e.toml"), reason):
+            return wrong
     return None
 
 
@@ -190,7 +189,7 @@ def video_times_that_are_no_numbers(folder: Path) -> Found:
         pq.write_table(
             pa.table({key: times.get(key, table[key]) for key in table.column_names}), f"from {start}/{place}"
         )
-        videos = Videos.of(f"from {start}", range(n), 20.0)
+        videos = EpisodeVideos.of(f"from {start}", range(n), 20.0)
         json.dumps([videos.cameras(m) for m in range(n)], allow_nan=False)  # as the server of a review answers
         keep = call("keep", f"from {start}", "--verdicts", "labels.csv", "-q", "-o", f"kept {start}")
         said = "40 frames for 8 rows" in keep.stderr, "TypeError" in keep.stderr
@@ -214,18 +213,6 @@ def address_of_the_review_in_the_process_list(folder: Path) -> Found:
         return f"the browser is called with {address}"
     still_there = Path(address.removeprefix("file://")).exists()
     return differing((client.gate.url in page.read_text(), page.stat().st_mode & 0o77, still_there), (True, 0, False))
-
-
-def options_written_through_a_link(folder: Path) -> Found:
-    """``rpil info --write-options`` writes over no file, and through no link."""
-    place, elsewhere, own = Path("rpil.toml"), Path("elsewhere"), "# my own\nid = 'episode_index'\n"
-    place.symlink_to(elsewhere)
-    wrong = ended(call("info", DATA, "--exclude", "v", "--write-options"), "it is there already")
-    found = elsewhere.exists(), place.is_symlink()
-    place.unlink()
-    place.write_text(own)
-    code = call("info", DATA, "--exclude", "v", "--write-options").exit_code
-    return wrong or differing((*found, code, place.read_text()), (False, True, 2, own))
 
 
 def secrets_in_addresses(folder: Path) -> Found:
@@ -296,7 +283,7 @@ def damaged_files(folder: Path) -> Found:
     video.write_bytes(video.read_bytes().replace(b"stsz", b"free"))  # FFmpeg then says that it is not permitted
     wrong = "a damaged video is shown"
     try:
-        Videos.of("set", range(2), 20.0).frame(0, 0, 2)
+        EpisodeVideos.of("set", range(2), 20.0).frame(0, 0, 2)
     except rpil.DataError as error:
         wrong = None if "it is no video, or a damaged one" in str(error) else str(error)
     Path("minari/data/0").mkdir(parents=True)
@@ -311,9 +298,9 @@ def damaged_files(folder: Path) -> Found:
 CASES: dict[str, Callable[[Path], Found]] = {
     case.__name__.replace("_", " "): case
     for case in (
-        *(order_of_demonstrations, files_beside_the_labels, ids_with_white_space, options_file_of_many_dots),
+        *(order_of_demonstrations, files_beside_the_labels, ids_with_white_space, expected_faults_of_many_dots),
         *(table_of_many_columns, command_in_a_run_file, video_times_that_are_no_numbers, secrets_in_addresses),
-        *(address_of_the_review_in_the_process_list, options_written_through_a_link, tiny_observations, damaged_files),
+        *(address_of_the_review_in_the_process_list, tiny_observations, damaged_files),
         *(labels_file_replaced_while_the_review_runs, very_long_label_quoted),
     )
 }

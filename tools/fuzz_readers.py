@@ -2,8 +2,8 @@
 
 Usage
 -----
-``python tools/fuzz_readers.py`` reads 5,000 mutants of each sample of `tests/samples.py`, and of a policy, a
-checkpoint, labels, verdicts and what is expected, and prints a line for each. ``--mutants N``, ``--seed S``,
+``python tools/fuzz_readers.py`` reads 5,000 mutants of each sample of `tests/samples.py`, and of a policy,
+labels, verdicts and what is expected, and prints a line for each. ``--mutants N``, ``--seed S``,
 ``--only PATTERN``. The exit code is 1 where anything but a `DataError` of one sentence is raised, or a mutant takes
 longer than `SECONDS`, ends the process, or makes it grow by more than `MAX_GROWTH`. Set PYTHONPATH to the ``src`` to
 test.
@@ -47,8 +47,6 @@ from rpil.data.memory import limited
 from rpil.faults.expected import read_expected
 from rpil.formats.dataset import Dataset
 from rpil.results.choice import read_verdicts
-from rpil.scale.ascent import AscentState
-from rpil.scale.checkpoint import Checkpoint
 from samples import SAMPLES, demonstrations
 
 SECONDS, DEADLY_SECONDS = 10, 60
@@ -105,12 +103,6 @@ def policy(folder: Path) -> Path:
     return folder / "policy"
 
 
-def checkpoint(folder: Path) -> Path:
-    model = rpil.BehavioralCloning(features="raw").fit(demonstrations())
-    Checkpoint(folder / "checkpoint", "").keep(AscentState(model.policy_))
-    return folder / "checkpoint"
-
-
 def text(name: str, content: str) -> Maker:
     def make(folder: Path) -> Path:
         (folder / name).write_text(content, encoding="utf-8")
@@ -132,7 +124,6 @@ CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
 READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
-    "checkpoint": (checkpoint, lambda path, _: Checkpoint(path, "").read()),
     "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
     "labels, JSON": (text("l.json", LABELS), lambda path, _: formats.read_labels(path)),
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),

@@ -22,7 +22,7 @@ from rpil.faults.record import FaultReport, Finding
 from rpil.results.evidence import MAX_DRAWN
 from rpil.results.html.page import Article, write_page
 from rpil.results.record import Audit
-from rpil.results.traces import MAX_POINTS, Part, Traces
+from rpil.results.traces import MAX_POINTS, TracedPart, Traces
 from rpil.results.view import About, looking_order, make_view
 
 RUNS = 5
@@ -55,11 +55,9 @@ def audit_of(size: int) -> tuple[Audit, About]:
     curve = np.cumsum(rng.normal(size=MAX_POINTS))
     traces = {}
     for m in looking_order(audit)[0][:MAX_DRAWN]:
-        n = int(audit.lengths[m])
-        width = -(-n // MAX_POINTS)
-        own = curve[: -(-n // width)]
-        parts = (Part(f"joint {j}.pos", 0.3, -9.0, own, own - 1, own + 1) for j in range(3))
-        traces[m] = Traces("continuous", tuple(parts), width)
+        own = curve[: int(audit.lengths[m])]
+        parts = (TracedPart(f"joint {j}.pos", 0.3, -9.0, own, own - 1, own + 1) for j in range(3))
+        traces[m] = Traces(tuple(parts))
     findings = tuple(
         Finding(rule, int(m), 3, 9, "x", 1.0, 0.5, 2.0, f"x leaps by {m / 7:.3f} from one step to the next")
         for rule in ("jump", "lag", "saturation")

@@ -18,7 +18,6 @@ from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array
 from rpil.simulation.corruptions import KINDS
-from rpil.simulation.environments import make
 from value import pushing
 from value.operators import BAD, GOOD, Operator
 
@@ -149,10 +148,23 @@ def _game_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Gene
 
 @lru_cache(maxsize=2)
 def _arm(task: str) -> tuple[Any, Callable[[], Any]]:
-    """The environment of a task and its script."""
+    """The environment of a task, whose goal the seed of each reset draws, and its script."""
+    from gymnasium import Wrapper
+    from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE as TASKS
     from metaworld.policies import ENV_POLICY_MAP
 
-    return make(f"metaworld:{task}-v3"), ENV_POLICY_MAP[f"{task}-v3"]
+    class Arm(Wrapper):
+        """Meta-World itself ignores the seed of a reset."""
+
+        def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict]:
+            if seed is not None:
+                env.seed(seed)
+            return self.env.reset(options=options)
+
+    env = TASKS[f"{task}-v3-goal-observable"](seed=0)
+    env._freeze_rand_vec = False  # a new goal at each reset ...
+    env.seeded_rand_vec = True  # ... that comes from the seed, and not from NumPy's global stream
+    return Arm(env), ENV_POLICY_MAP[f"{task}-v3"]
 
 
 def _arm_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Generator) -> Made:

@@ -192,7 +192,7 @@ def paper_result() -> dict:
         "oracle": policy(191.0),
     }
     of = {"table": 3, "env": "LunarLander-v3", "kind": "corrupted", "draws": 20, "seeds": [0, 1], "verdicts": 400}
-    how = {"rollouts": 100, "features": "spline", "provenance": ORIGIN}
+    how = {"rollouts": 100, "features": "nystroem", "provenance": ORIGIN}
     return how | {"tables": [of | {"policies": policies}], "draws": []}
 
 

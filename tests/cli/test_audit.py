@@ -185,7 +185,7 @@ def test_audit_writes_a_report_and_weights(folder):
     good = np.array(weights["episode_index"]) < 6
     assert np.mean(np.array(weights["weight"])[good]) > 0.9
     assert np.mean(np.array(weights["weight"])[~good]) < 0.1
-    result = ok("audit", folder / "good.parquet", "--weights", "w.csv", "--features", "poly")
+    result = ok("audit", folder / "good.parquet", "--weights", "w.csv", "--features", "nystroem")
     assert "Weights: w.csv" in result.stdout
     assert pa.csv.read_csv("w.csv").num_rows == demonstrations.n_steps
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,9 +16,8 @@ import pytest
 
 import rpil
 from command_line import ENV, G, X, Y, call, npz, ok, refused
-from rpil import SampleSettings, Settings, formats
+from rpil import formats
 from rpil.estimators.persistence import load
-from rpil.policies.softmax import SoftmaxPolicy
 
 
 def spoilt(value):
@@ -204,7 +202,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option.*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
-        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'spline'"),
+        (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'nystroem'"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
         (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
         (["order"], "No such command 'order'; see rpil --help"),
@@ -212,32 +210,8 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
 )  # fmt: skip
 def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
     npz("data.npz")
-    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit", lambda *_, **__: pytest.fail("too late"))
+    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit_task", lambda *_, **__: pytest.fail("too late"))
     refused(match, *arguments)
-
-
-def test_interrupted_run_resumes_to_the_same_result(folder, monkeypatch):
-    """Ctrl-C during the passes leaves a checkpoint, and --resume continues to the same answer."""
-    sample = SampleSettings(min_steps=200, steps_per_coefficient=5, n_demonstrations=4, min_samples=2)
-    settings = Settings(sample=sample)
-    shutil.copy(folder / "good.parquet", "good.parquet")
-    command = ("audit", "good.parquet", "--json", "--features", "raw")
-    uninterrupted = ok(*command, settings=settings).stdout
-    m_step, checkpoint = SoftmaxPolicy.m_step, Path("good.parquet.rpil-checkpoint")
-
-    def interrupt(*arguments):
-        if checkpoint.exists():
-            raise KeyboardInterrupt
-        return m_step(*arguments)
-
-    monkeypatch.setattr(SoftmaxPolicy, "m_step", interrupt)
-    interrupted = call(*command, settings=settings)
-    assert interrupted.exit_code == 130
-    assert "good.parquet.rpil-checkpoint; run the command again with --resume" in interrupted.stderr
-    monkeypatch.setattr(SoftmaxPolicy, "m_step", m_step)
-    refused("an earlier run was interrupted; delete this file, or add --resume", *command, settings=settings)
-    assert ok(*command, "--resume", settings=settings).stdout == uninterrupted
-    refused("no such checkpoint .* leave out --resume", "audit", "good.parquet", "--resume", settings=settings)
 
 
 def test_failed_write_keeps_old_files(monkeypatch):

@@ -41,25 +41,25 @@ def audited(*arguments):
 
 @pytest.fixture
 def given(monkeypatch):
-    """The outcomes and orders that fits are given."""
-    found = []
-    fit = RPIL.fit
-    monkeypatch.setattr(RPIL, "fit", lambda self, *data, **given: (found.append(given), fit(self, *data, **given))[1])
-    return found
+    """The tasks that are fitted, with the outcomes and orders."""
+    tasks = []
+    fit = RPIL.fit_task
+    monkeypatch.setattr(RPIL, "fit_task", lambda self, task: (tasks.append(task), fit(self, task))[1])
+    return tasks
 
 
 @pytest.mark.parametrize("command", [["audit"], ["fit", "-o", "policy", "--features", "raw"]])
 def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, command):
     ok(command[0], data, *command[1:], "--observations", "x,v")
     ok(command[0], data, *command[1:], "--observations", "x,v", "--outcome", "-next.success")
-    assert [one["outcome"] is None for one in given] == [True, False]
-    np.testing.assert_array_equal(given[1]["outcome"], [0 if m in BAD else -1 for m in range(24)])
+    assert [np.isnan(task.answers.outcome).all() for task in given] == [True, False]
+    np.testing.assert_array_equal(given[1].answers.outcome, [0 if m in BAD else -1 for m in range(24)])
 
 
 def test_a_fit_is_given_the_order_that_the_file_states(given):
     wall = 1.7e9 + np.repeat(np.arange(24)[::-1] * 100.0, N_STEPS) + np.tile(np.arange(N_STEPS), 24)
     ok("audit", write("d.parquet", 24, BAD, 1, timestamp=wall), "--observations", "x,v")
-    assert np.argsort(given[0]["order"]).tolist() == list(range(24))[::-1]
+    assert np.argsort(given[0].order).tolist() == list(range(24))[::-1]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_demonstrations_are_judged_within_their_sessions(data, given):
     found = audited(data, "--session", "day", "--outcome", "next.success")
     assert found["assumptions"][0].startswith("Demonstrations are judged within their sessions: tue (12: ")
     # Of Monday's demonstrations 3, 5 and 9 fail, of Tuesday's 8.
-    assert [np.nansum(one["outcome"]) for one in given] == [11, 9]
+    assert [np.nansum(task.answers.outcome) for task in given] == [11, 9]
     assert {row["id"] for row in found["demonstrations"]} == set(range(24))
     assert found["n_demonstrations"] == 24
 
@@ -126,21 +126,16 @@ def test_files_are_sessions(given):
     refused("come from one file each", "audit", "many", "--session", "file", "-q", "--observations", "x,v")
 
 
-def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, given, monkeypatch):
+def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, given):
     write("good.parquet", 10, {}, 2)
-    labels = []
-    init = RPIL.__init__
-    monkeypatch.setattr(
-        RPIL, "__init__", lambda self, **given: (labels.append(given["labels"]), init(self, **given))[1]
-    )
-    monkeypatch.setattr(RPIL, "get_params", lambda self, deep=True: dict(vars(self)))
     Path("l.csv").write_text("id,label\n3,bad\n")
     outputs = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html", "--keep", "k.json"]
     options = ["--reference", "good.parquet", "--labels", "l.csv", "--outcome", "next.success"]
     found = audited(data, *options, *outputs)
-    assert labels == [[("3", "bad"), *((f"reference {m}", "good") for m in range(10))]]
-    assert len(given[0]["outcome"]) == 34
-    assert np.sum(given[0]["outcome"]) == 30
+    labels, ids = given[0].answers.labels, given[0].source.ids
+    assert {ids[m]: labels[m] for m in labels.nonzero()[0]} == {"3": -1} | {f"reference {m}": 1 for m in range(10)}
+    assert len(given[0].answers.outcome) == 34
+    assert np.sum(given[0].answers.outcome) == 30
     assert found["n_demonstrations"] == 24
     assert found["n_steps"] == 24 * N_STEPS
     assert {row["id"] for row in found["demonstrations"]} == set(range(24))

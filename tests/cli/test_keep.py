@@ -137,7 +137,7 @@ def test_labels_choose_episodes_of_lerobot_too(tmp_path):
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.keep.audit_by_task", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.keep.audit_data", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))

@@ -175,12 +175,13 @@ def test_what_cannot_be_asked_is_refused_before_a_question(data, options, words)
 
 
 def test_pairs_reach_the_fit(data, monkeypatch):
-    found = []
-    fit = RPIL.fit
-    monkeypatch.setattr(RPIL, "fit", lambda self, *a, **given: (found.append(self.labels), fit(self, *a, **given))[1])
+    tasks = []
+    fit = RPIL.fit_task
+    monkeypatch.setattr(RPIL, "fit_task", lambda self, task: (tasks.append(task), fit(self, task))[1])
     Path("l.csv").write_text("id,label\n0,better than 3\n3,bad\n1,better than 5\n")
     out = ok("audit", data, "--labels", "l.csv", "-q", "--observations", "x,v", "--json").stdout
-    assert found == [[("3", "bad"), ("0", "better than 3"), ("1", "better than 5")]]
+    assert tasks[0].answers.pairs.tolist() == [[0, 3], [1, 5]]
+    assert tasks[0].answers.labels.tolist() == [0, 0, 0, -1] + [0] * (len(tasks[0].source.ids) - 4)
     assert "1 label, 2 pairs" in " ".join(json.loads(out)["assumptions"])
 
 

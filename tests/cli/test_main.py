@@ -125,10 +125,10 @@ def test_one_episode_has_no_interval(folder):
 
 
 def test_cloning_trusts_all_demonstrations(folder):
-    result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "cloning", "--features", "spline")
+    result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "cloning", "--features", "nystroem")
     assert "were trusted alike" in result.stdout
     model = load("p")
-    assert (type(model).__name__, model.features) == ("BehavioralCloning", "spline")
+    assert (type(model).__name__, model.features) == ("BehavioralCloning", "nystroem")
 
 
 def test_rment_trusts_the_given_number(folder):

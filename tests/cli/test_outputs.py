@@ -19,6 +19,7 @@ import pytest
 from audits import make_audit
 from command_line import call, ok, refused
 from rpil.cli import outputs
+from rpil.cli.commands import AuditRun
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.faults.check import find_faults
@@ -51,7 +52,7 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
 
 def test_nothing_to_keep_is_said(folder):
     audit = make_audit(("bad",) * 3)
-    given = outputs.Audited(audit, "x", SimpleNamespace(step_columns=None), None, {}, audit.choice)
+    given = AuditRun(audit, "x", SimpleNamespace(step_columns=None), {})
     paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
         outputs.write_outputs(paths, given, 1.0, lambda _: None)
@@ -66,7 +67,7 @@ def test_secrets_of_an_address_are_in_no_report():
     source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_demonstrations(data, "CSV")
-    given = outputs.Audited(audit, recording.description.source, recording, None, {}, audit.choice)
+    given = AuditRun(audit, recording.description.source, recording, {})
     with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
         ctx.params["file"] = given.source
         shown = outputs.about(given)
@@ -173,7 +174,7 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
     result = call(*arguments)
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "rpil: interrupted; w.csv is written.\n"
-    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit", interrupt)
+    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit_task", interrupt)
     result = call(*arguments)
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "rpil: interrupted; nothing was written.\n"
@@ -186,7 +187,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
     audit, faults = make_audit(), find_faults(recording.demonstrations)
-    given = outputs.Audited(audit, "data.csv", recording, faults, {}, audit.choice)
+    given = AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
         outputs.write_outputs(paths, given, 1.0, stages.append)
     assert stages == [f"writing {path}" for path in paths.values()]

@@ -180,7 +180,6 @@ def test_doubts_and_contradicting_labels_are_results_and_groups_come_before_the_
         ("set these aside with skip_bad=True", "aside with --skip-bad"),
         ("judge all as one, add exclude='a task'.", "add --exclude 'a task'."),
         ("read it into memory with rpil.read.", "into memory with --no-stream."),
-        ("fit again, with checkpoint= if one was kept", "fit again, with --resume if one was kept"),
         ("give ids that rpil.read gives", "give ids that rpil.read gives"),
         ("one demonstration alone (n_samples=1) cannot be compared", "one demonstration alone cannot be compared"),
         ("column 'grid=3' has id=4, my_id= and x.id=", "column 'grid=3' has id=4, my_id= and x.id="),

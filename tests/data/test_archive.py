@@ -156,7 +156,7 @@ def set_in(tree, path, value):
         (("fitted", "policy_", "class"), "os.system"),
         (("fitted", "policy_", "fields", "more"), 1),
         (("fitted", "policy_", "fields", "ridge"), ...),
-        (("fitted", "features_", "fields", "kind"), "spline"),
+        (("fitted", "features_", "fields", "kind"), "nystroem"),
         (("fitted", "audit_", "fields", "ids"), [1, 2]),
         (("fitted", "audit_"), 3),
         (("fitted", "audit_", "fields", "finding"), "all is well"),

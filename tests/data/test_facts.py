@@ -9,7 +9,7 @@ from problems import make, one_sentence
 from rpil import RPIL
 from rpil.data.errors import DataError
 from rpil.data.facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
-from rpil.estimators.task import Task
+from rpil.estimators.task import Task, answers_of
 
 OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan
 
@@ -103,10 +103,11 @@ def test_sessions_that_some_share_are_taken():
 
 def test_a_fit_checks_outcome_and_order_and_its_task_holds_them():
     data = make("noisy", 1).demonstrations
-    task = Task.of(data, outcome={data.ids[0]: 1.0, data.ids[2]: 0.0}, order=range(len(data)))
-    assert (task.outcome[0], task.outcome[2], np.isnan(task.outcome).sum()) == (1, 0, len(data) - 2)
+    outcome = given_outcome({data.ids[0]: 1.0, data.ids[2]: 0.0}, data.ids, data.source)
+    task = Task.of(data, None, answers_of(None, outcome, data), order=range(len(data)))
+    np.testing.assert_array_equal(task.answers.outcome, [1, NAN, 0] + [NAN] * (len(data) - 3))
     np.testing.assert_array_equal(task.order, np.arange(len(data)))
-    assert (Task.of(data).outcome, Task.of(data).order) == (None, None)
+    assert (Task.of(data).answers.any, Task.of(data).order) == (False, None)
     for given in ({"outcome": np.ones(len(data))}, {"order": [0.0]}):
         with pytest.raises(DataError) as error:
             RPIL().fit(data, **given)

@@ -10,15 +10,13 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import DataError, Settings, load, save
+from rpil import Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
 from rpil.results.words import SIDES
-from rpil.scale.disk import Streamed
 from rpil.scale.fit import Sample
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory, Streamed
 from rpil.scale.sample import draw_sample, is_large, sample_steps
-from rpil.scale.settings import AscentSettings
 from small import SAMPLE, SMALL, small_rpil
 
 MAKERS = [make, make_continuous]
@@ -213,44 +211,3 @@ def test_fit_of_large_data_is_saved(tmp_path):
     np.testing.assert_array_equal(back.predict_proba(data.observations), model.predict_proba(data.observations))
     np.testing.assert_array_equal(back.score_demonstrations(data), model.score_demonstrations(data))
     assert back.audit_.suggest_labels(2) == model.audit_.suggest_labels(2)
-
-
-def interrupt(stage: str) -> None:
-    if stage.startswith("pass 3"):
-        raise KeyboardInterrupt
-
-
-@pytest.mark.parametrize("maker", MAKERS)
-def test_interrupted_fit_continues_to_the_same_bits(tmp_path, maker):
-    settings = replace(SMALL, ascent=AscentSettings(tol=1e-10))  # enough passes to be interrupted
-    _, data = demonstrations("noisy", 1, maker=maker)
-    path = tmp_path / "so far"
-    passes: list[str] = []
-    whole = small_rpil(progress=passes.append, settings=settings).fit(data)
-    with pytest.raises(KeyboardInterrupt):
-        small_rpil(checkpoint=path, progress=interrupt, settings=settings).fit(data)
-    assert path.exists()
-    stages: list[str] = []
-    again = small_rpil(checkpoint=path, progress=stages.append, settings=settings).fit(data)
-    assert not path.exists()
-
-    def numbers(said):
-        return [stage.partition(", about")[0] for stage in said if stage.startswith("pass ")]
-
-    assert numbers(stages) == numbers(passes)[2:]  # no pass twice, and the same objective at each
-    assert len(numbers(stages)) > 1
-    np.testing.assert_array_equal(again.log_odds_, whole.log_odds_)
-    np.testing.assert_array_equal(again.coef_, whole.coef_)
-
-
-def test_checkpoint_of_another_fit_is_refused(tmp_path):
-    _, data = demonstrations("noisy", 1)
-    path = tmp_path / "so far"
-    with pytest.raises(KeyboardInterrupt):
-        small_rpil(checkpoint=path, progress=interrupt).fit(data)
-    with pytest.raises(DataError, match="settings or kind of computer; delete it"):
-        small_rpil(C=1.0, checkpoint=path).fit(data)
-    path.write_bytes(b"something else")
-    with pytest.raises(DataError, match="no checkpoint"):
-        small_rpil(checkpoint=path).fit(data)
-    assert path.read_bytes() == b"something else"

@@ -36,19 +36,19 @@ def mixture(data):
     "estimator",
     [
         RPIL(labels={"é0": "good", "é7": "bad"}, random_state=5),
-        RPIL(features="spline", settings=Settings(judge_features="poly")),
+        RPIL(features="nystroem", settings=Settings(judge_features="raw")),
         RPIL(adversary="uniform", settings=mixture_settings(prior=(3, 2))),
-        RPIL(features="spline", adversary="own policy"),
+        RPIL(features="nystroem", adversary="own policy"),
         RPIL(
-            features="poly",
+            features="folded",
             adversary="marginal",
             settings=mixture_settings(prior=0.5, m_step="expert_only"),
         ),
         RPIL(adversary="normalised complement"),
         RPIL(adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
         RMEnt(n_trusted=5, n_starts=2),
-        BehavioralCloning(features="poly", C=3.0),
-        BehavioralCloning(features="spline"),
+        BehavioralCloning(features="folded", C=3.0),
+        BehavioralCloning(features="nystroem"),
     ],
 )
 def test_loaded_estimator_predicts_the_same_bits(estimator, data, tmp_path):
@@ -182,7 +182,7 @@ def test_action_box_of_arrays_is_saved(tmp_path):
         BehavioralCloning(),
         RMEnt(),
         *(RPIL(adversary=which) for which in ADVERSARIES["continuous"]),
-        RPIL("spline", action_box=([-50.0, -40.0], 60.0)),
+        RPIL("nystroem", action_box=([-50.0, -40.0], 60.0)),
     ],
     ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
 )

@@ -79,7 +79,7 @@ def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
     assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4
 
 
-@pytest.mark.parametrize("features", ["raw", "spline"])
+@pytest.mark.parametrize("features", ["raw", "nystroem"])
 @pytest.mark.parametrize("kind", ["random", "noisy"])
 def test_experts_are_selected_and_their_policy_is_learned(kind, features):
     toy = make(kind, 1, n_good=8, n_bad=8, steps=(40, 60))

@@ -22,11 +22,11 @@ from rpil.scale.settings import AscentSettings
 
 
 def test_feature_settings_reach_the_maps_of_the_judge_and_of_the_policy():
-    maps = FeatureSettings(n_knots=5, ridge_per_step=1e-3)
+    maps = FeatureSettings(n_landmarks=5, ridge_per_step=1e-3)
     settings = Settings(selection=SelectionSettings(maps=maps))
-    model = RPIL("spline", settings=settings).fit(make("noisy", 0).demonstrations)
+    model = RPIL("nystroem", settings=settings).fit(make("noisy", 0).demonstrations)
     for features in (model.features_, model.judge_features_):
-        assert len(features.knots) == 5
+        assert len(features.landmarks) == 5
         assert features.ridge_per_step == 1e-3
 
 

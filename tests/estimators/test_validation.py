@@ -121,7 +121,7 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (
             RPIL(features="fourier"),
             TOY.demonstrations,
-            "no features called 'fourier'; choose .*raw, folded, spline, poly",
+            "no features called 'fourier'; choose .*raw, folded, nystroem",
         ),
         (
             RPIL(adversary="evil"),

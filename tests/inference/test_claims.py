@@ -300,7 +300,7 @@ def test_claims_about_a_sample_extend_to_all():
 def test_sampled_groups_and_doubts_extend_to_all():
     scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
     doubt = Doubt("{members} follow one another.", (np.array([0, 2]),))
-    contrast = Contrast(np.ones(1), np.ones((2, 1)), np.ones(1), np.ones(2))
+    contrast = Contrast(((0, 1.0),), np.ones((2, 1)), np.ones(1), np.ones(2))
     two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]), contrast)
     found = extended(two, scores, np.array([1, 2, 5]), scoring.settings)
     assert found.words.tolist() == [0] * 6

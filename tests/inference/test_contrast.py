@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hand_made import same_actions, scoring_of
-from rpil.inference.contrast import contrast
+from rpil.inference.contrast import MAX_PARTS, contrast, evidence_by_part
 from rpil.inference.rivals import Lower
 from rpil.inference.settings import JudgeSettings
 
@@ -40,7 +40,8 @@ def test_share_of_each_part_of_a_continuous_action():
     of_rival = [[0.0, 0.5, 1.0]] * 3 + [[1.0, 1.0, 0.5]] * 2 + [[50.0] * 3]
     found = contrast(scoring(of_upper=of_upper, of_rival=of_rival), LOWER, 0.01)
     # In the first part: 2 - 0 in the median demonstration of A, and 1 - 0 in B; the last part speaks for neither group.
-    np.testing.assert_allclose(found.share, np.array([3.0, 0.5, 0.0]) / 3.5)
+    assert [j for j, _ in found.parts] == [0, 1]
+    assert [share for _, share in found.parts] == pytest.approx([3 / 3.5, 0.5 / 3.5])
     np.testing.assert_allclose(found.use[0], found.use[1])  # all take the same actions
     assert found.use.shape == (2, 3)
 
@@ -56,7 +57,7 @@ def test_the_median_of_each_part_in_each_group():
     np.testing.assert_allclose(found.use[0], np.median(actions[steps < 3], axis=0))
     near = np.abs(actions[steps < 3] - found.use[0]), np.abs(actions[(steps == 3) | (steps == 4)] - 6.0)
     np.testing.assert_allclose(found.spread, np.median(np.concatenate(near), axis=0))
-    assert found.share.tolist() == [0.0, 0.0, 0.0]  # the policy has no parts
+    assert found.parts == ()  # the policy has no parts
 
 
 def test_share_of_each_discrete_action():
@@ -72,13 +73,20 @@ def test_share_of_each_discrete_action():
     made.model.cold_copy = lambda: SimpleNamespace(evaluate=evaluate)
     sign = 1
     found = contrast(made, LOWER, 0.01)
-    np.testing.assert_allclose(found.share, [0.75, 0.25])
+    assert found.parts == ((0, 0.75), (1, 0.25))
     np.testing.assert_allclose(found.use, 0.5)
     sign = -1
-    assert contrast(made, LOWER, 0.01).share.tolist() == [0.0, 0.0]
+    assert contrast(made, LOWER, 0.01).parts == ()
 
 
 def test_median_lengths():
     lengths = [1, 2, 9, 3, 8, 7]
     found = contrast(scoring(lengths=lengths), LOWER, 0.01)
     assert found.length.tolist() == pytest.approx([2.0, 5.5])
+
+
+def test_evidence_is_of_the_parts_that_point_where_the_sum_points():
+    assert evidence_by_part(np.array([-6.0, 4.0, -2.0])) == ((0, 0.75), (2, 0.25))
+    assert evidence_by_part(np.array([2.0, 6.0, -4.0])) == ((1, 0.75), (0, 0.25))
+    assert evidence_by_part(np.array([1e-9, 0.0])) == ()
+    assert len(evidence_by_part(np.ones(9))) == MAX_PARTS

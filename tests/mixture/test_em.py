@@ -117,9 +117,9 @@ def test_objective_never_falls(which):
 
 
 @pytest.mark.parametrize("which", ["complement", "confusion"])
-def test_objective_never_falls_with_splines(which):
+def test_objective_never_falls_with_landmarks(which):
     for seed in range(3):
-        problem = make("noisy", seed).problem("spline")
+        problem = make("noisy", seed).problem("nystroem")
         history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.diff(history).min() >= -1e-10 * np.abs(history).max()
 
@@ -127,7 +127,7 @@ def test_objective_never_falls_with_splines(which):
 @pytest.mark.parametrize("which", ["uniform", "confusion"])
 def test_single_precision_gives_the_same_fit_up_to_rounding(which):
     for name, toy in ZOO.items():
-        double = toy.problem("spline")
+        double = toy.problem("nystroem")
         single = replace(double, features=double.features.astype(np.float32))
         histories = [
             run_em(problem, pooled_state(double, which), MixtureSettings(max_iter=8, tol=0.0)).history
@@ -241,9 +241,9 @@ def test_the_objective_never_falls_for_continuous_actions(which):
 
 
 @pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_the_objective_never_falls_with_splines_and_continuous_actions(which):
+def test_the_objective_never_falls_with_landmarks_and_continuous_actions(which):
     for seed in range(3):
-        problem = make_continuous("window", seed).problem("spline")
+        problem = make_continuous("window", seed).problem("nystroem")
         history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
 

@@ -26,7 +26,7 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(fin
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"policy": assumptions.linear_policy("spline")}, "spline"),
+        ({"policy": assumptions.linear_policy("nystroem")}, "nystroem"),
         ({"policy": assumptions.custom_policy("TorchPolicy")}, "TorchPolicy"),
         ({"p_two_groups": 0.256}, "0.26"),
         ({"expert_share": 0.75}, "0.75"),

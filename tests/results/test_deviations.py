@@ -16,7 +16,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.settings import HeldOutSettings
 from rpil.results.deviations import MAX_STEPS, deviations
-from rpil.results.evidence import beside_final_policy
+from rpil.results.evidence import by_final_policy
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
@@ -33,7 +33,7 @@ def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> Comparison:
     def outputs(rows: np.ndarray) -> np.ndarray:
         return np.zeros((len(rows), n_parts)) if n_parts else np.log(np.full((len(rows), 3), 1 / 3))
 
-    return beside_final_policy(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
+    return by_final_policy(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
 
 
 def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.drawings import LEVELS, MAX_BINS, NO_VALUE, bin_starts, drawing, drawings, packed
-from rpil.results.traces import Part, Traces
+from rpil.results.drawings import LEVELS, NO_VALUE, drawing, drawings, packed
+from rpil.results.traces import TracedPart, Traces
 
 
 def unpacked(curves, name):
@@ -32,51 +32,41 @@ def test_a_curve_that_is_flat_or_not_known_is_packed(values):
     np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)
 
 
-@pytest.mark.parametrize("n_steps", [1, 7, MAX_BINS, MAX_BINS + 1, 12345])
-def test_bins_are_nearly_equal_and_hold_every_step(n_steps):
-    starts = bin_starts(n_steps)
-    widths = np.diff(np.append(starts, n_steps))
-    assert len(starts) == min(n_steps, MAX_BINS)
-    assert starts[0] == 0
-    assert widths.min() >= 1
-    assert widths.max() - widths.min() <= 1
-
-
 def test_drawing_has_the_steps_of_its_demonstration():
-    part = Part("elbow", 0.61234, -321.987654, np.arange(500.0), np.full(500, -1.0), np.full(500, 2000.0))
-    traces = {1: Traces("continuous", (part,), 2, compared_with="trusted")}
-    audit = make_audit(("typical", "unlike"), lengths=[40, 1000], traces=traces)
+    part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
+    traces = {1: Traces((part,), compared_with="trusted")}
+    audit = make_audit(("typical", "unlike"), lengths=[40, 1200], traces=traces)
     drawn = drawing(audit, 1)
-    ratio, trust = audit.step_log_ratio[40:].reshape(200, 5), audit.step_trust(1).reshape(200, 5)
+    ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
     level = (ratio.max() - ratio.min()) / LEVELS
     for name, values in (("min", ratio.min(1)), ("mean", ratio.mean(1)), ("max", ratio.max(1))):
         np.testing.assert_allclose(unpacked(drawn["ratio"], name), values, atol=level)
     np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
     (part,) = drawn["parts"]
     assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
-    assert (drawn["width"], drawn["compared_with"]) == (2, "trusted")
-    np.testing.assert_allclose(unpacked(part, "value"), np.arange(500.0), atol=2001 / LEVELS)
+    assert drawn["compared_with"] == "trusted"
+    np.testing.assert_allclose(unpacked(part, "value"), np.arange(400.0), atol=2001 / LEVELS)
     np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
     assert drawing(audit, 0)["parts"] == []
 
 
 def test_discrete_actions_are_named():
-    part = Part("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
-    audit = make_audit(("unlike",), lengths=[3], traces={0: Traces("discrete", (part,), 1, ("left", "up", "left"))})
+    part = TracedPart("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
+    audit = make_audit(("unlike",), lengths=[3], traces={0: Traces((part,), ("left", "up", "left"))})
     taken = drawing(audit, 0)["taken"]
     assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
 
 
 def test_of_very_many_discrete_actions_the_most_frequent_are_named():
-    actions = tuple(f"a{k}" for k in (*range(400), *range(100, 300)))
-    part = Part("action", 1.0, -3.0, np.full(600, 0.5), np.zeros(600), np.ones(600))
-    audit = make_audit(("unlike",), lengths=[600], traces={0: Traces("discrete", (part,), 1, actions)})
+    actions = tuple(f"a{k}" for k in (*range(300), *range(100, 200)))
+    part = TracedPart("action", 1.0, -3.0, np.full(400, 0.5), np.zeros(400), np.ones(400))
+    audit = make_audit(("unlike",), lengths=[400], traces={0: Traces((part,), actions)})
     taken = drawing(audit, 0)["taken"]
     codes = base64.b64decode(taken["codes"])
     assert len(taken["names"]) == NO_VALUE
     shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
     assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
-    assert None not in shown[100:300]
+    assert None not in shown[100:200]
 
 
 def test_drawings_of_several_are_those_of_each():

@@ -18,7 +18,7 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.results.evidence import beside_judge, shares, with_fewer_traces, worth_a_look
+from rpil.results.evidence import by_held_out_policies, with_fewer_traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import MAX_POINTS
 
@@ -63,12 +63,12 @@ def judged(discrete: bool) -> tuple[Judgement, FitData]:
 @pytest.mark.parametrize("discrete", [False, True])
 def test_the_parts_sum_to_the_log_ratios_of_the_judge_less_those_of_the_median_typical(discrete: bool) -> None:
     judgement, data = judged(discrete)
-    compared = beside_judge(judgement, data, None, 3, HeldOutSettings())
-    less = judgement.log_ratio - compared.evidence.sum(axis=1)
+    compared = by_held_out_policies(judgement, data, None, 3, HeldOutSettings())
+    less = judgement.log_ratio - compared.nats.sum(axis=1)
     # The errors of the typical have another scale than those of the demonstrations that taught the policies.
     assert np.ptp(less) < (1e-9 if discrete else 0.02 * np.ptp(judgement.log_ratio))
     typical = judgement.claims.lower.upper
-    np.testing.assert_allclose(np.median(data.sum_steps(compared.evidence)[typical], axis=0), 0, atol=1e-9)
+    np.testing.assert_allclose(np.median(data.sum_steps(compared.nats)[typical], axis=0), 0, atol=1e-9)
 
 
 def test_the_part_with_the_fault_comes_first_with_most_of_the_evidence(audit: Audit) -> None:
@@ -100,7 +100,7 @@ def test_the_band_holds_nine_in_ten_steps_where_policies_learn_their_own_steps_b
     actions, box = rng.normal(size=(300, 1)), Box(np.full(1, -9.0), np.full(1, 9.0))
     data = FitData(features, actions, np.arange(0, 301, 12), box, np.zeros(25, dtype=int))
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
-    compared = beside_judge(judgement, data, None, 0, HeldOutSettings())
+    compared = by_held_out_policies(judgement, data, None, 0, HeldOutSettings())
     learned = actions - features @ np.linalg.lstsq(features, actions, rcond=None)[0]
     true = 2 * 1.645
     assert np.diff(np.quantile(learned, [0.05, 0.95]))[0] < 0.9 * true
@@ -113,7 +113,7 @@ def test_discrete_actions_are_drawn_by_their_probability() -> None:
     for m, (_, actions) in enumerate(episodes(discrete=True)):
         own = traces[m]
         (part,) = own.parts
-        assert (own.kind, part.share, own.taken) == ("discrete", 1.0, tuple(actions))
+        assert (part.share, own.taken) == (1.0, tuple(actions))
         assert ((part.value > 0) & (part.value <= 1)).all()
         assert len(set(part.low.tolist())) == len(set(part.high.tolist())) == 1
         assert (part.nats < -30) == (m in BAD)
@@ -141,9 +141,7 @@ def test_other_ways_to_judge_have_traces_too(discrete: bool, options: dict[str, 
 def test_long_demonstrations_have_fewer_points() -> None:
     audit = rpil.RPIL().fit(demonstrations(n_steps=2 * MAX_POINTS + 1)).audit_
     for own in audit.traces.values():
-        assert own.width == 3
-        assert len(own.step) <= MAX_POINTS
-        assert {len(values) for p in own.parts for values in (p.value, p.low, p.high)} == {len(own.step)}
+        assert {len(values) for p in own.parts for values in (p.value, p.low, p.high)} == {MAX_POINTS}
 
 
 def test_a_copy_has_the_traces_of_the_one_that_was_judged(audit: Audit) -> None:
@@ -187,9 +185,3 @@ def test_fewer_traces_are_those_most_worth_a_look(audit: Audit) -> None:
     assert list(fewer.traces) == [audit.ids[m] for m in worth_a_look(audit, 4)]
     assert len(fewer.traces) == 4
     assert all(own is audit.traces[name] for name, own in fewer.traces.items())
-
-
-def test_shares_are_of_the_parts_that_point_where_the_sum_points() -> None:
-    np.testing.assert_allclose(shares(np.array([-6.0, 4.0, -2.0])), [0.75, 0.0, 0.25])
-    np.testing.assert_allclose(shares(np.array([6.0, 2.0, -4.0])), [0.75, 0.25, 0.0])
-    assert not shares(np.zeros(2)).any()

@@ -29,7 +29,8 @@ def columns(**channels):
 
 
 def contrast(share=(0.1, 0.7, 0.2), use=((0.0, 1.5, 0.25), (0.0, -2.0, 0.5)), spread=0.0):
-    return Contrast(np.array(share), np.array(use), np.full(3, spread), np.array([140.0, 1210.0]))
+    parts = sorted(((j, one) for j, one in enumerate(share) if one), key=lambda part: -part[1])
+    return Contrast(tuple(parts), np.array(use), np.full(3, spread), np.array([140.0, 1210.0]))
 
 
 UP = np.arange(14.0)

@@ -204,7 +204,7 @@ def test_names_of_parts_are_text_and_not_formulas(tmp_path: Path) -> None:
 
 def test_the_probability_of_discrete_actions_is_named() -> None:
     audit = with_traces()
-    own = replace(audit.traces["d"], kind="discrete", parts=audit.traces["d"].parts[:1], taken=("left",) * 40)
+    own = replace(audit.traces["d"], parts=audit.traces["d"].parts[:1], taken=("left",) * 40)
     shown = replace(audit, traces={"d": own}).plot.evidence("d")
     assert shown.axes_[0].get_title(loc="left").startswith("Probability of the action taken (75%")
 

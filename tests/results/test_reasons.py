@@ -9,8 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil.inference.answers import Answers
-from rpil.results.reasons import MIN_STRETCH, Grounds, worst_stretch
-from rpil.results.words import WORDS
+from rpil.results.reasons import MIN_STRETCH, worst_stretch
 
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
@@ -125,28 +124,14 @@ def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
     assert audit.reasons[0] == "Its log-odds of -0.3 nats are too close to 0 to call it typical or unlike."
 
 
-def test_nothing_is_said_of_the_trusted_where_there_are_none_or_they_score_lower() -> None:
-    grounds = Grounds(
-        finding="some are unlike",
-        words=WORDS["none"],
-        verdict="unlike",
-        log_odds=-5.0,
-        is_sure=True,
-        from_actions=-5.0,
-        from_demonstrator=0.0,
-        label="",
-        has_outcome=False,
-        contradicts=False,
-        doubt="",
-        group="",
-        score=-0.5,
-        trusted_score=float("nan"),
-        stretch=None,
-        deviation="",
-    )
-    for trusted in (float("nan"), -0.6):
-        assert "that of" not in replace(grounds, trusted_score=trusted).sentence()
-    assert "that of the typical ones +0.60" in replace(grounds, trusted_score=0.6).sentence()
+@pytest.mark.parametrize(
+    ("others", "trusted", "ending"),
+    [("typical", 0.6, " nats, that of the typical ones +0.60."), ("typical", -0.6, " nats."), ("open", 0.6, " nats.")],
+)
+def test_reason_compares_with_the_typical_where_there_are_some_and_they_score_higher(others, trusted, ending) -> None:
+    ratio = np.repeat([trusted, -0.1], 20)
+    audit = make_audit((others, "unlike"), step_log_ratio=ratio, lengths=[20, 20], log_odds=np.array([5.0, -5.0]))
+    assert audit.reasons[1] == f"Judged by its actions: its mean log-ratio is -0.10{ending}"
 
 
 def test_impossible_steps_do_not_make_a_reason_infinite() -> None:

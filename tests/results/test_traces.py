@@ -5,25 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.results.traces import MAX_POINTS, Part, Traces, least_points, point_width, points
+from rpil.results.traces import MAX_POINTS, TracedPart, Traces, bin_means, bin_starts
 
 
-@pytest.mark.parametrize("n_steps", [1, MAX_POINTS, MAX_POINTS + 1, 4 * MAX_POINTS + 1])
-def test_no_trace_has_more_points_than_allowed(n_steps: int) -> None:
-    width = point_width(n_steps)
-    found = points(np.ones(n_steps), width)
-    assert len(found) <= MAX_POINTS
-    assert (width == 1) == (n_steps <= MAX_POINTS)
-    assert found.dtype == np.float32
-    assert len(least_points(np.ones(n_steps), width)) == len(found)
-    traces = Traces("continuous", (Part("elbow", 1.0, -2.0, found, found, found),), width)
-    assert traces.step[-1] < n_steps <= traces.step[-1] + width
+@pytest.mark.parametrize("n_steps", [1, 7, MAX_POINTS, MAX_POINTS + 1, 12345])
+def test_points_are_nearly_equal_and_hold_every_step(n_steps: int) -> None:
+    starts = bin_starts(n_steps)
+    widths = np.diff(np.append(starts, n_steps))
+    assert len(starts) == min(n_steps, MAX_POINTS)
+    assert starts[0] == 0
+    assert widths.min() >= 1
+    assert widths.max() - widths.min() <= 1
 
 
 def test_a_point_is_the_mean_of_its_steps() -> None:
-    np.testing.assert_array_equal(points(np.array([1.0, 3.0, 5.0, 6.0, 9.0]), 2), [2.0, 5.5, 9.0])
-    np.testing.assert_array_equal(points(np.arange(6.0).reshape(3, 2), 2), [[1.0, 2.0], [4.0, 5.0]])
+    values = np.random.default_rng(0).normal(size=2 * MAX_POINTS)
+    np.testing.assert_allclose(bin_means(values), values.reshape(-1, 2).mean(axis=1))
+    np.testing.assert_array_equal(bin_means(values[:9]), values[:9])
 
 
-def test_the_least_step_of_each_point() -> None:
-    assert least_points(np.array([0.4, 0.2, 0.3, 0.5, 0.1]), 2).tolist() == [1, 2, 4]
+@pytest.mark.parametrize("n_steps", [MAX_POINTS, MAX_POINTS + 1])
+def test_traces_fit_demonstrations_with_as_many_points(n_steps: int) -> None:
+    curve = bin_means(np.zeros(n_steps))
+    part = TracedPart("elbow", 1.0, -2.0, curve, curve, curve)
+    assert Traces((part,)).fits(n_steps)
+    assert Traces((part,), ("left",) * MAX_POINTS).fits(n_steps)
+    assert not Traces((part,), ("left",)).fits(n_steps)
+    assert not Traces((part,)).fits(MAX_POINTS - 1)
+    assert not Traces(()).fits(n_steps)

@@ -8,7 +8,6 @@ import os
 import pickle
 import signal
 import socket
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -29,7 +28,7 @@ from rpil.inference.settings import JudgeSettings
 from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
 from rpil.scale.fit import StepWeights
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory
 from small import SAMPLE, SMALL, small_rpil
 
 distributed = pytest.importorskip("distributed")
@@ -170,18 +169,12 @@ def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
         list(placed.map(_steps))
 
 
-def test_connect_refuses_an_address_without_scheduler():
-    with pytest.raises(DataError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there"):
-        engine.connect("tcp://127.0.0.1:9", timeout=0.5)
-    with pytest.raises(DataError, match="no Dask scheduler answers there"):
-        engine.connect("tcp://localhost:99999", timeout=0.5)
-
-
-@pytest.mark.parametrize("address", ["nonsense", "not an address", "tcp://host", "http://host:8786", "host:port"])
-def test_what_is_no_address_is_refused_at_once(address, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(DataError, match=r"it is no address of a Dask scheduler; write it as tcp://HOST:8786"):
-        engine.connect(address)
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", "tcp://localhost:99999", "nonsense", "tcp://host", "http://a:1"]
+)
+def test_connect_refuses_an_address_without_scheduler(address):
+    with pytest.raises(DataError, match=f"{address}: no Dask scheduler answers there .*; check the address, as tcp://"):
+        engine.connect(address, timeout=0.5)
 
 
 def test_another_server_is_refused():
@@ -233,15 +226,12 @@ def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(closed, tmp_p
 
         monkeypatch.setattr(engine.RemoteBlocks, "run", run_with_an_end)
         monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
-        checkpoint = tmp_path / "checkpoint"
-        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*checkpoint=") as caught:
-            small_rpil(engine=DaskEngine(client), checkpoint=checkpoint).fit(demonstrations())
+        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*fit again") as caught:
+            small_rpil(engine=DaskEngine(client)).fit(demonstrations())
         with suppress(Exception):
             client.close()
     assert "\n" not in str(caught.value)
     assert ". " not in str(caught.value)
-    monkeypatch.undo()
-    assert_same(small_rpil(checkpoint=checkpoint).fit(demonstrations()), small_rpil().fit(demonstrations()))
 
 
 class Odd:

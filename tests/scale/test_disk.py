@@ -14,7 +14,7 @@ import pytest
 from recorded import demonstrations, write_files
 from rpil import RPIL, formats, open_dataset
 from rpil.formats import table as flat
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory
 from small import small_rpil
 
 
@@ -36,7 +36,7 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     for name, own in here.audit_.traces.items():
         for part, same in zip(own.parts, there.audit_.traces[name].parts, strict=True):
             np.testing.assert_allclose([part.value, part.low], [same.value, same.low], rtol=1e-5, atol=1e-5)
-    assert len(own.taken) == (0 if continuous else len(own.step))
+    assert len(own.taken) == (0 if continuous else len(own.parts[0].value))
 
 
 def test_a_small_data_set_is_fitted_in_memory(tmp_path):

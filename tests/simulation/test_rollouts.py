@@ -96,7 +96,7 @@ def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_the
 @pytest.mark.parametrize("env_id", ["Acrobot-v1", "LunarLander-v3"])
 def test_the_returns_are_the_same_bits_in_however_many_processes(env_id):
     made = simulate(env_id, "corrupted", n_good=3, n_bad=0, seed=0)
-    policy = BehavioralCloning(features="spline").fit(Demonstrations.from_episodes(made.episodes))
+    policy = BehavioralCloning(features="nystroem").fit(Demonstrations.from_episodes(made.episodes))
     calls = []
     alone = rollout(policy, env_id, n_episodes=9, seed=2).returns
     shared = rollout(

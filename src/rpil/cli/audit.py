@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import shlex
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import commands, terminal
+from rpil.cli import terminal
 from rpil.cli.check import audit_fault_lines
-from rpil.cli.commands import CommandSettings, audit_by_task, check_paths, connect_engine, open_recording
+from rpil.cli.commands import CommandSettings, audit_data, check_paths, look_for_faults, read_data
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
-    FitOptions,
     OutputFile,
+    RunOptions,
     Value,
     WordLimit,
     command_words,
     json_option,
-    pop_columns,
     with_choice_options,
     with_judge_options,
 )
-from rpil.cli.options_file import file_argument
 from rpil.cli.outputs import (
     OUTPUTS,
-    Audited,
     ChoiceOptions,
     judged_within,
     lines_after_output,
@@ -43,7 +41,7 @@ N_LABELS = 3
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
 @click.option(
     "--weights",
@@ -98,47 +96,36 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     wanted = ChoiceOptions.of(options, outputs["keep"])
-    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    reference = options.pop("reference")
-    check_paths((file, options["labels"], options["operator"], reference), *outputs.values())
-    stream = commands.resolve_stream(file, stream, scheduler, reference)
-    if options["features"] == "auto":
-        options["features"] = "folded"  # the judge's features; no final policy is kept, so none need be chosen
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
-        columns = pop_columns(options)
-        with connect_engine(scheduler, progress) as engine:
-            read = open_recording(file, columns, progress, stream)
-            good = commands.read_reference(reference, file, columns, progress)
-            result, who = audit_by_task(file, read, FitOptions(**options), progress, engine, good)
-        progress("looking for recording faults")
-        from rpil.faults.recorded import faults_of
-        from rpil.faults.settings import FaultSettings
-        from rpil.results.verdict_table import choice_of
-
-        faults = faults_of(read, None, None, False, FaultSettings())
-        audited = Audited(result, file, read, faults, who, choice_of(result, wanted.asked(faults)))
-        write_outputs(outputs, audited, time.perf_counter() - start, progress)
+    given = RunOptions.of(options)
+    check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
+    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+        recording, reference = read_data(file, given, progress)
+        run = audit_data(file, recording, reference, given, progress)
+        faults = look_for_faults(recording, progress)
+        run = replace(run, faults=faults, asked=wanted.asked(faults))
+        write_outputs(outputs, run, time.perf_counter() - start, progress)
+    result = run.audit
     if json_wanted:
         suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
             terminal.to_json(
-                {"run": result.run_id, "input": read.description.to_dict()}
+                {"run": result.run_id, "input": recording.description.to_dict()}
                 | result.to_dict()
-                | {"faults": faults.to_dict(), "keep": audited.choice.to_dict()}
+                | {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
                 | suggested
             )
         )
     else:
-        terminal.print_lines([*read.description.short(), *judged_within(result), ""])
+        terminal.print_lines([*recording.description.short(), *judged_within(result), ""])
         terminal.print_audit(result, all_rows)
         terminal.print_lines(audit_fault_lines(faults, result, file))
-        print_next_steps(ctx, result, quiet and not suggest, n_labels=suggest or N_LABELS)
+        print_next_steps(ctx, result, given.quiet and not suggest, n_labels=suggest or N_LABELS)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
-            if not json_wanted and not quiet:
-                terminal.print_lines(lines_after_output(title, path, audited))
-    undecided = wanted.exit_code(audited.choice) if outputs["keep"] else 0
+            if not json_wanted and not given.quiet:
+                terminal.print_lines(lines_after_output(title, path, run))
+    undecided = wanted.exit_code(run.choice) if outputs["keep"] else 0
     return tell_if_too_many(result, fail_on) or undecided
 
 

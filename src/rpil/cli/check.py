@@ -14,7 +14,6 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
-from rpil.cli.options_file import file_argument
 from rpil.cli.progress import show_stages
 from rpil.data.files import replacing
 
@@ -32,7 +31,7 @@ MAX_REASONS = 10
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
 )

@@ -7,18 +7,16 @@ import os
 import re
 import shlex
 import sys
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.options import FitOptions, command_words
-from rpil.cli.options_file import LISTS
+from rpil.cli.options import RunOptions, command_words
 from rpil.cli.progress import LOADING, ProgressTiming, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
@@ -28,14 +26,17 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
-    from rpil.estimators.within_tasks import Known
+    from rpil.faults.record import FaultReport
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
-    from rpil.results.provenance import Provenance
+    from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.scale.protocol import Engine
 
+
+SEVERAL_COLUMNS = "--action", "--observations", "--exclude", "--only", "--without"
+"""Options that take several names with commas between them."""
 
 KEPT = "rpil.kept"
 """Key of what an interruption leaves, in the `meta` of a click context."""
@@ -106,7 +107,7 @@ def _with_commas(message: str, words: Sequence[str]) -> str:
         if extra and word == "--json" and words[k + 1 : k + 2] == [extra[1]]:
             return f"{message}; --json prints JSON, so write --json > {shlex.quote(extra[1])}"
         values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
-        if extra and word.removeprefix("--") in LISTS and " ".join(values[1:]) == extra[1]:
+        if extra and word in SEVERAL_COLUMNS and " ".join(values[1:]) == extra[1]:
             return f"{message}; write {word} {shlex.quote(','.join(values))}"
     return message
 
@@ -138,46 +139,35 @@ def open_recording(
 ) -> Recording:
     """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
     from rpil import formats
-    from rpil.formats.guesses import RoleError
 
     progress(f"reading {file}")
-    try:
-        return formats.read_recording(file, columns, on_disk=stream)
-    except RoleError as error:
-        if not error.guess:
-            raise
-        words = [word for name, value in error.guess.items() for word in (f"--{name}", value)]
-        raise DataError(f"{error.sentence}; perhaps: {shlex.join(['rpil', 'audit', file, *words])}.") from error
+    return formats.read_recording(file, columns, on_disk=stream)
 
 
-def read_reference(
-    reference: str | None, file: str, columns: ColumnOptions, progress: StageProgress
-) -> Recording | None:
-    """The recording of good demonstrations at `reference`, if one is given beside `file`, with its options."""
-    if reference is None:
-        return None
-    if os.path.realpath(reference) == os.path.realpath(file):
-        raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    return open_recording(reference, replace(columns, only=(), without=()), progress)  # which are ids of the data
+def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:
+    """The recording in `file`, and that of the good demonstrations at --reference, which is read by the same columns.
 
-
-def resolve_stream(file: str, stream: bool | None, scheduler: str | None, reference: str | None = None) -> bool | None:
-    """`stream` for `open_recording`: with a cluster the data stay on disk, because its workers read them; with a
-    reference they are read into memory."""
+    With a cluster the data stay on disk, because its workers read them; with a reference they are read into memory.
+    """
+    stream, scheduler, reference = options.stream, options.scheduler, options.reference
     if reference is not None and (stream or scheduler):
         option = "--scheduler" if scheduler else "--stream"
         raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
-    if reference is not None:
-        return False
     if scheduler and stream is False:
         raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
-    if scheduler is None:
-        return stream
-    from rpil.formats.store import has_parquet
+    if scheduler:
+        from rpil.formats.store import has_parquet
 
-    if not has_parquet(file):
-        raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
-    return True
+        if not has_parquet(file):
+            raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
+    stream = True if scheduler else stream if reference is None else False
+    recording = open_recording(file, options.columns, progress, stream)
+    if reference is None:
+        return recording, None
+    if os.path.realpath(reference) == os.path.realpath(file):
+        raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
+    columns = replace(options.columns, only=(), without=())  # which are ids of the data
+    return recording, open_recording(reference, columns, progress)
 
 
 def tell_of_set_aside(recording: Recording) -> None:
@@ -208,105 +198,88 @@ def connect_engine(address: str | None, progress: StageProgress) -> Iterator[Eng
         yield DaskEngine(client)
 
 
-def fit_rpil(
-    file: str,
-    recording: Recording,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None = None,
-) -> tuple[RPIL, Mapping[str, str]]:
-    """`RPIL`, fitted to the demonstrations in `file` with the options of the command line, and the demonstrators by the
-    ids of their demonstrations as text."""
-    n_tasks = len({*recording.tasks.values()})
-    if n_tasks > 1:
-        message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
-        warnings.warn(message, stacklevel=1)
-    from rpil.estimators.within_tasks import Known
+@dataclass(frozen=True, eq=False)
+class AuditRun:
+    """An audit, and the recording that it is of."""
 
-    known = Known.of(recording, options.labels, options.operator, None, None)
-    return _fit(file, recording.demonstrations, known, options, progress, engine), _names(known)
+    audit: Audit
+    source: str
+    """The path of the data."""
+    recording: Recording
+    demonstrators: Mapping[str, str]
+    """By the ids of their demonstrations."""
+    faults: FaultReport | None = None
+    asked: Asked | None = None
+    """What the user says of which demonstrations to keep."""
+
+    @cached_property
+    def choice(self) -> Choice:
+        """Those to keep, and why the others are not."""
+        from rpil.results.choice import Asked
+        from rpil.results.verdict_table import choice_of
+
+        return choice_of(self.audit, self.asked or Asked())
+
+    @cached_property
+    def lost(self) -> tuple[str, ...]:
+        """What is lost without those that are not kept; see `lost_without`."""
+        return lost_without(self.recording.demonstrations, self.choice.kept)
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second, where they are known."""
+        return self.recording.description.fps or self.recording.times().fps
 
 
-def audit_by_task(
-    file: str,
-    recording: Recording,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None = None,
-    reference: Recording | None = None,
-) -> tuple[Audit, Mapping[str, str]]:
-    """The audit of the demonstrations in `file`, each judged within its task and session, beside those of a
-    `reference`; and the demonstrators as `fit_rpil`."""
-    from rpil.estimators.within_tasks import Known, judge_within_tasks
+def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
+    """What only demonstrations that are not kept visit, where their observations are in memory."""
+    from rpil.data.demonstrations import Demonstrations
+    from rpil.results.lost import lost_places
+
+    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
+
+
+def audit_data(
+    file: str, recording: Recording, reference: Recording | None, options: RunOptions, progress: StageProgress
+) -> AuditRun:
+    """Judge the demonstrations in `file` within their tasks and sessions, beside those of a `reference`."""
+    progress(LOADING)
+    from rpil.data.id_values import is_id_file
+    from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
+    from rpil.estimators.within_tasks import Statements
+
+    stated = Statements.of(recording, options.labels, options.operator, reference=reference)
+    features = JUDGE_FEATURES if options.features == "auto" else options.features  # no policy is kept
+    who = options.operator if options.operator and is_id_file(options.operator) else None
+    files = options.labels, who, options.reference
+    ctx = click.get_current_context()
+    command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
+    with fitting(replace(options, features=features), recording, progress) as model:
+        audit = audit_recording(model, recording, stated, file, command, files)
+    return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
+
+
+@contextmanager
+def fitting(options: RunOptions, recording: Recording, progress: StageProgress) -> Iterator[RPIL]:
+    """`RPIL`, to be fitted to the recording with the options of the command line."""
+    from rpil.estimators.rpil import RPIL
     from rpil.formats.dataset import Dataset
 
-    known = Known.of(recording, options.labels, options.operator, None, None, reference)
-
-    def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
-        there = engine if isinstance(demonstrations, Dataset) else None
-        return _fit(file, demonstrations, own, options, progress, there).audit_
-
-    audit = judge_within_tasks(recording, known, judge)
-    return replace(audit, provenance=_provenance(file, recording, options)), _names(known)
-
-
-def _provenance(file: str, recording: Recording, options: FitOptions) -> Provenance:
-    """That of an audit with the options of the command line."""
-    from rpil.data.id_values import is_id_file
-    from rpil.estimators.auditing import changed_options
-    from rpil.results.provenance import Provenance
-
-    ctx = click.get_current_context()
-    command = shlex.join(command_words(ctx, str(ctx.info_name), without=("resume", "quiet")))
-    settings = changed_options(options.features, options.adversary, CommandSettings.current().fit)
-    who = options.operator if options.operator and is_id_file(options.operator) else None
-    files = options.labels, who, ctx.params.get("reference")
-    return Provenance.of(recording, file, command, options.seed, settings, files)
+    with connect_engine(options.scheduler, progress) as engine:
+        yield RPIL(
+            features=options.features,
+            adversary=options.adversary,
+            random_state=options.seed,
+            progress=progress,
+            engine=engine if isinstance(recording.demonstrations, Dataset) else None,
+            settings=CommandSettings.current().fit,
+        )
 
 
-def _names(known: Known) -> dict[str, str]:
-    """The demonstrators by the ids of their demonstrations."""
-    return {name: str(who) for name, who in known.demonstrators.items()}
+def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:
+    """What the rules of ``rpil check`` find; without those with missing values if `skip_bad`."""
+    from rpil.faults.recorded import faults_of
+    from rpil.faults.settings import FaultSettings
 
-
-def _fit(
-    file: str,
-    demonstrations: Demonstrations | Dataset,
-    known: Known,
-    options: FitOptions,
-    progress: StageProgress,
-    engine: Engine | None,
-) -> RPIL:
-    progress(LOADING)
-    from rpil.estimators.rpil import RPIL
-
-    checkpoint = _checkpoint_path(file, options.resume)
-    model = RPIL(
-        features=options.features,
-        adversary=options.adversary,
-        labels=known.answers or None,
-        random_state=options.seed,
-        progress=progress,
-        checkpoint=checkpoint,
-        engine=engine,
-        settings=CommandSettings.current().fit,
-    )
-    try:
-        return model.fit(demonstrations, **known.arguments)
-    except KeyboardInterrupt:
-        if checkpoint.exists():
-            tell_if_interrupted(f"the work so far is in {checkpoint}; run the command again with --resume")
-        raise
-
-
-def _checkpoint_path(file: str, resume: bool) -> Path:
-    """The checkpoint of a fit to the data in `file`: in the current folder, because that of the data may be read-only.
-
-    A `DataError` if there is a checkpoint without --resume, or none with it.
-    """
-    path = Path(f"{Path(file).name}.rpil-checkpoint")
-    if path.exists() and not resume:
-        raise DataError(f"{path}: an earlier run was interrupted; delete this file, or add --resume to go on.")
-    if resume and not path.exists():
-        raise DataError(f"{path}: there is no such checkpoint to go on from; leave out --resume.")
-    return path
+    progress("looking for recording faults")
+    return faults_of(recording, None, None, skip_bad, FaultSettings())

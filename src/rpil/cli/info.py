@@ -18,26 +18,17 @@ from rpil.cli.options import (
     stream_option,
     with_column_options,
 )
-from rpil.cli.options_file import NAME, file_argument, write_options
 
 
 @click.command()
-@file_argument
-@click.option(
-    "--write-options",
-    "write_options_wanted",
-    is_flag=True,
-    help=f"Write these options to {NAME} beside FILE, for every command.",
-)
+@click.argument("file", type=click.Path())
 @json_option
 @stream_option
 @outcome_option
 @session_option
 @with_column_options
 @click.pass_context
-def info(
-    ctx: click.Context, /, file: str, write_options_wanted: bool, json_wanted: bool, stream: bool | None, **options: Any
-) -> None:
+def info(ctx: click.Context, /, file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
     recording = open_recording(file, pop_columns(options), lambda _: None, stream)
     if json_wanted:
@@ -46,9 +37,7 @@ def info(
         terminal.print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
     if not json_wanted:
-        words = command_words(ctx, "audit", without=("write_options_wanted",))
+        words = command_words(ctx, "audit", without=())
         operator = recording.description.operator_column
         more = ["--operator", operator] if operator and options.get("operator") is None else []
         click.echo(f"\nNext: {shlex.join([*words, *more])}")
-    if write_options_wanted:
-        click.echo(f"Options: {write_options(file, ctx.params)}", err=json_wanted)

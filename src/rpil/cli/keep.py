@@ -10,26 +10,25 @@ import click
 
 from rpil.cli.commands import (
     CommandSettings,
-    audit_by_task,
+    audit_data,
     check_paths,
-    connect_engine,
     load_into_memory,
+    look_for_faults,
+    lost_without,
     open_recording,
-    read_reference,
-    resolve_stream,
+    read_data,
     tell_of_set_aside,
 )
 from rpil.cli.options import (
     DataFile,
-    FitOptions,
+    RunOptions,
     pop_columns,
     quiet_option,
     with_choice_options,
     with_column_options,
     with_judge_options,
 )
-from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import ChoiceOptions, deciding_lines, lost_without
+from rpil.cli.outputs import ChoiceOptions, deciding_lines
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
@@ -37,8 +36,6 @@ from rpil.data.held import holding
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
-    from rpil.faults.record import FaultReport
-    from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
     from rpil.formats.registry import Found
     from rpil.results.choice import Asked, Choice, Table
@@ -46,7 +43,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
 @click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
@@ -85,26 +82,30 @@ def keep(
 
     found = find(file)
     _check_output(found, output, options.pop("in_place"), trim)
-    quiet, columns = options.pop("quiet"), pop_columns(options)
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
-        read, table, audit = _known(file, verdicts, columns, options, progress)
-        faults = _faults(read, progress) if trim or wanted.faults else None
+    given = RunOptions.of(options)
+    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+        if verdicts is None:
+            read, table, audit = _judged(file, given, progress)
+        else:
+            read, audit = _read_all(file, given, progress), None
+            table = _verdicts_on(read, verdicts)
+        faults = look_for_faults(read, progress, skip_bad=True) if trim or wanted.faults else None
         asked = wanted.asked(faults, share, at_least)
         choice, n_unnamed = _choice(read, table, asked, only_named)
         _check_left(choice, file, verdicts, table, only_named)
-        lost = () if quiet else lost_without(read.demonstrations, choice.kept)
+        lost = () if given.quiet else lost_without(read.demonstrations, choice.kept)
         trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
         progress(f"writing {output or file}")
         if output is None:
             found.mask(choice.kept)
         else:
-            found.keep(output, choice.kept, columns, trims)
+            found.keep(output, choice.kept, given.columns, trims)
     tell_of_set_aside(read)
     _print_kept(read, choice.kept, output or file, trims if trim else None)
     if n_unnamed:
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
     print_lines(choice.lines())
-    if not quiet:
+    if not given.quiet:
         deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
         print_lines([*deciding, *lost, *found.commands_to_keep(read.ids, choice.kept, output or "")])
     return wanted.exit_code(choice)
@@ -154,35 +155,19 @@ def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[
         click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
 
 
-def _known(
-    file: str, verdicts: str | None, columns: ColumnOptions, options: dict[str, Any], progress: StageProgress
-) -> tuple[Recording, Table, Audit | None]:
-    """What is read, and the verdicts on it: those of a file, or of an audit, which is returned too."""
-    stream, scheduler, reference = (options.pop(name) for name in ("stream", "scheduler", "reference"))
-    if verdicts is not None:
-        read = _read_all(file, columns, progress, stream)
-        return read, _verdicts_on(read, verdicts), None
-    if options["features"] == "auto":
-        options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
-    with connect_engine(scheduler, progress) as engine:
-        read = open_recording(file, columns, progress, resolve_stream(file, stream, scheduler, reference))
-        good = read_reference(reference, file, columns, progress)
-        given = FitOptions(**options)
-        if len(read.demonstrations) == 1 and good is None:  # nothing can be compared with it: it has its label only
-            return read, _of_one(read, given), None
-        audit, _ = audit_by_task(file, read, given, progress, engine, good)
+def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:
+    """What is read, and the verdicts of its audit; without one of a single demonstration, which has its label only."""
+    read, reference = read_data(file, given, progress)
+    if len(read.demonstrations) == 1 and reference is None:
+        from rpil.estimators.within_tasks import Statements
+
+        label = {1: "good", -1: "bad"}.get(Statements.of(read, given.labels, given.operator).answers.labels[0], "")
+        ids = read.demonstrations.ids
+        return read, {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}, None
+    audit = audit_data(file, read, reference, given, progress).audit
     from rpil.results.verdict_table import deciding_columns
 
     return read, deciding_columns(audit), audit
-
-
-def _of_one(read: Recording, options: FitOptions) -> Table:
-    """The verdict on the only demonstration, by its label."""
-    from rpil.estimators.within_tasks import Known
-
-    ids = read.demonstrations.ids
-    label = Known.of(read, options.labels, options.operator, None, None).labels.get(str(ids[0]), "")
-    return {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}
 
 
 def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
@@ -197,12 +182,12 @@ def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) 
         found.check_output(output, trim)
 
 
-def _read_all(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+def _read_all(file: str, given: RunOptions, progress: StageProgress) -> Recording:
     """The recording in a file, of whose demonstrations some may have missing values."""
     from rpil.data.missing import allow_missing
 
     with allow_missing():
-        read = open_recording(file, columns, progress, stream)
+        read = open_recording(file, given.columns, progress, given.stream)
         read.demonstrations  # noqa: B018  # are read here
         return read
 
@@ -217,17 +202,8 @@ def _verdicts_on(read: Recording, path: str) -> Table:
     return rows_of(table, {*map(str, read.demonstrations.ids)})
 
 
-def _faults(read: Recording, progress: StageProgress) -> FaultReport:
-    """What the rules of ``rpil check`` find; those with missing values are set aside for the other rules."""
-    from rpil.faults.recorded import faults_of
-    from rpil.faults.settings import FaultSettings
-
-    progress("looking for recording faults")
-    return faults_of(read, None, None, True, FaultSettings())
-
-
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "-o",
     "--output",

@@ -4,38 +4,37 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import commands, terminal
+from rpil.cli import terminal
 from rpil.cli.commands import (
+    AuditRun,
     CommandSettings,
-    audit_by_task,
+    audit_data,
     check_paths,
-    connect_engine,
-    open_recording,
+    read_data,
     tell_if_interrupted,
+    tell_of_set_aside,
 )
-from rpil.cli.options import FitOptions, Value, command_words, pop_columns, with_label_options
-from rpil.cli.options_file import file_argument
+from rpil.cli.options import RunOptions, Value, command_words, with_label_options
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
 
 if TYPE_CHECKING:
     from rpil.cli.questions.session import Session
-    from rpil.formats.recording import Recording
-    from rpil.results.record import Audit
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
 
 LABELS_FILE = "labels.csv"
 
-WITHOUT = "labels", "resume", "quiet", "port", "browser"
+WITHOUT = "labels", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 _OTHER_KEYS = "u cannot tell, s skip, z undo, q quit"
@@ -43,51 +42,31 @@ _KEYS_OF_PAIR = f"1 the first, 2 the second, 3 both good, 4 both bad, 5 no diffe
 _KEYS_OF_ONE = f"g good, b bad, {_OTHER_KEYS}"
 
 
-class Judged(NamedTuple):
-    """What questions are asked about."""
-
-    audit: Audit
-    recording: Recording
-    demonstrators: Mapping[str, str]
-    path: str  # of the labels
-    before: bytes | None  # what is in that file
-
-    @property
-    def fps(self) -> float | None:
-        """Frames a second, where they are known."""
-        return self.recording.description.fps or self.recording.times().fps
-
-
-def judge(file: str, options: dict[str, Value]) -> Judged:
-    """The audit of the data in `file` with the answers in the file of labels, which need not be there."""
-    path = options["labels"] or LABELS_FILE
-    check_paths((file, options["operator"]), path)
+def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, str, bytes | None]:
+    """The audit of the data in `file` with the answers in the file of labels, which need not be there; the path of this
+    file, and what is in it."""
+    given = RunOptions.of(options)
+    path = given.labels or LABELS_FILE
+    check_paths((file, given.operator), path)
     from rpil import formats
 
     formats.check_labels_file(path)
     if is_dangling(path):
         raise DataError(f"{path}: it is a link that leads to nothing; remove it, or give another file of labels.")
     before = Path(path).read_bytes() if Path(path).exists() else None
-    options["labels"] = path if before is not None else None
-    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
-    columns = pop_columns(options)
-    if options["features"] == "auto":
-        options["features"] = "folded"  # the judge's, as in an audit: no policy is kept
-    with (
-        show_stages(quiet, CommandSettings.current().timing) as progress,
-        connect_engine(scheduler, progress) as engine,
-    ):
-        read = open_recording(file, columns, progress, commands.resolve_stream(file, stream, scheduler))
-        audit, who = audit_by_task(file, read, FitOptions(**options), progress, engine)
-    if not audit.columns.size:
+    given = replace(given, labels=path if before is not None else None)
+    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+        recording, _ = read_data(file, given, progress)
+        run = audit_data(file, recording, None, given, progress)
+    if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
-    commands.tell_of_set_aside(read)
-    terminal.print_lines([*terminal.finding_lines(audit), terminal.verdict_sentence(audit)])
-    return Judged(audit, read, who, path, before)
+    tell_of_set_aside(recording)
+    terminal.print_lines([*terminal.finding_lines(run.audit), terminal.verdict_sentence(run.audit)])
+    return run, path, before
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @with_label_options
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
@@ -96,12 +75,12 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     It is labels.csv, or that of --labels. Answers that it holds count: a run goes on where the last one ended. Each
     answer is written at once.
     """
-    judged = judge(file, options)
+    run, path, before = audit_with_answers(file, options)
     from rpil.cli.questions.session import Session
 
-    session = Session(judged.audit, judged.path, judged.before, MAX_QUESTIONS)
-    ask(session, judged.fps)
-    terminal.print_lines(last_lines(session, command_with_labels(ctx, judged.path)))
+    session = Session(run.audit, path, before, MAX_QUESTIONS)
+    ask(session, run.fps)
+    terminal.print_lines(last_lines(session, command_with_labels(ctx, path)))
 
 
 def command_with_labels(ctx: click.Context, path: str) -> str:

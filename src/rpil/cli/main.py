@@ -4,8 +4,9 @@ is fast."""
 from __future__ import annotations
 
 import shlex
+import warnings
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -13,31 +14,26 @@ from click.core import ParameterSource
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, print_next_steps, report
 from rpil.cli.check import check
-from rpil.cli.commands import (
-    Commands,
-    CommandSettings,
-    check_paths,
-    connect_engine,
-    fit_rpil,
-    open_recording,
-)
+from rpil.cli.commands import Commands, CommandSettings, check_paths
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
 from rpil.cli.label import label
 from rpil.cli.options import (
     ERROR_CHOICE,
-    FitOptions,
     OutputFile,
+    RunOptions,
     json_option,
-    pop_columns,
     quiet_option,
     seed_option,
     with_fit_options,
 )
-from rpil.cli.options_file import file_argument
 from rpil.cli.progress import LOADING, StageProgress, show_stages
 from rpil.cli.review import review
+
+if TYPE_CHECKING:
+    from rpil.estimators.rpil import RPIL
+    from rpil.formats.recording import Recording
 
 
 def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
@@ -63,7 +59,7 @@ for command in (audit, report, check, info, label, review, keep, convert, evalua
 
 
 @main.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
 )
@@ -79,15 +75,14 @@ for command in (audit, report, check, info, label, review, keep, convert, evalua
 @click.pass_context
 def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int | None, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
-    quiet, stream, scheduler = (options.pop(name) for name in ("quiet", "stream", "scheduler"))
     if method != "rpil":
         _refuse_rpil_options(ctx, method)
     if (method == "rment") != (trusted is not None):
         raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
-    check_paths((file, options["labels"], options["operator"]), output)
-    stream = commands.resolve_stream(file, stream, scheduler)
-    with _show_stages(quiet) as progress, connect_engine(scheduler, progress) as engine:
-        recording = open_recording(file, pop_columns(options), progress, stream)
+    run = RunOptions.of(options)
+    check_paths((file, run.labels, run.operator), output)
+    with _show_stages(run.quiet) as progress:
+        recording, _ = commands.read_data(file, run, progress)
         demonstrations = recording.demonstrations
         progress(LOADING)
         from rpil.estimators.cloning import BehavioralCloning
@@ -97,31 +92,43 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
         model: BehavioralCloning | RMEnt | RPIL
         if method == "rpil":
-            model, _ = fit_rpil(file, recording, FitOptions(**options), progress, engine)
+            model = _fit_as_one_task(file, recording, run, progress)
         else:
             progress("learning")
             if trusted is None:
-                model = BehavioralCloning(features=options["features"])
+                model = BehavioralCloning(features=run.features)
             else:
-                model = RMEnt(trusted, options["features"], random_state=options["seed"])
+                model = RMEnt(trusted, run.features, random_state=run.seed)
             model.fit(commands.load_into_memory(demonstrations))
         save(model, output)
     commands.tell_of_set_aside(recording)
     size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
     if isinstance(model, RPIL):
         terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])
-        print_next_steps(ctx, model.audit_, quiet)
+        print_next_steps(ctx, model.audit_, run.quiet)
     elif trusted is None:
         click.echo(f"All of {size} were trusted alike.")
     else:
         click.echo(f"{trusted:,} of {size} were trusted: those that one policy explains best.")
     play = shlex.join(["rpil", "evaluate", output, "--env"])
-    click.echo(f"Policy: {output}" if quiet else f"Policy: {output}; to play it: {play} ID")
+    click.echo(f"Policy: {output}" if run.quiet else f"Policy: {output}; to play it: {play} ID")
+
+
+def _fit_as_one_task(file: str, recording: Recording, run: RunOptions, progress: StageProgress) -> RPIL:
+    from rpil.estimators.within_tasks import Statements
+
+    n_tasks = len({*recording.tasks.values()})
+    if n_tasks > 1:
+        message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
+        warnings.warn(message, stacklevel=1)
+    stated = Statements.of(recording, run.labels, run.operator)
+    with commands.fitting(run, recording, progress) as model:
+        return model.fit_stated(recording.demonstrations, stated)
 
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
     """Refuse options that only --method rpil has."""
-    names = "labels", "operator", "outcome", "resume", "adversary"
+    names = "labels", "operator", "outcome", "adversary"
     given = [name for name in names if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if given:
         message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"

@@ -24,16 +24,25 @@ Value = Any
 
 
 @dataclass(frozen=True)
-class FitOptions:
-    """The options of ``rpil audit`` and ``rpil fit`` that say how to fit; see their ``--help``."""
+class RunOptions:
+    """What the command line says of the data and of how to judge or fit them; see ``rpil audit --help``."""
 
+    columns: ColumnOptions
     labels: str | None
     operator: str | None
     features: str
     adversary: str
     seed: int
-    resume: bool
-    session: str | None = None
+    stream: bool | None
+    scheduler: str | None
+    quiet: bool
+    reference: str | None = None
+
+    @classmethod
+    def of(cls, options: dict[str, Value]) -> RunOptions:
+        columns = pop_columns(options)
+        options.pop("session", None)  # is one of the columns
+        return cls(columns, **options)
 
 
 class NameChoice(click.Choice[str]):
@@ -50,7 +59,7 @@ class NameChoice(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "spline", "poly", "nystroem")
+FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "nystroem")
 ADVERSARY_CHOICE = NameChoice(
     *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
 )
@@ -206,7 +215,6 @@ FIT_OPTIONS = (
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    click.option("--resume", is_flag=True, help="Go on with a long run that was interrupted."),
     stream_option,
     click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
@@ -253,7 +261,7 @@ def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
 
 
 def with_label_options(command: Callable[..., object]) -> Callable[..., object]:
-    """Those of an audit but --reference: what others are known to be good would not count when answers are learned."""
+    """Audit options without --reference, which has no effect once answers are learned."""
     return reduce(lambda wrapped, option: option(wrapped), reversed(LABEL_OPTIONS), command)
 
 
@@ -282,7 +290,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     )
 
 
-def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "resume", "quiet")) -> list[str]:
+def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet")) -> list[str]:
     """The command `name` with the arguments of `ctx`, `without` some options."""
     words = ["rpil", name]
     for param in ctx.command.params:

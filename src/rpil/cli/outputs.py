@@ -5,25 +5,22 @@ from __future__ import annotations
 import re
 import shlex
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli.commands import tell_if_interrupted
+from rpil.cli.commands import AuditRun, tell_if_interrupted
 from rpil.cli.label import WITHOUT
 from rpil.cli.options import CHOICE_NAMES, Value, command_words
 from rpil.cli.progress import StageProgress
 from rpil.cli.terminal import printable
 
 if TYPE_CHECKING:
-    from rpil.data.demonstrations import Demonstrations
     from rpil.faults.record import FaultReport
-    from rpil.formats.dataset import Dataset
-    from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.results.view import About
@@ -35,34 +32,10 @@ OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
 
 
-@dataclass(frozen=True, eq=False)
-class Audited:
-    """An audit and what it was given: the path of the data, their recording, its faults, and the demonstrators."""
-
-    audit: Audit
-    source: str
-    recording: Recording
-    faults: FaultReport
-    demonstrators: Mapping[str, str]
-    choice: Choice
-    """Those that `--keep` lists, and why it does not list the others."""
-
-    @cached_property
-    def lost(self) -> tuple[str, ...]:
-        """What is lost without those that `--keep` does not list; see `lost_without`."""
-        return lost_without(self.recording.demonstrations, self.choice.kept)
-
-
-def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
-    """What only demonstrations that are not kept visit, where their observations are in memory."""
-    from rpil.data.demonstrations import Demonstrations
-    from rpil.results.lost import lost_places
-
-    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
-
-
-def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: float, progress: StageProgress) -> None:
+def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
+    if not any(paths.values()):  # what follows imports the report
+        return
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.run_file import write_run
@@ -70,24 +43,24 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
     from rpil.results.verdict_table import write_kept, write_verdicts
     from rpil.results.view import make_view
 
-    audit = given.audit
-    view = cache(lambda: make_view(audit, about(given, seconds)))
+    audit = run.audit
+    view = cache(lambda: make_view(audit, about(run, seconds)))
 
     def write_keep(path: str) -> None:
-        write_kept(path, audit, given.choice)
-        if not given.choice.kept:
+        write_kept(path, audit, run.choice)
+        if not run.choice.kept:
             warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
 
     def write_step_weights(path: str) -> None:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
-        write_weights(path, *steps, given.recording.step_columns)
+        write_weights(path, *steps, run.recording.step_columns)
         if reason := why_equal(audit):
             warnings.warn(f"{path}: {reason}", stacklevel=1)
 
     writers: dict[str, Callable[[str], None]] = {
         "weights": write_step_weights,
         "verdicts": lambda path: write_verdicts(
-            path, audit, given.demonstrators, given.faults.findings, given.recording.tasks
+            path, audit, run.demonstrators, run.faults.findings if run.faults else (), run.recording.tasks
         ),
         "keep": write_keep,
         "report": lambda path: write_page(path, [Article(view())]),
@@ -101,24 +74,24 @@ def write_outputs(paths: Mapping[str, str | None], given: Audited, seconds: floa
             tell_if_interrupted(f"{path} is written")
 
 
-def about(given: Audited, seconds: float | None = None) -> About:
+def about(run: AuditRun, seconds: float | None = None) -> About:
     """What the report shows beside the audit, which the command made in so many `seconds`."""
     from rpil.data.privacy import for_others, without_secrets
     from rpil.results.run_file import NOT_IN_A_RUN
     from rpil.results.view import About
 
     words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN, *CHOICE_NAMES))
-    read, lerobot = given.recording.description, given.recording.description.format.startswith("LeRobot")
-    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", given.source), for_others(given.source)
+    read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
+    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
     return About(
         title=f"Audit of {Path(source).name}",
         source=source,
         read=list(map(for_others, read.short())),
-        lost=given.lost,
-        faults=given.faults,
-        tasks=given.recording.tasks,
-        demonstrators=given.demonstrators,
-        fps=read.fps or given.recording.times().fps,
+        lost=run.lost,
+        faults=run.faults,
+        tasks=run.recording.tasks,
+        demonstrators=run.demonstrators,
+        fps=run.fps,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
         command=for_others(shlex.join(map(without_secrets, words))),
@@ -126,22 +99,22 @@ def about(given: Audited, seconds: float | None = None) -> About:
     )
 
 
-def lines_after_output(title: str, path: str, given: Audited) -> list[str]:
+def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
     it."""
     from rpil.formats.registry import find
 
     if title == "weights":
-        return [*find(given.source).format.notes_on_weights]
-    every, ids = given.recording.ids or given.audit.ids, given.choice.kept if title == "keep" else ()
+        return [*find(run.source).format.notes_on_weights]
+    every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":
-        rejected = [*given.choice.lines(), ""]
-        lines = [f"{len(ids):,} of {len(given.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
-        lines += deciding_lines(given.audit, given.choice) if given.choice.undecided else ()
+        rejected = [*run.choice.lines(), ""]
+        lines = [f"{len(ids):,} of {len(run.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
+        lines += deciding_lines(run.audit, run.choice) if run.choice.undecided else ()
     if len(ids) in (0, len(every)):  # nothing was chosen
         return lines
-    return [*lines, *given.lost, *find(given.source).commands_to_keep(every, ids, path)]
+    return [*lines, *run.lost, *find(run.source).commands_to_keep(every, ids, path)]
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, check_paths
-from rpil.cli.label import Judged, command_with_labels, judge, last_lines
+from rpil.cli.commands import AuditRun, CommandSettings, check_paths, look_for_faults
+from rpil.cli.label import audit_with_answers, command_with_labels, last_lines
 from rpil.cli.options import Value, with_label_options
-from rpil.cli.options_file import file_argument
-from rpil.cli.outputs import OUTPUTS, Audited, about, lines_after_output, write_outputs
+from rpil.cli.outputs import OUTPUTS, about, lines_after_output, write_outputs
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
@@ -31,7 +30,7 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
 
 
 @click.command()
-@file_argument
+@click.argument("file", type=click.Path())
 @click.option(
     "--port",
     type=click.IntRange(1024, 65535),
@@ -54,8 +53,8 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
-            judged = judge(file, options)
-            found = _review(ctx, file, judged, quiet)
+            run, path, before = audit_with_answers(file, options)
+            shown = _review(ctx, run, path, before, quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if folder:
@@ -64,39 +63,33 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
             page.write_text(f'<meta http-equiv="refresh" content="0; url={gate.url}">', encoding="ascii")
             threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
-            serve(application(found, gate), listening)
-    terminal.print_lines(last_lines(found.session, command_with_labels(ctx, judged.path)))
+            serve(application(shown, gate), listening)
+    terminal.print_lines(last_lines(shown.session, command_with_labels(ctx, path)))
 
 
-def _review(ctx: click.Context, file: str, judged: Judged, quiet: bool) -> Review:
+def _review(ctx: click.Context, run: AuditRun, labels: str, before: bytes | None, quiet: bool) -> Review:
     """What the page shows and changes."""
-    from rpil.cli.questions.frames import Videos
     from rpil.cli.questions.page import page_of
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
-    from rpil.faults.recorded import faults_of
-    from rpil.faults.settings import FaultSettings
+    from rpil.cli.questions.videos import EpisodeVideos
 
-    audit, recording = judged.audit, judged.recording
     with show_stages(quiet, CommandSettings.current().timing) as progress:
-        progress("looking for recording faults")
-        faults = faults_of(recording, None, None, False, FaultSettings())
+        run = replace(run, faults=look_for_faults(run.recording, progress))
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
-        videos = Videos.of(file, () if recording.options.id else audit.ids, judged.fps)
-    given, written = Audited(audit, file, recording, faults, judged.demonstrators, audit.choice), dict[str, object]()
+        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.fps)
+    written: dict[str, object] = {}
     return Review(
-        session=Session(audit, judged.path, judged.before, None),
-        about=about(given),
+        session=Session(run.audit, labels, before, None),
+        about=about(run),
         videos=videos,
-        finish=lambda answered, agreed: _finish(
-            ctx, replace(given, audit=answered, choice=answered.choice), judged.path, written, agreed
-        ),
+        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), labels, written, agreed),
         page=page_of,
     )
 
 
-def _finish(ctx: click.Context, given: Audited, labels: str, written: dict[str, object], agreed: object) -> View:
+def _finish(ctx: click.Context, run: AuditRun, labels: str, written: dict[str, object], agreed: object) -> View:
     """Write what to keep, verdicts and weights beside the labels; what `rpil.cli.questions.server.Review` says.
 
     `written` are the digests of what this run wrote before.
@@ -107,15 +100,15 @@ def _finish(ctx: click.Context, given: Audited, labels: str, written: dict[str, 
     beside = {title: f"{Path(labels).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((given.source, labels, ctx.params["operator"]), *beside.values())
+    check_paths((run.source, labels, ctx.params["operator"]), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
     if others and others != agreed:
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
-        write_outputs(dict.fromkeys(OUTPUTS) | beside, given, 0.0, lambda _: None)
+        write_outputs(dict.fromkeys(OUTPUTS) | beside, run, 0.0, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
-    lines = [given.choice.reason] * bool(given.choice.undecided)
+    lines = [run.choice.reason] * bool(run.choice.undecided)
     lines += [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
     for title, path in beside.items():
-        lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, given)]
+        lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, run)]
     return {"lines": lines}

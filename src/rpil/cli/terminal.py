@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from rpil.results.record import Audit, Demonstrator
 
-    Columns = dict[str, list[str] | list[Text]]
+    Cells = dict[str, list[str] | list[Text]]
     """Cells, as texts or coloured texts, by the titles of their columns."""
 
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
@@ -49,7 +49,6 @@ def print_warnings() -> Iterator[None]:
 
 
 _IN_SHELL = {
-    "checkpoint=": "--resume",
     "trims=": "--trim",
     "into memory with rpil.read": "into memory with --no-stream",
     "on disk with rpil.open": "on disk with --stream",
@@ -144,7 +143,7 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     groups = {name: letter for letter, members in audit.groups.items() for name in members}
     sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
     proba = {m: f"{audit.expert_proba[m]:.3f}" for m in shown if audit.has_proba(m)}
-    columns: Columns = {
+    columns: Cells = {
         "id": [printable(audit.ids[m]) for m in shown],
         "place": [f"{audit.ranks[m]:,}" for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
@@ -168,7 +167,7 @@ def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
 
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:
     counts = [audit.verdict_counts(row.demonstrations) for row in shown]
-    columns: Columns = {
+    columns: Cells = {
         "demonstrator": [printable(row.name) for row in shown],
         "trust": [f"{row.trust.mean:.2f}" for row in shown if row.trust],
         "95 %": [f"{row.trust.low:.2f} to {row.trust.high:.2f}" for row in shown if row.trust],
@@ -185,7 +184,7 @@ LEFT = "id", "demonstrator", "verdict", "worst steps", "group", "style"
 """Columns of words; the others are numbers."""
 
 
-def _print_table(columns: Columns, dispensable: Sequence[str], n_rows: int, what: str) -> None:
+def _print_table(columns: Cells, dispensable: Sequence[str], n_rows: int, what: str) -> None:
     """Print a table, and how many of `n_rows` rows are not in it.
 
     Where a terminal is too narrow the `dispensable` columns are left out, one after the other, and then names in the
@@ -224,7 +223,7 @@ def _without_middle(name: str, room: int) -> str:
     return name if cell_len(name) <= room else cut
 
 
-def _table(columns: Columns) -> Table:
+def _table(columns: Cells) -> Table:
     """The columns side by side."""
     from rich import box
     from rich.table import Table

@@ -263,18 +263,22 @@ def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray
     Also the rows, (N,), so that those of a demonstration lie together, by `order` (N,) or else as they come; None where
     they do already, because to gather rows copies all the data.
     """
-    values, first, inverse = np.unique(group, return_index=True, return_inverse=True)
+    # Of runs of rows, which are fewer than rows.
+    heads = np.flatnonzero(np.append(len(group) > 0, group[1:] != group[:-1]))
+    lengths = np.diff(np.append(heads, len(group)))
+    values, first, inverse = np.unique(group[heads], return_index=True, return_inverse=True)
     appearance = np.argsort(first, kind="stable")
-    rank = np.empty_like(appearance)
-    rank[appearance] = np.arange(len(appearance))
-    place = rank[inverse]
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(values)))])
-    later = np.diff(place)
-    if order is None:
-        rows = np.argsort(place, kind="stable") if np.any(later < 0) else None
-    else:
-        in_place = np.all((later > 0) | ((later == 0) & (order[1:] >= order[:-1])))
-        rows = None if in_place else np.lexsort([order, place])
+    place = np.argsort(appearance)[inverse]
+    offsets = np.append(0, np.cumsum(np.bincount(place, lengths))).astype(np.int64)
+    in_place = len(heads) == len(values)
+    if order is not None:
+        in_order = order[1:] >= order[:-1]
+        in_order[heads[1:] - 1] = True
+        in_place &= bool(in_order.all())
+    if in_place:
+        return values[appearance], offsets, None
+    place = np.repeat(place, lengths)
+    rows = np.argsort(place, kind="stable") if order is None else np.lexsort([order, place])
     return values[appearance], offsets, rows
 
 

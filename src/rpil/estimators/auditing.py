@@ -15,17 +15,16 @@ from rpil.data.id_values import is_id_file
 from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels
-from rpil.estimators.within_tasks import Known, judge_within_tasks
+from rpil.estimators.within_tasks import Statements
 from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording, from_demonstrations
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
-AUDIT_FEATURES, AUDIT_ADVERSARY = "folded", "auto"
-"""Those of an audit, of which no policy is kept."""
+JUDGE_FEATURES = "folded"
+"""Those of the judge: no policy is kept, for which others would be chosen."""
 
 
 def audit(
@@ -78,30 +77,34 @@ def audit(
     options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)
     options = replace(options, operator=None) if from_file else options
     recording = _opened(data, options)
-    known = Known.of(recording, labels, operator, None if isinstance(outcome, str) else outcome, None)
-
-    def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
-        model = RPIL(
-            AUDIT_FEATURES, adversary=AUDIT_ADVERSARY, random_state=random_state, settings=settings, progress=progress
-        )
-        return model.fit(demonstrations, labels=own.answers or None, **own.arguments).audit_
-
-    found = judge_within_tasks(recording, known, judge)
+    stated = Statements.of(recording, labels, operator, None if isinstance(outcome, str) else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     files = labels if isinstance(labels, str | os.PathLike) else None, operator if from_file else None
-    changed = changed_options(AUDIT_FEATURES, AUDIT_ADVERSARY, settings)
-    made = Provenance.of(recording, path, call, random_state, changed, files)
-    return replace(found, provenance=made)
+    model = RPIL(JUDGE_FEATURES, random_state=random_state, settings=settings, progress=progress)
+    return audit_recording(model, recording, stated, path, call, files)
 
 
-def changed_options(features: str, adversary: str, settings: Settings | None) -> dict[str, object]:
-    """The settings of an audit that are not the defaults, by their names with dots."""
-    own = {"features": (features, AUDIT_FEATURES), "adversary": (adversary, AUDIT_ADVERSARY)}
-    changed: dict[str, object] = {name: given for name, (given, default) in own.items() if given != default}
-    return changed | changed_settings(settings or Settings(), Settings())
+def audit_recording(
+    model: RPIL,
+    recording: Recording,
+    stated: Statements,
+    path: StrPath | None,
+    command: str,
+    files: Iterable[StrPath | None],
+) -> Audit:
+    """The audit of a recording by a `model` that is not fitted yet, within tasks and sessions.
+
+    The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
+    """
+    model.judge_within_tasks(recording, stated)
+    changed: dict[str, object] = {} if model.features == JUDGE_FEATURES else {"features": model.features}
+    changed |= {} if model.adversary == "auto" else {"adversary": model.adversary}
+    changed |= changed_settings(model.settings or Settings(), Settings())
+    files = (path, recording.options.embeddings, *files)
+    return replace(model.audit_, provenance=Provenance.of(command, model.random_state, changed, files))
 
 
 def _opened(data: object, options: ColumnOptions) -> Recording:

@@ -104,7 +104,7 @@ class BehavioralCloning(PolicyEstimator):
 
     Parameters
     ----------
-    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+    features : {"raw", "folded", "nystroem", "auto"}
         What the policy sees of an observation, see `rpil.policies.features`. "auto" chooses, with the ridge, by the
         likelihood of demonstrations that are held out (of single steps, where X is not `Demonstrations`), see
         `rpil.policies.selection`.

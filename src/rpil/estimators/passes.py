@@ -11,37 +11,34 @@ import numpy as np
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import JudgeInput, Options, TrustDecision
+from rpil.estimators.pipeline import FitOptions, JudgeInput, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
 from rpil.inference.answers import Answers
-from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.results.evidence import beside_sample, traces, worth_a_look
+from rpil.results.evidence import by_policy_of_sample, traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
-from rpil.scale.ascent import AscentState, ascend, gather_steps
-from rpil.scale.checkpoint import Checkpoint
-from rpil.scale.disk import Streamed
+from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
-from rpil.scale.memory import InMemory
-from rpil.scale.protocol import Engine, Shards
+from rpil.scale.local import InMemory, Streamed
+from rpil.scale.protocol import Engine
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 
 MAX_DRAWN_STEPS = 200_000
 """Steps that are read again for traces."""
 
 
-def is_sampled(task: Task, options: Options) -> bool:
+def is_sampled(task: Task, options: FitOptions) -> bool:
     """Whether the judge reads a sample of the demonstrations instead of all."""
     if options.policy is not None or not options.judges:
         return False
     return is_large(task.source.offsets, budget(task, options), options.settings.sample)
 
 
-def budget(task: Task, options: Options) -> int:
+def budget(task: Task, options: FitOptions) -> int:
     """Steps of the sample for the policy of the judge."""
     # Enough demonstrations to count the columns of the features.
     first = int(np.searchsorted(task.source.offsets, options.settings.selection.maps.n_landmarks))
@@ -55,7 +52,7 @@ class SampledFit:
     """The stages of a fit whose decision reads a sample, and which passes of an engine extend to everything."""
 
     task: Task
-    options: Options
+    options: FitOptions
 
     @property
     def engine(self) -> Engine:
@@ -69,7 +66,7 @@ class SampledFit:
         task, options = self.task, self.options
         options.progress("a sample")
         rng, settings = np.random.default_rng(options.seed), options.settings.sample
-        indices = draw_sample(np.diff(task.source.offsets), task.labels, budget(task, options), rng, settings)
+        indices = draw_sample(np.diff(task.source.offsets), task.answers.labels, budget(task, options), rng, settings)
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)
         if copies.any:
@@ -95,7 +92,7 @@ class SampledFit:
         sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
         options.progress("a pass over everything: scores")
         none = np.empty(0)
-        everyone = FitData(none, none, source.offsets, task.space, task.labels, task.demonstrators)
+        everyone = FitData(none, none, source.offsets, task.space, task.answers.labels, task.demonstrators)
         everyone = replace(everyone, action_names=posed.data.action_names)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
         judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
@@ -136,29 +133,9 @@ class SampledFit:
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
-        policy = self._ascend(blocks, start, hessian, posed, audit)
+        policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
         audit = replace(audit, traces=self._traces(posed, decision, audit))
         return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
-
-    def _ascend(
-        self,
-        blocks: Shards[WeightedBlock],
-        start: AdditivePolicy,
-        hessian: Preconditioner | None,
-        posed: JudgeInput,
-        audit: Audit,
-    ) -> AdditivePolicy:
-        """The final policy, from `start` or from the checkpoint of a fit that was interrupted."""
-        settings, progress = self.options.settings.ascent, self.options.progress
-        if self.options.checkpoint is None:
-            return ascend(blocks, AscentState(start), hessian, settings, progress, lambda _: None)
-        described = f"{self.options!r} {self.task.space!r} {posed.demonstrations.ids!r}"
-        sample, offsets = posed.demonstrations, self.task.source.offsets
-        arrays = (offsets, sample.observations, sample.actions, audit.expert_proba)
-        checkpoint = Checkpoint.of(self.options.checkpoint, described, arrays)
-        policy = ascend(blocks, checkpoint.read() or AscentState(start), hessian, settings, progress, checkpoint.keep)
-        checkpoint.done()
-        return policy
 
     def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
@@ -171,7 +148,7 @@ class SampledFit:
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
         read = np.union1d(posed.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
-        return traces(audit, beside_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
+        return traces(audit, by_policy_of_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:

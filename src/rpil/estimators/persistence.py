@@ -43,7 +43,7 @@ _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and fr
 def save(estimator: SavedEstimator, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    `load` returns the same estimator, bit for bit, without `progress`, `engine` and `checkpoint`.
+    `load` returns the same estimator, bit for bit, without `progress` and `engine`.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, An
     """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
-    for only_here in ("progress", "engine", "checkpoint"):
+    for only_here in ("progress", "engine"):
         given.pop(only_here, None)
     if given.get("groups") is None:  # an older rpil of the same format does not know it
         given.pop("groups", None)

@@ -18,7 +18,6 @@ from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
@@ -38,7 +37,7 @@ from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
-from rpil.results.evidence import beside_final_policy, beside_judge, traces, worth_a_look
+from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
@@ -49,7 +48,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
 
     features: str
@@ -60,7 +59,6 @@ class Options:
     settings: Settings
     progress: Progress = field(repr=False)
     engine: Engine | None = field(repr=False)
-    checkpoint: StrPath | None = field(repr=False)
 
     @property
     def audit_settings(self) -> AuditSettings:
@@ -90,9 +88,9 @@ class Options:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows neither demonstrators= nor policy=; leave out one.")
-        if not self.judges and (len(task.answers.compared) or task.outcome is not None):
+        if not self.judges and (len(task.answers.compared) or np.isfinite(task.answers.outcome).any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
-        if not self.judges and (task.labels < 0).all():
+        if not self.judges and (task.answers.labels < 0).all():
             raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
@@ -163,7 +161,7 @@ class TrustDecision:
         return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
+def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
     """Decide which demonstrations to trust: by the judge, or by the mixture with a named adversary."""
     data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
     n_steps, own = len(data.actions), options.policy is not None
@@ -185,7 +183,7 @@ def decide_trust(posed: JudgeInput, options: Options) -> TrustDecision:
         )
         fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
         decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
-        notes = resting_sentences(data, ids, posed.demonstrations.action_names)
+        notes = tuple(resting_sentences(data, ids))
         return replace(decision, notes=notes)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
@@ -206,7 +204,7 @@ def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Arr
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FitResult:
     """The result of a fit; the estimator copies it onto itself."""
 
     decision: TrustDecision
@@ -230,13 +228,13 @@ class Stages(Protocol):
         """The features and the final policy, and the decision with the weights of all steps."""
 
 
-def fit(stages: Stages, options: Options) -> Fitted:
+def fit(stages: Stages, options: FitOptions) -> FitResult:
     """Pose, decide, and fit the final policy."""
     posed = stages.pose()
     decision = stages.extend(posed, decide_trust(posed, options))
     options.progress("the policy")
     features, policy, decision = stages.fit_policy(posed, decision)
-    return Fitted(decision, posed.features, features, policy)
+    return FitResult(decision, posed.features, features, policy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +242,7 @@ class FullFit:
     """The stages of a fit whose decision reads all demonstrations, in memory."""
 
     task: Task
-    options: Options
+    options: FitOptions
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
@@ -289,7 +287,7 @@ class FullFit:
         """The data of all demonstrations, with labels and demonstrators."""
         task = self.task
         data = task.data(demonstrations, features, self._single(demonstrations))
-        return replace(data, labels=task.labels, demonstrators=task.demonstrators)
+        return replace(data, labels=task.answers.labels, demonstrators=task.demonstrators)
 
     def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
         audit, judged = decision.audit, posed
@@ -304,11 +302,11 @@ class FullFit:
 
         found, settings = decision.judgement, self.options.settings.judge.held_out
         if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
-            compared = beside_final_policy(audit, found, data, outputs, settings)
+            evidence = by_final_policy(audit, found, data, outputs, settings)
         else:
-            compared = beside_judge(found, judged.data, judged.copies, self.options.seed, settings)
-        phrases = deviations(audit, compared, self.task.classes, outputs)
-        drawn = audit.traces or traces(audit, compared, worth_a_look(audit))
+            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.seed, settings)
+        phrases = deviations(audit, evidence, self.task.classes, outputs)
+        drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
@@ -320,7 +318,7 @@ class FullFit:
         return posed.features, start.fit_all(data, weight)
 
 
-def learn(task: Task, options: Options, audit: Audit) -> Fitted:
+def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
     source = task.source
     demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
@@ -329,4 +327,4 @@ def learn(task: Task, options: Options, audit: Audit) -> Fitted:
     options.progress("the policy")
     decision = TrustDecision(audit, None, None, 0, 0.0)
     kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)
-    return Fitted(decision, features, kind, policy)
+    return FitResult(decision, features, kind, policy)

@@ -14,7 +14,7 @@ from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.estimators.task import ActionBox, Labels, Task
+from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
@@ -234,7 +234,7 @@ def reweight(
     if unknown:
         raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
-    task = Task.of(demonstrations, chosen.action_box, labels)
+    task = Task.of(demonstrations, chosen.action_box, answers_of(labels, None, demonstrations))
     copies = copies_among(demonstrations)
     check_copied_labels(task.answers, copies.copy_of, demonstrations.ids, demonstrations.source)
     if chosen.n_folds > len(copies.judged):
@@ -249,7 +249,7 @@ def reweight(
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
-    data = replace(data if once is demonstrations else task.data(demonstrations, features), labels=task.labels)
+    data = replace(data if once is demonstrations else task.data(demonstrations, features), labels=task.answers.labels)
     judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
     audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit.of(chosen.judge))
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))

@@ -132,7 +132,7 @@ class RMEnt(PolicyEstimator):
     n_trusted : int or float
         How many demonstrations are trusted, or what share of them, in (0, 1), rounded up; by default half, because
         no estimator withstands more bad ones than that.
-    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+    features : {"raw", "folded", "nystroem", "auto"}
         What the policy sees of an observation; "auto" chooses with all demonstrations trusted alike.
     C : float, optional
         Inverse ridge strength, as in `BehavioralCloning`; each demonstration counts as one of average length.

@@ -14,16 +14,15 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Outcome
-from rpil.data.files import StrPath
+from rpil.data.facts import Outcome, given_outcome
 from rpil.data.fit_data import FitData
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.passes import SampledFit, is_sampled
-from rpil.estimators.pipeline import Fitted, FullFit, Options, fit, learn
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, fit, learn
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task
+from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
-from rpil.estimators.within_tasks import Known, groups_of, judge_within_tasks
+from rpil.estimators.within_tasks import Statements, groups_of, judge_within_tasks
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge
@@ -53,7 +52,7 @@ class RPIL(PolicyEstimator):
 
     Parameters
     ----------
-    features : {"raw", "folded", "spline", "poly", "nystroem", "auto"}
+    features : {"raw", "folded", "nystroem", "auto"}
         The feature map of the policy, see `rpil.policies.features`. "auto" chooses the map and the ridge by the
         held-out likelihood of the trusted demonstrations.
     policy : scikit-learn estimator or TorchPolicy, optional
@@ -80,9 +79,6 @@ class RPIL(PolicyEstimator):
     engine : Engine, optional
         Runs the passes over data that are too large for the judge to read, see `rpil.scale`. By default: this process,
         on data in memory or, for a `Dataset`, on disk.
-    checkpoint : path, optional
-        File of the state of the final policy's fit to large data, written after every pass and removed at the end. A
-        fit goes on from an existing file.
     groups : {"rows"}, optional
         "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
@@ -136,7 +132,6 @@ class RPIL(PolicyEstimator):
         settings: Settings | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
-        checkpoint: StrPath | None = None,
         groups: Literal["rows"] | None = None,
     ) -> None:
         self.features = features
@@ -149,7 +144,6 @@ class RPIL(PolicyEstimator):
         self.settings = settings
         self.progress = progress
         self.engine = engine
-        self.checkpoint = checkpoint
         self.groups = groups
 
     def fit(
@@ -193,13 +187,16 @@ class RPIL(PolicyEstimator):
             unknown id, a wrong number of `demonstrators`, outcomes or places, an outcome that is the same for all, or
             only demonstrations labelled bad.
         """
+        labels = self.labels if labels is None else labels
         if isinstance(X, Recording):
-            known = Known.of(X, labels if labels is not None else self.labels, demonstrators, outcome, order)
-            return self._fit_recording(X, known)
-        options = self._options()
+            return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        labels = labels if labels is not None else self.labels
-        task = Task.of(source, self.action_box, labels, demonstrators, outcome, order)
+        answers = answers_of(labels, given_outcome(outcome, source.ids, source.source), source)
+        return self.fit_task(Task.of(source, self.action_box, answers, demonstrators, order))
+
+    def fit_task(self, task: Task) -> RPIL:
+        """Decide which demonstrations of a task to trust, and fit the final policy."""
+        options = self._options()
         options.check(task)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
@@ -207,29 +204,43 @@ class RPIL(PolicyEstimator):
         self._explain(task, options, fitted)
         return self
 
-    def _fit_recording(self, recording: Recording, known: Known) -> RPIL:
-        """Fit each task and session by itself, and one policy by the weights of all."""
-        models: list[RPIL] = []
-        several = len(groups_of(recording, known)) > 1
+    def fit_stated(self, demonstrations: Demonstrations | Dataset, stated: Statements) -> RPIL:
+        """Fit all demonstrations as one task, with what is stated of them."""
+        if isinstance(demonstrations, Demonstrations):
+            demonstrations = as_demonstrations(self, demonstrations, None, None)
+        names = stated.demonstrators or None
+        return self.fit_task(Task.of(demonstrations, self.action_box, stated.answers, names, stated.order))
 
-        def judge(demonstrations: Demonstrations | Dataset, own: Known) -> Audit:
-            given = self.get_params(deep=False) | {"labels": None, "engine": None}
-            models.append(RPIL(**given) if several else self)
-            return models[-1].fit(demonstrations, labels=own.answers or None, **own.arguments).audit_
-
-        audit = judge_within_tasks(recording, known, judge)
-        if several:
-            options = self._options()
-            demonstrations = recording.demonstrations.select(slice(None))
-            task = Task.of(as_demonstrations(self, demonstrations, None, None), self.action_box)
-            self._keep(task, learn(task, options, audit))
-            self.n_iter_ = sum(model.n_iter_ for model in models)
-            self.lower_bound_ = float(np.mean([model.lower_bound_ for model in models]))
-            self.converged_ = all(model.converged_ for model in models)
+    def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
+        """Judge each task and session by itself, and learn one policy by the weights of all."""
+        models = self.judge_within_tasks(recording, stated)
+        if models == [self]:
+            return self
+        audit, options = self.audit_, self._options()
+        demonstrations = recording.demonstrations.select(slice(None))
+        task = Task.of(as_demonstrations(self, demonstrations, None, None), self.action_box)
+        self._keep(task, learn(task, options, audit))
+        self.n_iter_ = sum(model.n_iter_ for model in models)
+        self.lower_bound_ = float(np.mean([model.lower_bound_ for model in models]))
+        self.converged_ = all(model.converged_ for model in models)
         self.audit_ = audit
         return self
 
-    def _explain(self, task: Task, options: Options, fitted: Fitted) -> None:
+    def judge_within_tasks(self, recording: Recording, stated: Statements) -> list[RPIL]:
+        """Set `audit_` to the audit of a recording, each task and session judged by itself; no policy is learned of
+        several. Returns the estimators that were fitted: this one where there is one task and session."""
+        models: list[RPIL] = []
+        several = len(groups_of(recording, stated)) > 1
+
+        def judge(demonstrations: Demonstrations | Dataset, stated: Statements) -> Audit:
+            model = RPIL(**self.get_params(deep=False) | {"engine": None}) if several else self
+            models.append(model.fit_stated(demonstrations, stated))
+            return model.audit_
+
+        self.audit_ = judge_within_tasks(recording, stated, judge)
+        return models
+
+    def _explain(self, task: Task, options: FitOptions, fitted: FitResult) -> None:
         """Add the assumptions to the audit; warn if the fit did not converge."""
         notes = tuple(filter(None, (*self.audit_.notes, *fitted.decision.notes)))
         self.audit_ = replace(self.audit_, notes=notes)
@@ -245,15 +256,15 @@ class RPIL(PolicyEstimator):
         self.audit_ = replace(self.audit_, assumptions=sentences)
         assumptions.warn_if_not_converged(self.converged_)
 
-    def _options(self) -> Options:
+    def _options(self) -> FitOptions:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
         given = self.get_params(deep=False)
-        names = [field.name for field in fields(Options) if field.name in given]
+        names = [field.name for field in fields(FitOptions) if field.name in given]
         chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
         chosen["progress"] = self.progress or (lambda _: None)
-        return Options(**chosen, seed=self.random_state)
+        return FitOptions(**chosen, seed=self.random_state)
 
-    def _keep(self, task: Task, fitted: Fitted) -> None:
+    def _keep(self, task: Task, fitted: FitResult) -> None:
         """Copy the result of a fit."""
         decision = fitted.decision
         if isinstance(task.source, Dataset):

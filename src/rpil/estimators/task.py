@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,13 +15,14 @@ from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
-from rpil.data.facts import Outcome, given_order, given_outcome
+from rpil.data.facts import given_order, tells
+from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
-from rpil.data.id_values import match_pairs, parse_labels
+from rpil.data.id_values import check_ids, match_pairs, parse_labels, read_answers
 from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Float
 from rpil.policies.features import FeatureMap, IdentityMap
 from rpil.policies.protocol import CrossFittedPolicy, Policy
 
@@ -30,40 +33,49 @@ Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
+def answers_of(
+    labels: Labels | StrPath | None,
+    outcome: Float[Array, " M"] | None,
+    demonstrations: Demonstrations | Dataset,
+    ids: Sequence[Hashable] = (),
+) -> Answers:
+    """The answers of a user about demonstrations, from words by id, or from a file of them, and from outcomes.
+
+    Answers about others of the `ids`, which were left out when the demonstrations were read, are left out too. A
+    `DataError` names an unknown id or word.
+    """
+    read, every = demonstrations.ids, ids or demonstrations.ids
+    if isinstance(labels, str | os.PathLike):
+        source, (by_id, pairs) = str(labels), read_answers(labels, every)
+    else:
+        source, (by_id, pairs) = demonstrations.source, parse_labels(labels, every)
+    check_ids([*by_id, *chain.from_iterable(pairs)], every, source, "the labels")
+    chosen = {*map(str, read)}
+    better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
+    signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, demonstrations)
+    return Answers(signs, better, np.full(len(read), np.nan) if outcome is None else outcome, tied)
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The demonstrations of a fit, checked."""
+    """The demonstrations of a fit, checked, and what is known of them."""
 
     source: Demonstrations | Dataset
     space: Space
     classes: Array
     """The discrete actions, or an empty array."""
-    labels: Array
-    """1 known to be good, -1 known to be bad, 0 unknown."""
+    answers: Answers
     demonstrators: Demonstrators
-    outcome: Float[Array, " M"] | None = None
-    """How each demonstration ended, more is better; NaN where it is not known, None where nothing is."""
     order: Float[Array, " M"] | None = None
     """The place of each demonstration in the order in which they were made, where that is stated."""
-    pairs: Int[Array, "P 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
-    """The better and the worse demonstration of each pair that was compared."""
-    tied: Int[Array, "T 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=int))
-    """The two demonstrations of each pair without a difference."""
-
-    @property
-    def answers(self) -> Answers:
-        """All that is known of the demonstrations."""
-        unknown = np.full(len(self.labels), np.nan)
-        return Answers(self.labels, self.pairs, unknown if self.outcome is None else self.outcome, self.tied)
 
     @classmethod
     def of(
         cls,
         source: Demonstrations | Dataset,
         action_box: ActionBox | None = None,
-        labels: Labels | None = None,
+        answers: Answers | None = None,
         demonstrators: DemonstratorNames | None = None,
-        outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> Task:
         """Find the space of the actions; match what is given of the demonstrations with them."""
@@ -73,10 +85,11 @@ class Task:
                 f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
             )
         groups = group_by_demonstrator(demonstrators, source)
-        known = given_outcome(outcome, source.ids, source.source), given_order(order, source.ids, source.source)
-        by_id, pairs = parse_labels(labels, source.ids)
-        compared = match_pairs(pairs.items(), source.ids)
-        return cls(source, space, classes, label_codes(by_id, source), groups, *known, *compared)
+        nothing = Answers.of_labels(np.zeros(len(source.ids), dtype=int))
+        answers = answers or nothing
+        if not tells(answers.outcome):  # as within one session
+            answers = replace(answers, outcome=nothing.outcome)
+        return cls(source, space, classes, answers, groups, given_order(order, source.ids, source.source))
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""

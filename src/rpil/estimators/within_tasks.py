@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Hashable, Mapping, Sequence, Set
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import TypedDict
 
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts, Outcome, check_outcome, check_sessions, given_order, given_outcome, tells
+from rpil.data.facts import Outcome, check_outcome, check_sessions, given_order, given_outcome
 from rpil.data.files import StrPath
-from rpil.data.id_values import Label, Pairs, check_ids, parse_labels
+from rpil.data.id_values import check_ids
 from rpil.data.reference import with_reference
-from rpil.estimators.task import DemonstratorNames, Labels
-from rpil.formats import read_answers, read_demonstrators
+from rpil.estimators.task import DemonstratorNames, Labels, answers_of
+from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
+from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
@@ -28,26 +27,19 @@ from rpil.results.subset import select
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task, with_labels_alone
 
 
-class Beside(TypedDict):
-    """Arguments of `RPIL.fit`."""
-
-    demonstrators: DemonstratorNames | None
-    outcome: Array | None
-    order: Array | None
-
-
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What is known of demonstrations beside their steps; answers and demonstrators by ids as text."""
+class Statements:
+    """What is stated of the demonstrations of a recording, by its user or by the columns that the user named."""
 
-    labels: Mapping[str, Label]
-    pairs: Pairs
+    answers: Answers
     demonstrators: Mapping[str, Hashable]
-    facts: Facts
-    reference: Demonstrations | None = None
-    reference_outcome: Array | None = None
+    """By the ids of their demonstrations as text."""
+    order: Array | None
+    sessions: tuple[str, ...] = ()
     answers_source: str = "the labels"
     """In messages."""
+    reference: Recording | None = None
+    """Demonstrations that are known to be good, and are judged beside the others."""
 
     @classmethod
     def of(
@@ -55,77 +47,53 @@ class Known:
         recording: Recording,
         labels: Labels | StrPath | None,
         demonstrators: DemonstratorNames | str | None,
-        outcome: Outcome | None,
-        order: Sequence[float] | Array | None,
+        outcome: Outcome | None = None,
+        order: Sequence[float] | Array | None = None,
         reference: Recording | None = None,
-    ) -> Known:
-        """What a user says, and where he is silent, what the columns say that were named when it was opened.
+    ) -> Statements:
+        """What a user says, and else what the columns say that were named when the recording was opened.
 
         A path is a file of labels; a text is a file of demonstrators, or their column. Files may speak of
         demonstrations that are in the data and were left out.
         """
-        read, source, facts = recording.demonstrations.ids, recording.description.source, recording.facts
-        ids = recording.ids or read
-        if isinstance(labels, str | os.PathLike):
-            where, (by_name, pairs) = str(labels), read_answers(labels, ids)
-            check_ids([*by_name, *chain.from_iterable(pairs)], ids, where, "the labels")
-        else:
-            where, (by_name, pairs) = "the labels", parse_labels(labels, ids)
-            check_ids([*by_name, *chain.from_iterable(pairs)], ids, source, where)
+        read, source, facts = recording.demonstrations, recording.description.source, recording.facts
+        ids = recording.ids or read.ids
+        given = given_outcome(outcome, read.ids, source)
+        answers = answers_of(labels, facts.outcome if given is None else given, read, ids)
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
-            who: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
-            check_ids(who, ids, demonstrators, "the demonstrators")
+            names: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
+            check_ids(names, ids, demonstrators, "the demonstrators")
         else:
-            who = _by_id(demonstrators, read, source, ids)
-        if order is not None:
-            facts = replace(facts, order=given_order(order, read, source))
-        known = cls(by_name, pairs, who, facts, answers_source=where).select(range(len(read)), {*map(str, read)})
-        if outcome is not None:
-            facts = replace(known.facts, outcome=given_outcome(outcome, read, source), outcome_name="outcome")
-            return replace(known, facts=facts)
-        return known._beside(reference, source)
+            names = _by_id(demonstrators, read.ids, source, ids)
+        if given is None and facts.outcome is not None:  # of a column, which the message names
+            beside = [] if reference is None or reference.facts.outcome is None else [reference.facts.outcome]
+            check_outcome(np.concatenate([facts.outcome, *beside]), f"the outcome {facts.outcome_name!r}", source)
+        order = facts.order if order is None else given_order(order, read.ids, source)
+        where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
+        return cls(answers, _about(names, read.ids), order, facts.sessions, where, reference)
 
-    def _beside(self, reference: Recording | None, source: str) -> Known:
-        """The same with the demonstrations of the `reference`; a `DataError` where no outcome differs from another."""
-        known, outcome = self, self.facts.outcome
-        if reference is not None:
-            good = reference.demonstrations.select(slice(None))  # in memory
-            known = replace(self, reference=good, reference_outcome=reference.facts.outcome)
-        if outcome is not None:  # the estimator checks it too, but cannot name the column
-            others = [] if known.reference_outcome is None else [known.reference_outcome]
-            check_outcome(np.concatenate([outcome, *others]), f"the outcome {self.facts.outcome_name!r}", source)
-        return known
-
-    @property
-    def answers(self) -> list[tuple[str, str]]:
-        """Labels and pairs as ids and words."""
-        return [*self.labels.items(), *((m, f"{word} {other}") for (m, other), word in self.pairs.items())]
-
-    @property
-    def arguments(self) -> Beside:
-        """What `RPIL.fit` takes beside the demonstrations."""
-        outcome = self.facts.outcome if tells(self.facts.outcome) else None  # of a session it may be the same for all
-        return {"demonstrators": self.demonstrators or None, "outcome": outcome, "order": self.facts.order}
-
-    def select(self, rows: Sequence[int], ids: Set[str]) -> Known:
-        """What is known of the demonstrations at `rows`, which are called `ids`; pairs of which both are among them."""
+    def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
+        """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
+        order = None if self.order is None else self.order[rows]
         return replace(
-            self,
-            labels={m: label for m, label in self.labels.items() if m in ids},
-            pairs={pair: word for pair, word in self.pairs.items() if ids >= {*pair}},
-            demonstrators={m: name for m, name in self.demonstrators.items() if m in ids},
-            facts=self.facts.select(rows),
+            self, answers=self.answers.select(rows), demonstrators=_about(self.demonstrators, ids), order=order
         )
 
-    def with_good(self, ids: Sequence[str]) -> Known:
-        """The same after the reference was appended: the `ids` of its demonstrations are labelled as good."""
-        outcome, of_reference = self.facts.outcome, self.reference_outcome
-        if outcome is not None and of_reference is not None:
-            outcome = np.concatenate([outcome, of_reference])
-        labels: dict[str, Label] = {**self.labels, **dict.fromkeys(ids, "good")}
-        # No file states the order of two recordings.
-        return replace(self, labels=labels, facts=replace(self.facts, outcome=outcome, order=None), reference=None)
+    def with_good(self, outcome: Array | None, n: int) -> Statements:
+        """The same after `n` demonstrations of the reference were appended, which are labelled as good."""
+        answers = self.answers
+        both = replace(
+            answers,
+            labels=np.append(answers.labels, np.ones(n, dtype=int)),
+            outcome=np.append(answers.outcome, np.full(n, np.nan) if outcome is None else outcome),
+        )
+        return replace(self, answers=both, order=None, reference=None)  # no file states the order of two recordings
+
+
+def _about(names: Mapping[str, Hashable], ids: Iterable[Hashable]) -> dict[str, Hashable]:
+    """The `names` of demonstrators of the demonstrations `ids`."""
+    return {m: names[m] for m in map(str, ids) if m in names}
 
 
 def _by_id(
@@ -142,27 +110,27 @@ def _by_id(
     return {} if demonstrators is None else dict(zip(map(str, ids), demonstrators, strict=True))
 
 
-Judge = Callable[[Demonstrations | Dataset, Known], Audit]
+Judge = Callable[[Demonstrations | Dataset, Statements], Audit]
 """Judges demonstrations that belong together."""
 
 
-def groups_of(recording: Recording, known: Known) -> dict[str, list[int]]:
+def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
     """The numbers of the demonstrations of each task and session; a `DataError` where sessions divide nothing."""
     if recording.options.session:
-        check_sessions(known.facts.sessions, recording.options.session, recording.description.source)
-    return split_by_task(recording.demonstrations.ids, recording.tasks, known.facts.sessions)
+        check_sessions(stated.sessions, recording.options.session, recording.description.source)
+    return split_by_task(recording.demonstrations.ids, recording.tasks, stated.sessions)
 
 
-def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audit:
+def judge_within_tasks(recording: Recording, stated: Statements, judge: Judge) -> Audit:
     """The audit of the demonstrations of a recording, each judged within its task and session.
 
     Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
     is not judged, and has the word of its label, if there is one.
     """
-    demonstrations, places = recording.demonstrations, groups_of(recording, known)
+    demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
-        audit, n = _with_facts(_judged(demonstrations, known, judge), known), len(demonstrations)
-        if known.reference is not None or n >= MIN_DEMONSTRATIONS:
+        audit, n = _with_facts(_judged(demonstrations, stated, judge), stated), len(demonstrations)
+        if stated.reference is not None or n >= MIN_DEMONSTRATIONS:
             return audit
         few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
         return replace(audit, notes=(few, *audit.notes))
@@ -172,29 +140,30 @@ def judge_within_tasks(recording: Recording, known: Known, judge: Judge) -> Audi
     n_pairs = 0
     for group, rows in places.items():
         _warn_of_few(group, len(rows), recording)
-        own = known.select(rows, {str(demonstrations.ids[m]) for m in rows})
-        n_pairs += len(own.pairs)
-        if len(rows) > 1 or known.reference is not None:
-            judged = _judged(demonstrations.select(rows), own, judge)
+        of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
+        n_pairs += len(of_group.answers.compared)
+        if len(rows) > 1 or stated.reference is not None:
+            judged = _judged(demonstrations.select(rows), of_group, judge)
             audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
-    _warn_of_pairs(known.answers_source, len(known.pairs) - n_pairs, what)
+    _warn_of_pairs(stated.answers_source, len(stated.answers.compared) - n_pairs, what)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    return _with_facts(with_labels_alone(joined, alone, known.labels), known)
+    return _with_facts(with_labels_alone(joined, alone, stated.answers.labels), stated)
 
 
-def _judged(demonstrations: Demonstrations | Dataset, known: Known, judge: Judge) -> Audit:
+def _judged(demonstrations: Demonstrations | Dataset, stated: Statements, judge: Judge) -> Audit:
     """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
-    if known.reference is None:
-        return judge(demonstrations, known)
-    n, own = len(demonstrations), demonstrations.select(slice(None))  # in memory
-    both = with_reference(own, known.reference)
-    return select(judge(both, known.with_good([str(name) for name in both.ids[n:]])), range(n), own.ids)
+    if stated.reference is None:
+        return judge(demonstrations, stated)
+    n, first = len(demonstrations), demonstrations.select(slice(None))  # in memory
+    both = with_reference(first, stated.reference.demonstrations.select(slice(None)))
+    with_good = stated.with_good(stated.reference.facts.outcome, len(both) - n)
+    return select(judge(both, with_good), range(n), first.ids)
 
 
-def _with_facts(audit: Audit, known: Known) -> Audit:
+def _with_facts(audit: Audit, stated: Statements) -> Audit:
     """The audit with the sessions and the order of its demonstrations."""
-    return replace(audit, sessions=known.facts.sessions, order=known.facts.order)
+    return replace(audit, sessions=stated.sessions, order=stated.order)
 
 
 def _warn_of_pairs(source: str, n: int, what: str) -> None:
@@ -208,11 +177,11 @@ def _warn_of_pairs(source: str, n: int, what: str) -> None:
 def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     """Warn where a task or session has too few demonstrations."""
     if n < MIN_DEMONSTRATIONS:
-        said, options = recording.description, recording.options
+        description, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = "leave out session=" if options.session else f"add exclude={said.task_column!r}"
+        remedy = "leave out session=" if options.session else f"add exclude={description.task_column!r}"
         warnings.warn(
-            f"{said.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge all "
-            f"{what}s as one, {remedy}.",
+            f"{description.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge "
+            f"all {what}s as one, {remedy}.",
             stacklevel=1,
         )

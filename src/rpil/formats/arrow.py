@@ -57,9 +57,7 @@ def from_arrow(
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
     kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
-    columns = find_columns(
-        table.column_names, kinds, source, options, head=table.select(plain).slice(0, flat.GUESSED_ROWS)
-    )
+    columns = find_columns(table.column_names, kinds, source, options, head=table.select(plain).slice(0, 1))
     chosen = table.select([*columns.all, *columns.outcomes])
     check_memory(2 * chosen.nbytes, source)
     return from_batches([chosen], columns, Origin(source, format_name, notes=notes))

@@ -34,7 +34,6 @@ from rpil.data.names import (
     short_name,
 )
 from rpil.formats.columns import LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
-from rpil.formats.guesses import RoleError, guess_options, quantity
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +49,7 @@ def find_columns(
 ) -> Columns:
     """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id.
 
-    By the first rows, `head`, the error guesses.
+    By the first row of `head` a column of numbers with a unit is named among those that are not read.
     """
     check_unique(names, source)
     return _Search(names, kinds, source, options, default_id, head).columns()
@@ -227,10 +226,9 @@ class _Search:
         found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
         wanted = self.one(self.options.id, "id") or (found[0] if found else self.default_id)
         if wanted is None:
-            raise RoleError(
+            raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with id= (found {self.found()})",
-                guess_options(self.head, self.options),
+                f"column with id= (found {self.listed()})."
             )
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -250,10 +248,9 @@ class _Search:
                 return found[:1], True
             if numbers:
                 return numbers, False
-        raise RoleError(
+        raise DataError(
             f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action= "
-            f"(found {self.found()})",
-            guess_options(self.head, self.options),
+            f"(found {self.listed()})."
         )
 
     def refuse_written_lists(self, given: set[str]) -> None:
@@ -266,7 +263,7 @@ class _Search:
                     "number, or leave it out with exclude=."
                 )
 
-    def found(self) -> str:
+    def listed(self) -> str:
         """The columns for a message, with the kind of those that cannot be read."""
         unread = ("nested", "text", "written list", "empty")
         kinds = {name: f" ({self.kinds[name]})" if self.kinds.get(name) in unread else "" for name in self.names[:12]}
@@ -292,14 +289,14 @@ class _Search:
         if not free:
             raise DataError(
                 f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"observations= (found {self.found()})."
+                f"observations= (found {self.listed()})."
             )
         return named or list(free)
 
     def reason(self, name: str, plain: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
         kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
-        if kind == "text" and (text := quantity(self.head, name)):
+        if kind == "text" and (text := _quantity(self.head, name)):
             return f"text, as {text!r}; to observe it, write its numbers alone"
         if kind in ("text", "written list"):
             return kind
@@ -321,6 +318,13 @@ class _Search:
         return ""
 
 
+def _quantity(head: pa.Table | None, name: str) -> str:
+    """The first value of a column of text, where it is a number with a unit; else nothing."""
+    first = head[name][0].as_py() if head is not None and head.num_rows and name in head.column_names else None
+    return first if isinstance(first, str) and _QUANTITY.fullmatch(first.strip()) else ""
+
+
+_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/-][^\d]*")
 _REASONS = (
     (OUTCOME, "reward, end or verdict"),
     (NEXT_STEP, "what follows the step"),

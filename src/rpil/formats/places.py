@@ -88,7 +88,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     chosen, offsets, moved = group_rows(group, values)
     check_memory(_BYTES_PER_ID * len(chosen), source)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
-    heads = np.append(0, np.flatnonzero(np.diff(group)) + 1)  # of runs of rows of one demonstration
+    heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
     runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]
     apart = _apart(runs, source) if len(runs) > len(chosen) else None
     if moved is None:
@@ -132,7 +132,7 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
     """
-    by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else np.arange(len(group))
+    by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""
     for name in columns.orders:
@@ -159,10 +159,10 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
 
     They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
-    n_ids = len(np.unique(group))
     for name in columns.parts:
+        n_ids = len(np.unique(group))
         codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
-        pair = group * (len(codes) + 1) + codes
+        pair = group.astype(np.int64) * (len(codes) + 1) + codes
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
         together = n_runs == len(pairs) and n_runs_of_ids > n_ids

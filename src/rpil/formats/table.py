@@ -25,9 +25,6 @@ Place = Callable[[int], str]
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
-GUESSED_ROWS = 20_000
-"""Rows by which the roles of columns with strange names are guessed."""
-
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
@@ -213,9 +210,11 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
         raise DataError(f"{at(0)}: column {name!r} holds {column.type}; demonstration ids must be numbers or text.")
     if kind == "text":
         texts, rows = encoded_texts(column, name, at)
-        return list(texts), rows.astype(np.int64)
-    encoded = column.combine_chunks().dictionary_encode()
-    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy().astype(np.int64)
+        return list(texts), rows
+    runs = [pc.run_end_encode(chunk) for chunk in column.chunks]  # which are fewer than rows
+    ids = pa.chunked_array([run.values for run in runs], column.type).combine_chunks().dictionary_encode()
+    lengths = [np.diff(run.run_ends.to_numpy(), prepend=0) for run in runs]
+    return ids.dictionary.to_pylist(), np.repeat(ids.indices.to_numpy(), np.concatenate(lengths))
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:

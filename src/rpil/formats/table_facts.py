@@ -161,7 +161,7 @@ def pairs_of(table: pa.Table, name: str | None, ids: list[int | str], group: Arr
         return []
     column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
-    _, first = np.unique(group * (len(values) + 1) + codes, return_index=True)
+    _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)
     found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
     return [(m, _as_whole(value)) for m, value in found]
 

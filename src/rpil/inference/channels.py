@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import svds
-from scipy.stats import norm, rankdata
+from scipy.sparse.linalg import LinearOperator, svds
+from scipy.special import ndtri
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import ErrorSettings, student_log_density
+from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_density
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -88,13 +88,14 @@ def channels(
 
 def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Float[Array, "M K"]:
     """The first principal components of the normal scores of summaries of M demonstrations, in standard deviations of
-    the first one; the largest loading of each is positive."""
-    scores = normal_scores(summaries)
+    the first one; the largest loading of each is positive. The summaries are overwritten: of large data they are large.
+    """
+    scores = normal_scores(summaries, out=summaries)
     n = min(settings.n_components, min(scores.shape) - 1)
     if n < 1 or not scores.any():
         return np.empty((len(scores), 0))
     start = np.random.default_rng(0).normal(size=min(scores.shape))
-    left, size, loadings = svds(scores, n, v0=start)
+    left, size, loadings = svds(scores if scores.dtype == float else _in_double(scores), n, v0=start)
     kept = np.flatnonzero(size > 1e-6 * size.max())[::-1]
     largest = np.take_along_axis(loadings, np.abs(loadings).argmax(axis=1)[:, None], axis=1)[:, 0]
     return np.asarray((left * size * np.sign(largest))[:, kept] * np.sqrt(len(scores)) / size.max())
@@ -115,10 +116,26 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
     return np.concatenate(found, axis=1)
 
 
-def normal_scores(values: Float[Array, "M C"]) -> Float[Array, "M C"]:
+def _in_double(matrix: Float[Array, "M S"]) -> LinearOperator:
+    """A matrix in single precision whose products are in double precision."""
+    parts = [matrix[begin : begin + BLOCK_ROWS] for begin in range(0, len(matrix), BLOCK_ROWS)]
+    ends = np.cumsum([len(part) for part in parts])[:-1]
+
+    def transposed(vector: Array) -> Array:
+        products = [p.T.astype(float) @ v for p, v in zip(parts, np.split(vector, ends), strict=True)]
+        return np.asarray(np.sum(products, axis=0))
+
+    return LinearOperator(
+        matrix.shape, lambda vector: np.concatenate([p.astype(float) @ vector for p in parts]), transposed, dtype=float
+    )
+
+
+def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:
     """Of each column, the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
-    ranks = np.stack([rankdata(column) for column in values.T], axis=1)
-    return np.asarray(norm.ppf((ranks - 0.5) / len(values)))
+    out = np.empty(values.shape) if out is None else out
+    for column, scores in zip(values.T, out.T, strict=True):
+        scores[:] = ndtri((mean_ranks(column) - 0.5) / len(values))
+    return out
 
 
 def _inside(data: FitData) -> Bool[Array, " N"]:

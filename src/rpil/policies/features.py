@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from sklearn.preprocessing import SplineTransformer
 
 from rpil.data.archive import stored
 from rpil.data.arrays import check_squares
@@ -21,7 +20,7 @@ from rpil.data.spaces import Discrete, Space
 from rpil.numerics.regression import robust_scale
 from rpil.numerics.types import Array, Float, Int, Num
 
-FEATURE_KINDS = ("raw", "folded", "spline", "poly", "nystroem")
+FEATURE_KINDS = ("raw", "folded", "nystroem")
 """The kinds of feature maps."""
 
 FEATURES = ("auto", *FEATURE_KINDS)
@@ -41,10 +40,6 @@ class FeatureSettings:
 
     ridge_per_step: float = 1e-5
     """The default ridge, a step: strong enough to keep separable classes finite, too weak to bias a policy."""
-    n_knots: int = 8
-    """Knots of a spline, evenly spaced over the range of an observation."""
-    max_poly_columns: int = 2_000
-    """Columns of a polynomial map, at most: more do not fit in memory."""
     n_landmarks: int = 200
     """Landmarks of Nystroem's approximation, at most."""
     max_candidates: int = 4_096
@@ -58,34 +53,21 @@ class FeatureSettings:
     """Spreads from the location at which a robust map cuts observations off."""
 
     def __post_init__(self) -> None:
-        check_settings(self, n_knots="[2, inf)", landmark_tol="(0, 1)", bound="(0, inf)")
+        check_settings(self, landmark_tol="(0, 1)", bound="(0, inf)")
 
 
-@stored(
-    renews=("F", "knots", "R"),
-    knots="knots D",
-    location="D",
-    spread="D",
-    center="F",
-    scale="F",
-    landmarks="R E",
-    mixing="R R",
-)
+@stored(renews=("F", "R"), location="D", spread="D", center="F", scale="F", landmarks="R E", mixing="R R")
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
     """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant."""
 
     kind: str
     """One of `FEATURE_KINDS`, in order: the observation; the observation and its distance from the mean, so that a
-    policy may treat both sides equally; a cubic B-spline basis of each observation (linear beyond the knots); all
-    products of up to two observations; the folded observation, and Nystroem's approximation of a Gaussian kernel on it.
-    """
-    knots: Float[Array, "L D"]
-    """Knots of the spline; (0, D) for the other kinds."""
+    policy may treat both sides equally; these two, and Nystroem's approximation of a Gaussian kernel on them."""
     location: Float[Array, " D"]
     spread: Float[Array, " D"]
-    """Mean and standard deviation by which observations are standardised before they are folded or multiplied; of a
-    robust map `rpil.numerics.regression.robust_scale`."""
+    """Mean and standard deviation by which observations are standardised before they are folded; of a robust map those
+    of `rpil.numerics.regression.robust_scale`."""
     center: Float[Array, " F"]
     scale: Float[Array, " F"]
     """The same of every column, by which it is standardised."""
@@ -111,7 +93,7 @@ class FeatureMap:
         offsets: Int[Array, " M1"] | None = None,
         settings: FeatureSettings,
     ) -> FeatureMap:
-        """Choose knots, landmarks, centres and scales, the latter two from weighted observations.
+        """Choose landmarks, centres and scales, the latter two from weighted observations.
 
         Landmarks are drawn with a seed of their own: the same data give the same bits.
 
@@ -128,33 +110,24 @@ class FeatureMap:
         Raises
         ------
         DataError
-            If there is no such kind, polynomials would not fit in memory, or an observation cannot be squared.
+            If there is no such kind, or an observation cannot be squared.
         """
         if kind not in FEATURE_KINDS:
             raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
-        n_columns = observations.shape[1]
-        if kind == "poly" and n_columns * (n_columns + 3) // 2 > settings.max_poly_columns:
-            raise DataError(f"Polynomials of {n_columns} observations are too many; choose features raw or spline.")
         observations = np.asarray(observations, dtype=float)
         check_squares([observations.min(axis=0), observations.max(axis=0)], "Observation")
         bound = None if offsets is None else settings.bound
         location, spread = _location_and_spread(observations, weight, offsets)
         if bound is not None:
             observations = _cut_off(observations, location, spread, bound)
-        knots = _knots(observations, settings.n_knots) if kind == "spline" else np.empty((0, n_columns))
-        landmarks, mixing = np.empty((0, 2 * n_columns)), np.empty((0, 0))
+        landmarks, mixing = np.empty((0, 2 * observations.shape[1])), np.empty((0, 0))
         if kind == "nystroem":
             landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
-        unscaled = cls(
-            kind, knots, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound
-        )
+        unscaled = cls(kind, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound)
         columns = unscaled._columns(observations)
-        unit = 1.0 if kind in ("poly", "nystroem") else 0.0
-        center, scale = _location_and_spread(columns, weight, offsets, unit)
-        if kind == "spline":  # one scale for all columns: the coefficients of a rarely visited column must stay small
-            scale = np.ones_like(scale)
+        center, scale = _location_and_spread(columns, weight, offsets, unit=1.0 if kind == "nystroem" else 0.0)
         return replace(unscaled, center=center, scale=scale)
 
     @property
@@ -212,20 +185,11 @@ class FeatureMap:
     def _columns(self, observations: Array) -> Array:
         if self.kind == "raw":
             return observations
-        if self.kind == "spline":
-            return np.asarray(self._splines.transform(observations))
         z = (observations - self.location) / self.spread
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
-        if self.kind == "nystroem":
-            folded = _fold(z)
-            return np.hstack([folded, _similarity(folded, self.landmarks, self.kernel_width) @ self.mixing])
-        i, j = np.triu_indices(z.shape[1])
-        return np.hstack([z, z[:, i] * z[:, j]])
-
-    @cached_property
-    def _splines(self) -> SplineTransformer:
-        return SplineTransformer(degree=3, knots=self.knots, extrapolation="linear").fit(self.knots)
+        folded = _fold(z)
+        return np.hstack([folded, _similarity(folded, self.landmarks, self.kernel_width) @ self.mixing])
 
 
 @dataclass(frozen=True)
@@ -237,16 +201,6 @@ class IdentityMap:
     def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N D"]:
         """The observations in double precision."""
         return np.asarray(observations, dtype=float)
-
-
-def _knots(observations: Array, n_knots: int) -> Array:
-    """Evenly spaced knots (L, D) over the range of each observation."""
-    low, high = observations.min(axis=0), observations.max(axis=0)
-    high = np.where(high > low, high, low + 1.0)  # a constant column still needs an interval
-    knots = np.linspace(low, high, n_knots)
-    for k in range(1, n_knots):  # distinct, where the interval is too narrow for the precision
-        knots[k] = np.maximum(knots[k], np.nextafter(knots[k - 1], np.inf))
-    return knots
 
 
 def _fold(z: Array) -> Array:
@@ -285,9 +239,12 @@ def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
 
 
 def _similarity(folded: Array, landmarks: Array, width: float) -> Array:
-    from sklearn.metrics.pairwise import rbf_kernel
-
-    return np.asarray(rbf_kernel(folded, landmarks, gamma=width / folded.shape[1]))
+    """exp(-gamma |z - z'|^2) of all rows with all landmarks, where gamma is the `width` for each column."""
+    squares = [np.einsum("ij,ij->i", rows, rows) for rows in (folded, landmarks)]
+    distance = -2 * (folded @ landmarks.T) + squares[0][:, None] + squares[1]
+    if folded is landmarks:
+        np.fill_diagonal(distance, 0.0)  # but for rounding
+    return np.asarray(np.exp(np.maximum(distance, 0.0) * (-width / folded.shape[1])))
 
 
 def _cut_off(observations: Array, location: Array, spread: Array, bound: float) -> Array:

@@ -27,7 +27,7 @@ from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import NewtonSettings, fit_softmax
 from rpil.numerics.regression import MIN_WEIGHT, ErrorSettings, column_scales, normal_equations
 from rpil.numerics.types import Array, Float, Int, Num
-from rpil.policies.features import FEATURE_KINDS, FeatureMap, FeatureSettings, ridge_of
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.softmax import one_hot
 
@@ -141,7 +141,8 @@ def choose_features(
         outputs = out_of_fold(fold, predict)
         return [assess(Choice(kind, ridge), outputs[:, r], targets, sample, settings) for r, ridge in enumerate(ridges)]
 
-    sizes = {kind: _n_columns(kind, observations.shape[1], settings.maps) for kind in FEATURE_KINDS}
+    n = observations.shape[1]
+    sizes = {"raw": n, "folded": 2 * n, "nystroem": 2 * n + settings.maps.n_landmarks}
     kinds = [kind for kind, size in sizes.items() if kind == "raw" or size <= settings.max_columns]
     return _weakest_ridge([candidate for kind in kinds for candidate in candidates(kind)], sample.trust)
 
@@ -168,12 +169,6 @@ def _sample(data: FitData, weight: Array, settings: SelectionSettings) -> _Sampl
     steps = np.flatnonzero(data.per_step(np.arange(len(trust)) == kept[0]) & (weight > 0.0))
     only = FitData.from_steps(data.features[steps], data.actions[steps], data.space)
     return _Sample(pieces(only, settings.n_folds), weight[steps])
-
-
-def _n_columns(kind: str, n: int, settings: FeatureSettings) -> int:
-    """Columns of the feature map of `n` observations, about."""
-    counts = {"raw": n, "folded": 2 * n, "spline": (settings.n_knots + 2) * n, "poly": n * (n + 3) // 2}
-    return counts[kind] if kind in counts else 2 * n + settings.n_landmarks
 
 
 def _fit_softmax(

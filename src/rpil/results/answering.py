@@ -19,7 +19,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
 from rpil.results.groups import TWO_GROUPS
 from rpil.results.judged import Judged
-from rpil.results.reasons import MAX_LOG_RATIO, Stretch, worst_stretch
+from rpil.results.reasons import Stretch, bounded, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict
@@ -197,7 +197,7 @@ def stretch_of(audit: Judged, m: int) -> list[int] | None:
 def _stretch(audit: Judged, m: int) -> Stretch | None:
     """The worst stretch of demonstration `m`."""
     steps = audit.step_log_ratio[audit.steps(m)]
-    return worst_stretch(np.clip(steps, -MAX_LOG_RATIO, MAX_LOG_RATIO)) if len(steps) else None
+    return worst_stretch(bounded(steps)) if len(steps) else None
 
 
 def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:

@@ -9,10 +9,11 @@ from itertools import starmap
 
 import numpy as np
 
+from rpil.inference.contrast import evidence_by_part
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
-from rpil.results.evidence import Comparison, Outputs, part_name, shares
-from rpil.results.reasons import MAX_LOG_RATIO, worst_stretch
+from rpil.results.evidence import PolicyOutputs, StepEvidence, part_name
+from rpil.results.reasons import bounded, worst_stretch
 from rpil.results.record import Audit
 from rpil.results.text import printable
 from rpil.results.words import SIDES
@@ -24,7 +25,7 @@ MIN_SHARE = 0.3
 """Share of these steps with one other action from which that action is named."""
 
 
-def deviations(audit: Audit, compared: Comparison, classes: Array, outputs: Outputs) -> tuple[str, ...]:
+def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: PolicyOutputs) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
     Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is
@@ -34,21 +35,21 @@ def deviations(audit: Audit, compared: Comparison, classes: Array, outputs: Outp
     if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
         return ()
     worst = [_worst_steps(audit, m) for m in range(len(audit.ids))]
-    place = np.searchsorted(compared.members, audit.copy_of)
-    rows = [compared.data.offsets[k] + steps for k, steps in zip(place, worst, strict=True)]
-    if compared.data.space.kind == "continuous":
-        return tuple(starmap(partial(_far_part, compared), zip(rows, worst, strict=True)))
+    place = np.searchsorted(evidence.members, audit.copy_of)
+    rows = [evidence.data.offsets[k] + steps for k, steps in zip(place, worst, strict=True)]
+    if evidence.data.space.kind == "continuous":
+        return tuple(starmap(partial(_far_part, evidence), zip(rows, worst, strict=True)))
     every = np.concatenate([audit.offsets[m] + steps for m, steps in enumerate(worst)])
     if not len(every):
         return ()
     expected = np.split(outputs(every), np.cumsum([len(steps) for steps in worst])[:-1])
     likely = (classes[each.argmax(axis=1)] for each in expected)
-    return tuple(map(_other_action, (classes[compared.data.actions[own]] for own in rows), likely))
+    return tuple(map(_other_action, (classes[evidence.data.actions[own]] for own in rows), likely))
 
 
 def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
     """The worst steps in the worst stretch of a demonstration."""
-    log_ratio = np.clip(audit.step_log_ratio[audit.steps(index)], -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+    log_ratio = bounded(audit.step_log_ratio[audit.steps(index)])
     stretch = worst_stretch(log_ratio)
     if stretch is None:
         return np.empty(0, dtype=np.int64)
@@ -68,23 +69,25 @@ def _other_action(taken: Array, likely: Array) -> str:
     return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
-def _far_part(compared: Comparison, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
+def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
     """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
     of the typical by the median distance; "" where it does not."""
     if not len(rows):
         return ""
-    share = shares(compared.evidence[rows].sum(axis=0))
-    j = int(np.argmax(share))
-    value, low, high = (each[rows, j] for each in (compared.value, compared.low, compared.high))
+    parts = evidence_by_part(evidence.nats[rows].sum(axis=0))
+    if not parts:
+        return ""
+    j, share = parts[0]
+    value, low, high = (each[rows, j] for each in (evidence.value, evidence.low, evidence.high))
     away = np.maximum(low - value, value - high)
     own = int(np.argsort(away, kind="stable")[len(away) // 2])
     if away[own] <= 0:
         return ""
     is_at, first, last = _digits(value[own], low[own], high[own])
     band = first if first == last else f"{first} to {last}"
-    part = f" ({share[j]:.0%} of the evidence there)" * (len(share) > 1)
-    its = f"at step {steps[own]} its {part_name(compared.data, j)} is at {is_at}"
-    return f"{its} where the {compared.compared_with} are at {band}{part}"
+    part = f" ({share:.0%} of the evidence there)" * (evidence.nats.shape[1] > 1)
+    its = f"at step {steps[own]} its {part_name(evidence.data, j)} is at {is_at}"
+    return f"{its} where the {evidence.compared_with} are at {band}{part}"
 
 
 def _digits(value: float, low: float, high: float) -> tuple[str, ...]:

@@ -10,11 +10,9 @@ import numpy as np
 
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.reasons import MAX_LOG_RATIO
+from rpil.results.reasons import bounded
 from rpil.results.result import AuditResult
-
-MAX_BINS = 200
-"""Bins of a drawing; a demonstration with fewer steps has one for each."""
+from rpil.results.traces import bin_means, bin_starts
 
 LEVELS = 254
 """Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
@@ -32,7 +30,7 @@ def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, 
     if not members:
         return {}
     chosen = list(members)
-    ratios = [np.clip(audit.step_log_ratio[audit.steps(m)], -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float) for m in chosen]
+    ratios = [bounded(audit.step_log_ratio[audit.steps(m)]) for m in chosen]
     lengths = audit.lengths[chosen]
     # At once for all: a pass goes from step to step.
     trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.steps)
@@ -48,10 +46,8 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
     names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
     codes = dict(zip(names, range(len(names)), strict=True))
     return {
-        "bins": len(starts),
-        "ratio": packed({**extremes, "mean": _means(ratio, starts)}),
-        "trust": packed({"mean": _means(trust, starts)}, (0.0, 1.0)),
-        "width": traces.width if traces else 1,
+        "ratio": packed({**extremes, "mean": bin_means(ratio)}),
+        "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
         "compared_with": traces.compared_with if traces else "typical",
         "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
@@ -60,16 +56,6 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
             for part in (traces.parts if traces else ())
         ],
     }
-
-
-def bin_starts(n_steps: int) -> Int[Array, " B"]:
-    """The first step of each of at most `MAX_BINS` bins of nearly equal length."""
-    n_bins = min(n_steps, MAX_BINS)
-    return np.asarray(np.arange(n_bins) * n_steps // n_bins)
-
-
-def _means(values: Float[Array, " n"], starts: Int[Array, " B"]) -> Float[Array, " B"]:
-    return np.asarray(np.add.reduceat(values, starts) / np.diff(np.append(starts, len(values))))
 
 
 def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:

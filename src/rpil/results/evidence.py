@@ -6,7 +6,7 @@ The log-ratio of a step is a sum over the parts j of a continuous action, and di
 
 with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
 demonstration m is what it adds more than in the median typical one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
-Its share is among the parts that point where the sum over all parts points.
+`rpil.inference.contrast.evidence_by_part` says which parts have most of it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.inference.contrast import evidence_by_part
 from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
@@ -29,27 +30,23 @@ from rpil.numerics.blocks import linear
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import at_actions
-from rpil.results.groups import MAX_PARTS
 from rpil.results.record import Audit
 from rpil.results.text import printable
-from rpil.results.traces import Part, Traces, least_points, point_width, points
+from rpil.results.traces import TracedPart, Traces, bin_means, bin_starts
 from rpil.results.words import SIDES
 
-Outputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
+PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 """The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
 
 MAX_DRAWN = 300
 """Demonstrations with traces."""
-N_SUGGESTED = 3
-"""Demonstrations to label, which are drawn."""
 BAND = 0.05, 0.95
-MIN_NATS = 1e-6
-"""Evidence that is more than rounding."""
+"""Quantiles of what the typical do that are drawn."""
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """K demonstrations of N steps beside the policy of the typical; J parts of the action."""
+class StepEvidence:
+    """The evidence of each step of K demonstrations, beside what the typical do there; J parts of the action."""
 
     data: FitData
     members: Int[Array, " K"]
@@ -59,7 +56,7 @@ class Comparison:
     low: Float[Array, "N J"]
     high: Float[Array, "N J"]
     """The band of the typical."""
-    evidence: Float[Array, "N J"]
+    nats: Float[Array, "N J"]
     """The log-ratio of each part, less that of the median typical demonstration a step, in nats."""
     compared_with: Literal["typical", "trusted"]
 
@@ -72,7 +69,7 @@ class Comparison:
         typical: Bool[Array, " K"],
         settings: HeldOutSettings,
         compared_with: Literal["typical", "trusted"] = "typical",
-    ) -> Comparison:
+    ) -> StepEvidence:
         """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,)."""
         if isinstance(data.space, Discrete):
             every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(expected), 1))
@@ -97,10 +94,10 @@ def log_ratio_of_parts(
     """d_j of each step, with the scale of the errors of the typical."""
     scaling, errors = ActionScale.of(data), settings.errors
     actions = scaling(data.actions)
-    own, center = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
-    scale = error_scale(own, data.per_step(typical.astype(float)), errors)
+    rest, center = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
+    scale = error_scale(rest, data.per_step(typical.astype(float)), errors)
     width = error_scale(actions - center, np.ones(len(actions)), errors)
-    return student_log_densities(own, scale, errors) - student_log_densities(actions - center, width, errors)
+    return student_log_densities(rest, scale, errors) - student_log_densities(actions - center, width, errors)
 
 
 def typical_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
@@ -109,9 +106,9 @@ def typical_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Arr
     return np.isin(members, members if lower is None else lower.upper)
 
 
-def beside_judge(
+def by_held_out_policies(
     judgement: Judgement, data: FitData, copies: Copies | None, seed: int, settings: HeldOutSettings
-) -> Comparison:
+) -> StepEvidence:
     """By the held-out policies of the judge, which read `data`, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
@@ -121,34 +118,34 @@ def beside_judge(
         assert isinstance(model, HeldOutRidge)
         errors = model.errors(data.per_step(judgement.training_group.astype(float)), fit.ridge)
         expected = ActionScale.of(data).back(model.actions - errors)
-    return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
 
 
-def beside_sample(
+def by_policy_of_sample(
     judgement: Judgement,
     ratio: SoftmaxRatio | StudentRatio,
     data: FitData,
     members: Int[Array, " K"],
     settings: HeldOutSettings,
-) -> Comparison:
+) -> StepEvidence:
     """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
     if isinstance(ratio, SoftmaxRatio):
         expected = ratio.step_ratios(data.features, data.actions, settings)[0]
     else:
         expected = ratio.scaling.back(linear(data.features, ratio.weights))
-    return Comparison.of(data, members, expected, typical_members(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
 
 
-def beside_final_policy(
-    audit: Audit, judgement: Judgement | None, data: FitData, outputs: Outputs, settings: HeldOutSettings
-) -> Comparison:
+def by_final_policy(
+    audit: Audit, judgement: Judgement | None, data: FitData, outputs: PolicyOutputs, settings: HeldOutSettings
+) -> StepEvidence:
     """By the final policy, with these `outputs`, where the adversary was named, and of continuous actions where the
     policy is the user's. It learned from all that are trusted."""
     expected, members = outputs(np.arange(len(data.actions))), np.arange(data.n_demonstrations)
     expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
     trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
     typical = trusted | ~trusted.any() if judgement is None else typical_members(judgement, members)
-    return Comparison.of(data, members, expected, typical, settings, "trusted")
+    return StepEvidence.of(data, members, expected, typical, settings, "trusted")
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
@@ -156,7 +153,7 @@ def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
     least trusted first. All in the order of the data where these are few enough."""
     if len(audit.ids) <= size:
         return np.arange(len(audit.ids))
-    asked = {*audit.contradicting, *audit.pair, *audit.suggest_labels(N_SUGGESTED)}
+    asked = {*audit.contradicting, *audit.pair, *audit.suggest_labels()}
     lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     in_question = np.array([name in asked for name in audit.ids])
     return np.lexsort([audit.log_odds, ~in_question, ~lower])[:size]
@@ -175,36 +172,29 @@ def part_name(data: FitData, j: int) -> str:
     return printable(data.action_name(j)) if data.action_names else f"action part {j}"
 
 
-def shares(nats: Float[Array, " J"]) -> Float[Array, " J"]:
-    """Share of each part among those that point where their sum points; 0 where there is nothing but rounding."""
-    toward = np.maximum(nats * (1 if nats.sum() > 0 else -1), 0.0)
-    return np.asarray(toward / toward.sum() if toward.sum() > MIN_NATS else np.zeros_like(toward))
-
-
-def traces(audit: Audit, compared: Comparison, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
+def traces(audit: Audit, evidence: StepEvidence, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
     """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median typical one."""
-    place = np.searchsorted(compared.members, audit.copy_of[drawn])
-    found = {audit.ids[m]: _traces(compared, k) for m, k in zip(drawn.tolist(), place.tolist(), strict=True)}
-    return {name: own for name, own in found.items() if own.parts}
+    places = np.searchsorted(evidence.members, audit.copy_of[drawn])
+    made = {audit.ids[m]: _traces(evidence, k) for m, k in zip(drawn.tolist(), places.tolist(), strict=True)}
+    return {name: each for name, each in made.items() if each.parts}
 
 
-def _traces(compared: Comparison, place: int) -> Traces:
-    data, rows = compared.data, compared.rows(place)
-    width, nats = point_width(rows.stop - rows.start), compared.evidence[rows].sum(axis=0)
-    share = shares(nats)
+def _traces(evidence: StepEvidence, place: int) -> Traces:
+    data, rows = evidence.data, evidence.rows(place)
+    nats, curves = evidence.nats[rows].sum(axis=0), (evidence.value[rows], evidence.low[rows], evidence.high[rows])
     parts = tuple(
-        Part(
+        TracedPart(
             part_name(data, j),
-            float(share[j]),
+            share,
             float(nats[j]),
-            *(points(values[rows, j], width) for values in (compared.value, compared.low, compared.high)),
+            *(bin_means(curve[:, j]).astype(np.float32) for curve in curves),
         )
-        for j in np.argsort(-share, kind="stable")[:MAX_PARTS].tolist()
-        if share[j] > 0
+        for j, share in evidence_by_part(nats)
     )
     if data.space.kind == "continuous":
-        return Traces("continuous", parts, width, compared_with=compared.compared_with)
-    least = data.actions[rows][least_points(compared.value[rows, 0], width)]
-    names = {code: printable(data.action_name(code)) for code in set(least.tolist())}
-    taken = tuple(names[code] for code in least.tolist())
-    return Traces("discrete", parts, width, taken, compared.compared_with)
+        return Traces(parts, (), evidence.compared_with)
+    probability = np.split(evidence.value[rows, 0], bin_starts(rows.stop - rows.start)[1:])
+    least = bin_starts(rows.stop - rows.start) + [int(np.argmin(each)) for each in probability]
+    taken = data.actions[rows][least].tolist()
+    names = {code: printable(data.action_name(code)) for code in set(taken)}
+    return Traces(parts, tuple(names[code] for code in taken), evidence.compared_with)

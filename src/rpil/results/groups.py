@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-from scipy.stats import mannwhitneyu
-
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.channels import CHANNELS
@@ -24,7 +21,6 @@ MIN_SEPARATION = 0.8
 """Share of the pairs of a demonstration of each group that differ in this direction, from which it is named."""
 MIN_PART_SHARE = 0.2
 """Share of the evidence from which a part of the action is named; the largest always is."""
-MAX_PARTS = 3
 MIN_APART = 0.5
 """Difference of the medians of a part, in its spread within the groups, from which they are named."""
 
@@ -63,6 +59,8 @@ def _joined(phrases: list[str]) -> str:
 
 def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> Iterator[str]:
     """What is said of group B by the facts in which it clearly differs from group A."""
+    from scipy.stats import mannwhitneyu  # takes as long to import as all else
+
     first, second = groups
     for name, (channel, sign) in RANKS.items():
         values = sign * columns[:, CHANNELS.index(channel)]
@@ -75,11 +73,10 @@ def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> I
 
 def _parts(contrast: Contrast, data: FitData) -> Iterator[str]:
     """The parts of the action with most of the evidence, and what either group does there."""
-    order = np.argsort(-contrast.share, kind="stable")[:MAX_PARTS].tolist()
-    for j in order:
-        share, (first, second) = contrast.share[j], contrast.use[:, j].tolist()
-        if share <= 0 or (share < MIN_PART_SHARE and j != order[0]):
+    for k, (j, share) in enumerate(contrast.parts):
+        if k and share < MIN_PART_SHARE:
             return
+        first, second = contrast.use[:, j].tolist()
         name = printable(data.action_name(j))
         if isinstance(data.space, Discrete):
             yield f"{name} ({share:.0%} of the evidence; {first:.0%} of the steps of A, {second:.0%} of B)"

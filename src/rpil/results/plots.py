@@ -16,6 +16,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Float
 from rpil.results.text import printable
+from rpil.results.traces import bin_starts
 from rpil.results.words import SIDES, Side
 
 if TYPE_CHECKING:
@@ -177,6 +178,7 @@ class EvidenceDisplay(_AuditDisplay):
                 "the audit is saved to a file; choose one of them, or fit again."
             )
         own, trust = audit.traces[name], audit.step_trust(index)
+        starts = bin_starts(len(trust))
         # The trust in steps is half as high as a part.
         height, unit = 1 / (len(own.parts) + 0.5), fps or 1.0
         ax = self._prepare_axes(ax, (9.0, 1.0 + 1.7 / height))
@@ -186,10 +188,10 @@ class EvidenceDisplay(_AuditDisplay):
         self.axes_.append(ax.inset_axes((0, 0, 1, 0.4 * height)))
         for axes, part in zip(self.axes_, own.parts, strict=False):
             label = f"{own.compared_with}, 5 to 95 %"
-            axes.fill_between(own.step / unit, part.low, part.high, color=COLOURS["open"], alpha=0.3, label=label)
-            axes.plot(own.step / unit, part.value, color="black", linewidth=1.0, label="this one")
+            axes.fill_between(starts / unit, part.low, part.high, color=COLOURS["open"], alpha=0.3, label=label)
+            axes.plot(starts / unit, part.value, color="black", linewidth=1.0, label="this one")
             said = f"{part.share:.0%} of the evidence, {part.nats:+.1f} nats"
-            what = "Probability of the action taken" if own.kind == "discrete" else part.name
+            what = "Probability of the action taken" if own.taken else part.name
             axes.set_title(f"{what} ({said})", parse_math=False, loc="left", fontsize="medium")
         self.axes_[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0)
         last = self.axes_[-1]

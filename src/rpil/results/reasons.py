@@ -6,13 +6,17 @@ of the trusted: the stretch of consecutive steps with the lowest sum of log-rati
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.special import logit
 
+from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
-from rpil.results.words import SIDES, Words
+from rpil.results.judged import Judged
+from rpil.results.words import SIDES
 
 MIN_STRETCH = 5.0
 """Nats against the policy of the trusted from which a stretch is named: a hundred and fifty to one. No verdict depends
@@ -49,80 +53,77 @@ def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
     return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
 
 
-@dataclass(frozen=True)
-class Grounds:
-    """What the reason for the verdict on one demonstration is made from."""
+def bounded(log_ratio: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Log-ratios of steps within `MAX_LOG_RATIO`, in double precision."""
+    return np.asarray(np.clip(log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float))
 
-    finding: str
-    words: Words
-    verdict: str
-    log_odds: float
-    is_sure: bool
-    """Whether its probability is one from which a word may be given."""
-    from_actions: float
-    from_demonstrator: float
-    label: GivenLabel
-    has_outcome: bool
-    """Whether its outcome is known."""
-    contradicts: bool
-    """Whether the label contradicts the other answers."""
-    doubt: str
-    """The first doubt of the audit, or nothing."""
-    group: str
-    """The letter of its group, where two groups compete, or nothing."""
-    score: float
-    """Mean log-ratio of its steps, in nats."""
-    trusted_score: float
-    """The median score of the demonstrations with the upper word; NaN where there is none."""
-    stretch: Stretch | None
-    deviation: str
-    """What it does in its worst steps, against what the trusted do there; or nothing."""
 
-    def sentence(self) -> str:
-        """The reason."""
-        reason = self._decided()
-        if self.stretch is not None and self.finding != "nothing could be learned":
-            reason += f"; {self.stretch.steps} least like {self.words.upper} ones ({self.stretch.nats:+.1f} nats)"
-            reason += f": {self.deviation}" if self.deviation else ""
-        return f"{reason}."
+def reasons_of(audit: Judged, answers: Answers) -> Iterator[str]:
+    """The reason for the verdict on each demonstration; the `answers` about one are about its copies too."""
+    log_ratio = bounded(audit.step_log_ratio)
+    score = np.add.reduceat(log_ratio, audit.offsets[:-1]) / audit.lengths
+    trusted = score[[SIDES[verdict] == "upper" for verdict in audit.verdicts]]
+    trusted_score = float(np.median(trusted)) if len(trusted) else math.nan
+    groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
+    for m, name in enumerate(audit.ids):
+        reason = _by_answers(audit, m, answers) or _by_finding(audit, groups.get(name, ""))
+        reason = reason or _by_evidence(audit, m, float(score[m]), trusted_score)
+        stretch = worst_stretch(log_ratio[audit.steps(m)])
+        if stretch is not None and audit.finding != "nothing could be learned":
+            reason += f"; {stretch.steps} least like {audit.words.upper} ones ({stretch.nats:+.1f} nats)"
+            reason += f": {audit.deviations[m]}" if audit.deviations and audit.deviations[m] else ""
+        yield f"{reason}."
 
-    def _withheld(self) -> str:
-        """Why a demonstration with a probability that is high or low enough has no word."""
-        if self.words.upper != "typical":
-            return "that alone gives no word"
-        better = "only the better half of those that score high is called typical, if "
-        return f"{better if self.log_odds > 0 else 'it is called unlike only if '}other folds agree"
 
-    def _decided(self) -> str:
-        """The first clause: the evidence with the largest part in the verdict."""
-        sign = {"upper": 1, "open": 0, "lower": -1}[SIDES[self.verdict]]
-        own, others = f"{self.from_actions:+.1f} nats", f"{self.from_demonstrator:+.1f} nats"
-        if self.label:
-            labelled = f"Labelled {self.label}"
-            return f"{labelled}, which contradicts the other answers: look again" if self.contradicts else labelled
-        if self.finding == "two groups":
-            group = f"It acts as group {self.group} does, and only" if self.group else "Only"
-            return f"{group} an answer can tell which group is good"
-        if self.finding == "nothing could be learned":
-            return "Nothing tells it from the others: the state does not help to predict any actions"
-        if self.finding == "in doubt":
-            return f"No word, because of a doubt: {self.doubt[:1].lower()}{self.doubt[1:].rstrip('.')}"
-        if self.finding == "answered" and sign and self.verdict not in (self.words.upper, self.words.lower):
-            return f"Called {self.verdict} without the answers, which do not contradict it"
-        if self.finding == "answered" and sign and self.has_outcome:
-            return f"Its outcome is among the {'highest' if sign > 0 else 'lowest'} ({self.log_odds:+.1f} nats)"
-        if self.finding == "answered" and sign:
-            return f"Judged by what the answers say of demonstrations like it ({self.log_odds:+.1f} nats)"
-        if self.finding == "nobody stands out":
-            return "Nothing tells it from the others: all scores are one group"
-        if sign == 0 and self.is_sure:
-            return f"Its log-odds are {self.log_odds:+.1f} nats, but {self._withheld()}"
-        if sign == 0:
-            either = f"{self.words.upper} or {self.words.lower}"
-            return f"Its log-odds of {self.log_odds:+.1f} nats are too close to 0 to call it {either}"
-        if sign * self.from_demonstrator > sign * self.from_actions:
-            return f"Judged by its demonstrator's other demonstrations ({others}; {own} from its own actions)"
-        # Without a trusted one the trusted score is NaN, which no score is below.
-        is_lower = sign < 0 and self.score < self.trusted_score
-        trusted = f", that of the {self.words.upper} ones {self.trusted_score:+.2f}" if is_lower else ""
-        return f"Judged by its actions: its mean log-ratio is {self.score:+.2f} nats{trusted}"
+def _by_answers(audit: Judged, m: int, answers: Answers) -> str:
+    """The reason by the label of demonstration `m`, or by what is learned from answers; or nothing."""
+    verdict, words, nats = audit.verdicts[m], audit.words, f"{audit.log_odds[m]:+.1f} nats"
+    if answers.labels[m]:
+        again = ", which contradicts the other answers: look again" * (audit.ids[m] in audit.contradicting)
+        return f"Labelled {'good' if answers.labels[m] > 0 else 'bad'}{again}"
+    if audit.finding != "answered" or verdict == "open":
+        return ""
+    if verdict not in (words.upper, words.lower):
+        return f"Called {verdict} without the answers, which do not contradict it"
+    if math.isfinite(answers.outcome[m]):
+        return f"Its outcome is among the {'highest' if verdict == words.upper else 'lowest'} ({nats})"
+    return f"Judged by what the answers say of demonstrations like it ({nats})"
+
+
+def _by_finding(audit: Judged, group: str) -> str:
+    """The reason where the finding gives no demonstration a word, or nothing; `group` is A, B or nothing."""
+    if audit.finding == "two groups":
+        acts = f"It acts as group {group} does, and only" if group else "Only"
+        return f"{acts} an answer can tell which group is good"
+    if audit.finding == "nothing could be learned":
+        return "Nothing tells it from the others: the state does not help to predict any actions"
+    if audit.finding == "in doubt":
+        doubt = audit.doubts[0] if audit.doubts else ""
+        return f"No word, because of a doubt: {doubt[:1].lower()}{doubt[1:].rstrip('.')}"
+    if audit.finding == "nobody stands out":
+        return "Nothing tells it from the others: all scores are one group"
+    return ""
+
+
+def _by_evidence(audit: Judged, m: int, score: float, trusted_score: float) -> str:
+    """The evidence with the largest part in the verdict on demonstration `m`, or why it has no word.
+
+    `score` is the mean log-ratio of its steps, and `trusted_score` the median one of those with the upper word, NaN
+    where there are none.
+    """
+    words, log_odds, side = audit.words, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
+    if side == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
+        return f"Its log-odds of {log_odds:+.1f} nats are too close to 0 to call it {words.upper} or {words.lower}"
+    if side == "open":
+        withheld = "that alone gives no word"
+        if words.upper == "typical":
+            better = "only the better half of those that score high is called typical, if "
+            withheld = f"{better if log_odds > 0 else 'it is called unlike only if '}other folds agree"
+        return f"Its log-odds are {log_odds:+.1f} nats, but {withheld}"
+    sign = 1 if side == "upper" else -1
+    if sign * audit.from_demonstrator[m] > sign * audit.from_actions[m]:
+        others, actions = f"{audit.from_demonstrator[m]:+.1f} nats", f"{audit.from_actions[m]:+.1f} nats"
+        return f"Judged by its demonstrator's other demonstrations ({others}; {actions} from its own actions)"
+    is_lower = side == "lower" and score < trusted_score  # no score is below NaN
+    trusted = f", that of the {words.upper} ones {trusted_score:+.2f}" if is_lower else ""
+    return f"Judged by its actions: its mean log-ratio is {score:+.2f} nats{trusted}"

@@ -5,14 +5,13 @@ Pictures and tables read it from here; `rpil.results.record.Audit` is what users
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.special import expit, logit
+from scipy.special import expit
 
 from rpil.data.archive import NOT_STORED
 from rpil.data.errors import DataError
@@ -27,7 +26,7 @@ from rpil.results.answering import Id
 from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.provenance import Provenance
-from rpil.results.reasons import MAX_LOG_RATIO, GivenLabel, Grounds, worst_stretch
+from rpil.results.reasons import GivenLabel, bounded, reasons_of
 from rpil.results.settings import AuditSettings
 from rpil.results.traces import Traces
 from rpil.results.words import SIDES, WORDS, Verdict, Words
@@ -94,37 +93,7 @@ class AuditResult:
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
-        if self.own_reasons:
-            return self.own_reasons
-        log_ratio = np.clip(self.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
-        score = np.add.reduceat(log_ratio, self.offsets[:-1]) / self.lengths
-        trusted = score[[SIDES[verdict] == "upper" for verdict in self.verdicts]]
-        typical = float(np.median(trusted)) if len(trusted) else math.nan
-        letters = {name: letter for letter, group in self.groups.items() for name in group}
-        labels, has_outcome = self.labels, np.isfinite(self._answers_of_copies().outcome).tolist()
-        min_log_odds = logit(self.settings.min_proba(self.anchor))
-        grounds = (
-            Grounds(
-                finding=self.finding,
-                words=self.words,
-                verdict=self.verdicts[m],
-                log_odds=float(self.log_odds[m]),
-                is_sure=bool(abs(self.log_odds[m]) >= min_log_odds),
-                from_actions=float(self.from_actions[m]),
-                from_demonstrator=float(self.from_demonstrator[m]),
-                label=labels[m],
-                has_outcome=has_outcome[m],
-                contradicts=name in self.contradicting,
-                doubt=self.doubts[0] if self.doubts else "",
-                group=letters.get(name, ""),
-                score=float(score[m]),
-                trusted_score=typical,
-                stretch=worst_stretch(log_ratio[self.steps(m)]),
-                deviation=self.deviations[m] if self.deviations else "",
-            )
-            for m, name in enumerate(self.ids)
-        )
-        return tuple(each.sentence() for each in grounds)
+        return self.own_reasons or tuple(reasons_of(self, self._answers_of_copies()))
 
     @property
     def labels(self) -> tuple[GivenLabel, ...]:
@@ -245,8 +214,7 @@ class AuditResult:
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
-        own = self.step_log_ratio[self.steps(index)]
-        log_ratio = np.clip(own, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float)
+        log_ratio = bounded(self.step_log_ratio[self.steps(index)])
         one = slice(index, index + 1)
         return step_proba(self.reliability[one], log_ratio, self.lengths[one], self.settings.steps)
 

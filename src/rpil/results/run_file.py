@@ -19,8 +19,8 @@ from typing import NoReturn
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
 from rpil.data.json_files import Parsed, check_text, read_text
-from rpil.results.drawings import MAX_BINS
-from rpil.results.groups import MAX_PARTS
+from rpil.inference.contrast import MAX_PARTS
+from rpil.results.traces import MAX_POINTS
 from rpil.results.view import FORMAT_NAME, FORMAT_VERSION, MAX_DRAWINGS, MAX_FOUND, View
 
 MAX_RUN_BYTES = 64 * 2**20
@@ -32,7 +32,7 @@ MAX_RUN_LIST = 10_000
 MAX_RUN_NUMBER = 1e15
 MAX_RUN_DEPTH = 8
 """Of the values of the provenance."""
-NOT_IN_A_RUN = ("report", "weights", "verdicts", "keep", "save", "resume", "scheduler")
+NOT_IN_A_RUN = ("report", "weights", "verdicts", "keep", "save", "scheduler")
 """Options of ``rpil audit`` that no command of a page has: files to write, and an address that may send code."""
 
 
@@ -275,18 +275,13 @@ def _drawings(drawings: object, steps: list[int]) -> Shape:
     if len(given) > MAX_DRAWINGS or not given.keys() <= {*map(str, range(len(steps)))}:
         raise _OtherShape("drawings")
     shapes: dict[str, Shape] = {}
-    for name, drawn in given.items():
-        n, width = steps[int(name)], drawn.get("width") if isinstance(drawn, dict) else None
-        if type(width) is not int or not 0 < width <= n:
-            raise _OtherShape(f"drawings.{name}.width")
-        bins, points = min(n, MAX_BINS), -(-n // width)
+    for name in given:
+        points = min(steps[int(name)], MAX_POINTS)
         scale: dict[str, Shape] = {"from": _number, "to": _number}
         part = {"name": _text, "share": _share, "nats": _number, **scale}
         shapes[name] = {
-            "bins": _equal(bins),
-            "ratio": scale | dict.fromkeys(("min", "mean", "max"), _packed(bins)),
-            "trust": {**scale, "mean": _packed(bins)},
-            "width": _number,
+            "ratio": scale | dict.fromkeys(("min", "mean", "max"), _packed(points)),
+            "trust": {**scale, "mean": _packed(points)},
             "compared_with": _among(("typical", "trusted")),
             "taken": {"names": _Each(_text, range(257)), "codes": _packed(0, points)},
             "parts": _Each(part | dict.fromkeys(("value", "low", "high"), _packed(points)), range(MAX_PARTS + 1)),

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit, logit
 
-from rpil.data.id_values import Label
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
@@ -103,14 +102,15 @@ def join_audits(
     )
 
 
-def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Mapping[str, Label]) -> Audit:
-    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their `labels`."""
+def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Array) -> Audit:
+    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their `labels`, 1
+    for good and -1 for bad."""
     signs = np.zeros(len(audit.ids), dtype=np.int64)
+    signs[alone] = labels[alone]
     verdicts, reasons = [*audit.verdicts], [*audit.reasons]
-    for m in alone:
-        if label := labels.get(str(audit.ids[m])):
-            signs[m] = 1 if label == "good" else -1
-            verdicts[m], reasons[m] = label, f"Labelled {label}."
+    for m in np.flatnonzero(signs):
+        verdicts[m] = "good" if signs[m] > 0 else "bad"
+        reasons[m] = f"Labelled {verdicts[m]}."
     log_odds = np.where(signs, signs * logit(1 - audit.settings.answers.min_proba_bound), audit.log_odds)
     proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs, audit.lengths)
     return replace(

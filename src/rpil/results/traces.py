@@ -9,12 +9,12 @@ import numpy as np
 
 from rpil.numerics.types import Array, Float, Int
 
-MAX_POINTS = 600
-"""Points of a trace; of more steps, each point is the mean over `Traces.width` of them."""
+MAX_POINTS = 400
+"""Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class TracedPart:
     """A part of the action of one demonstration, at P points."""
 
     name: str
@@ -36,48 +36,28 @@ class Part:
 class Traces:
     """Up to three parts of the action of one demonstration, those with most of the evidence first."""
 
-    kind: Literal["continuous", "discrete"]
-    parts: tuple[Part, ...]
+    parts: tuple[TracedPart, ...]
     """One alone where actions are discrete."""
-    width: int
-    """Steps of a point; the last point may have fewer."""
     taken: tuple[str, ...] = ()
     """Of discrete actions: the one taken at each point, or the least likely one of its steps."""
     compared_with: Literal["typical", "trusted"] = "typical"
-    """See `rpil.results.evidence.Comparison`."""
-
-    @property
-    def step(self) -> Int[Array, " P"]:
-        """The first step of each point, counted from the first of the demonstration."""
-        return self.width * np.arange(len(self.parts[0].value))
+    """See `rpil.results.evidence.StepEvidence`."""
 
     def fits(self, n_steps: int) -> bool:
         """Whether these are traces of so many steps, and all parts have a value for each point."""
-        if self.width < 1 or not self.parts:
-            return False
         curves = [curve for part in self.parts for curve in (part.value, part.low, part.high)]
-        n_points = -(-n_steps // self.width)
-        return len(self.taken) in (0, n_points) and all(curve.shape == (n_points,) for curve in curves)
+        n_points = len(bin_starts(n_steps))
+        is_complete = all(curve.shape == (n_points,) for curve in curves)
+        return bool(curves) and is_complete and len(self.taken) in (0, n_points)
 
 
-def point_width(n_steps: int) -> int:
-    """Steps of a point of so many steps."""
-    return max(1, -(-n_steps // MAX_POINTS))
+def bin_starts(n_steps: int) -> Int[Array, " P"]:
+    """The first step of each of at most `MAX_POINTS` points, which hold nearly equally many steps."""
+    n_points = min(n_steps, MAX_POINTS)
+    return np.asarray(np.arange(n_points) * n_steps // n_points)
 
 
-def points(values: Float[Array, "n ..."], width: int) -> Float[Array, "P ..."]:
-    """Means over `width` steps each, in single precision."""
-    if width == 1:
-        return np.asarray(values, dtype=np.float32)
-    starts = np.arange(0, len(values), width)
-    counts = np.diff(np.append(starts, len(values)))
-    sums = np.add.reduceat(np.asarray(values, dtype=float), starts, axis=0)
-    return np.asarray((sums.T / counts).T, dtype=np.float32)
-
-
-def least_points(values: Float[Array, " n"], width: int) -> Int[Array, " P"]:
-    """The step with the least value in each `width` steps."""
-    if width == 1:
-        return np.arange(len(values))
-    starts = range(0, len(values), width)
-    return np.array([start + int(np.argmin(values[start : start + width])) for start in starts])
+def bin_means(values: Float[Array, " n"]) -> Float[Array, " P"]:
+    """The means over the steps of each point."""
+    starts = bin_starts(len(values))
+    return np.asarray(np.add.reduceat(values, starts, dtype=float) / np.diff(np.append(starts, len(values))))

@@ -53,11 +53,11 @@ command
 provenance
     Version, settings, columns and so on, by name, where they are known; see `rpil.results.provenance`.
 drawings
-    For the first in the order of looking, by number as text. Of the steps in bins: bins (their number), ratio (min,
-    mean, max of the log-ratios) and trust (mean of the trust in the steps); bin k of B begins at step
-    ``k * n_steps // B``. Of the parts of the action with most of the evidence, in points of `width` steps: parts (name,
-    share of the evidence, nats, value, low and high of what is typical there), compared_with, and of discrete actions
-    taken (names, codes); see `rpil.results.traces`. Curves are packed by `rpil.results.drawings.packed`.
+    For the first in the order of looking, by number as text. In P points, of which point k begins at
+    step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
+    with most of the evidence (name, share of the evidence, nats, value, low and high of what is typical there), and of
+    discrete actions taken (names, codes); compared_with, see `rpil.results.traces`. Curves are packed by
+    `rpil.results.drawings.packed`.
 """
 
 from __future__ import annotations

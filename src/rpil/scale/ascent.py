@@ -9,12 +9,10 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.numerics.blocks import Sums
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
@@ -22,20 +20,6 @@ from rpil.policies.protocol import AdditivePolicy
 from rpil.scale.fit import WeightedBlock
 from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
-
-
-@stored(history="iterations 2", curvature="points 2 rows columns")
-@dataclass(frozen=True, eq=False)
-class AscentState:
-    """The state of the ascent between two passes."""
-
-    policy: AdditivePolicy
-    history: Array = field(default_factory=lambda: np.empty((0, 2)))
-    """Objective and gradient norm at the policies before."""
-    radius: float = np.inf
-    """Largest change of a coefficient in the next step."""
-    curvature: Array = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
-    """A `rpil.numerics.newton.CurvatureHistory`."""
 
 
 def gather_steps(
@@ -72,17 +56,15 @@ def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
 
 def ascend(
     shards: Shards[WeightedBlock],
-    start: AscentState,
+    policy: AdditivePolicy,
     hessian: Preconditioner | None,
     settings: AscentSettings,
     progress: Callable[[str], None],
-    keep: Callable[[AscentState], None],
 ) -> AdditivePolicy:
-    """Maximise the penalised log-likelihood of all weighted steps; returns the policy.
+    """Maximise the penalised log-likelihood of all weighted steps, from a `policy` on; returns the policy.
 
     A step that lowers the objective, because the `hessian` of the sample (`AdditivePolicy.with_preconditioner`) is too
-    small somewhere, is taken again within a radius (Levenberg and Marquardt), which grows with every success. `keep` is
-    called with the state after every step; the ascent goes on from such a state to the same bits.
+    small somewhere, is taken again within a radius (Levenberg and Marquardt), which grows with every success.
     """
 
     def objective(policy: AdditivePolicy) -> tuple[float, Sums]:
@@ -90,11 +72,12 @@ def ascend(
         return float(sums[0]) - policy.penalty(), sums
 
     begun = time.perf_counter()
-    policy, history, radius, curvature = start.policy, start.history, start.radius, start.curvature
+    history = np.empty((0, 2))  # objective and gradient norm of each pass
+    radius, curvature = np.inf, np.empty((0, 2, 0, 0))
     value, sums = objective(policy)
     while len(history) < settings.max_passes:
         history = np.vstack([history, [value, policy.gradient_norm(sums[1])]])
-        seconds = (time.perf_counter() - begun) / (len(history) - len(start.history))
+        seconds = (time.perf_counter() - begun) / len(history)
         goal = settings.tol * sums[2]
         left = _time_left(history[:, 1], goal, seconds)
         progress(f"pass {len(history)} over everything, objective {value:.6g}{left}")
@@ -111,7 +94,6 @@ def ascend(
             new_value, new_sums = objective(candidate)
         policy, value, sums = candidate, new_value, new_sums
         radius = 2.0 * radius if radius < settings.max_radius else np.inf
-        keep(AscentState(policy, history, radius, curvature))
     return policy
 
 

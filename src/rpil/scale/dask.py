@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
-import re
-import socket
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -32,9 +30,6 @@ if TYPE_CHECKING:
 TIMEOUT = 5.0
 """Seconds within which a scheduler answers."""
 
-_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(\[[^]]+\]|[^\s/:]+):(\d{1,5})/?|inproc://\S+")
-"""Addresses of a scheduler, with host and port."""
-
 _SHARDS_PER_THREAD = 2
 """More than one, so that the shards of a worker that died can be divided among the others."""
 
@@ -55,15 +50,14 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
     Raises
     ------
     DataError
-        Where the address has another form, nothing answers within `timeout` seconds, or the scheduler has no workers.
+        Where no scheduler answers there within `timeout` seconds, or it has no workers.
     MissingExtraError
         Where ``distributed`` is not installed.
     """
-    _check_address(address, timeout)
     distributed = _distributed()
     with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
         greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
-    with guarded(address, "no Dask scheduler answers there", "check the address"):
+    with guarded(address, "no Dask scheduler answers there", "check the address, as tcp://HOST:8786"):
         greeted.result()
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     try:
@@ -73,18 +67,6 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
         message = f"{address}: the scheduler has no workers; start some with: dask worker {address}."
         raise DataError(message) from error
     return client
-
-
-def _check_address(address: str, timeout: float) -> None:
-    """A `DataError` where no server can be at the address: Dask itself tries for long, and prints a traceback."""
-    match = _ADDRESS.fullmatch(address)
-    if match is None:
-        raise DataError(f"{address}: it is no address of a Dask scheduler; write it as tcp://HOST:8786.")
-    if match[1]:
-        try:
-            socket.create_connection((match[1].strip("[]"), int(match[2])), timeout).close()
-        except (OSError, OverflowError, UnicodeError) as error:
-            raise DataError(f"{address}: no Dask scheduler answers there; check the address.") from error
 
 
 async def _greet(distributed: Any, address: str, timeout: float) -> None:
@@ -143,7 +125,7 @@ class _Passes:
     @contextmanager
     def guarded(self) -> Iterator[None]:
         reached = f"in pass {self.n} over the data" if self.n else "before the first pass over the data"
-        remedy = "start it again, and fit again, with checkpoint= if a checkpoint was kept"
+        remedy = "start it again, and fit again"
         with guarded(f"The Dask cluster, {reached}", "it was lost", remedy):
             try:
                 yield

@@ -62,6 +62,20 @@ class BlockScores(NamedTuple):
     """The 95 % interval of the reliability."""
     channels: Array
     summaries: Array
+    """In single precision: a hundred numbers or more for each demonstration."""
+
+    @classmethod
+    def join(cls, blocks: Iterable[BlockScores], n_demonstrations: int) -> BlockScores:
+        """Those of all blocks, which come in order, each let go when it is copied."""
+        joined, first = None, 0
+        for block in blocks:
+            joined = joined or cls(*(np.empty((n_demonstrations, *v.shape[1:]), v.dtype) for v in block))
+            last = first + len(block.score)
+            for everyone, values in zip(joined, block, strict=True):
+                everyone[first:last] = values
+            first = last
+        assert joined is not None
+        return joined
 
 
 def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
@@ -73,7 +87,7 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     described = judge.channels(data, log_prob, log_ratio, settings)
     described[:, 0] = score
     assert judge.ratio is not None
-    summed = summaries(data, judge.ratio.indicators(data.actions))
+    summed = summaries(data, judge.ratio.indicators(data.actions)).astype(np.float32)
     return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, summed)
 
 
@@ -95,7 +109,7 @@ def judge_everyone(
 
     The finding is that of the sample; outside it, groups and words are by the scores alone.
     """
-    score, squares, reliability, interval, described, summed = map(np.concatenate, zip(*blocks, strict=True))
+    score, squares, reliability, interval, described, summed = BlockScores.join(blocks, data.n_demonstrations)
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = judge.score_variance(squares, lengths, settings)

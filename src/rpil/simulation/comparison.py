@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError
-from rpil.numerics.intervals import Interval, mean_interval, wilson
+from rpil.numerics.intervals import mean_interval, wilson
 from rpil.numerics.types import Array, Float
 
 Choice = TypeVar("Choice")
@@ -26,9 +26,6 @@ POWER = 0.8
 MOST_SEEDS = 1000
 """Seeds that are named as needed, at most."""
 
-MOST_DECIMALS = 6
-"""In a table."""
-
 UNCHANGED = 1e-9
 """A standard error of this share of its difference is rounding: the seeds change nothing."""
 
@@ -42,7 +39,7 @@ class ComparedChoice:
     """Of all seeds together."""
     mean: float
     """Success rate, or mean return."""
-    ci95: Interval
+    ci95: tuple[float, float]
     """95 % interval of `mean` over the episodes of these policies: Wilson's of successes, Student's of returns. It
     does not say how much another training would differ."""
     difference: float
@@ -75,10 +72,8 @@ class Comparison:
         return {row.name: row for row in self.rows}[name]
 
     def __repr__(self) -> str:
-        decimals = max(_decimals(self.rows), 2 if self.measure == "success rate" else 0)
-
         def number(value: float, sign: str = "") -> str:
-            return f"{value:{sign}.{decimals}f}"
+            return f"{value:{sign}{'.3f' if self.measure == 'success rate' else '#.4g'}}"
 
         def difference(row: ComparedChoice, sign: str) -> str:
             error = f" +- {number(row.standard_error)}" if row.standard_error >= 0 else ""
@@ -261,13 +256,3 @@ def _seeds_needed(difference: float, spread: float, level: float) -> int | None:
     n = np.arange(2, MOST_SEEDS + 1)
     enough = difference * np.sqrt(n) >= spread * (stdtrit(n - 1, 1 - level / 2) + stdtrit(n - 1, POWER))
     return int(n[enough.argmax()]) if enough.any() else None
-
-
-def _decimals(rows: Sequence[ComparedChoice]) -> int:
-    """Decimals with which the smallest error has one digit, or two that begin with 1; two where there is none."""
-    errors = [row.standard_error for row in rows if row.standard_error > 0]
-    errors = errors or [row.ci95[1] - row.mean for row in rows if row.ci95[1] > row.mean]
-    if not errors:
-        return 2
-    exponent = np.floor(np.log10(min(errors)))
-    return int(np.clip((min(errors) < 2 * 10**exponent) - exponent, 0, MOST_DECIMALS))

@@ -136,24 +136,12 @@ def _cart_pole(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     return np.where(angle + 0.25 * spin + 0.05 * x + 0.1 * vx > 0, 1, 0)
 
 
-def _pendulum(observations: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Push along the swing below and against it above, where the torque also holds the pendulum up.
-
-    Observation: cosine and sine of the angle (0 is up), angular velocity in rad/s. Actions: torques -2, -1, 0, 1, 2.
-    Source: a quadratic feedback law with hand-set gains, our own; mean return -172 (sd 139) over 1,000
-    episodes, uniform actions -1,202 (sd 276).
-    """
-    cosine, sine, speed = observations.T
-    torque = -6.0 * sine * (1.0 + cosine) - 5.0 * speed * cosine
-    return np.asarray(np.rint(np.clip(torque, -2.0, 2.0)) + 2, dtype=np.int64)
-
-
 def _pendulum_torque(observations: NDArray[np.floating]) -> Array:
     """Pump energy into the swing below, catch and hold the pendulum above, the two weighed by the height.
 
-    Observation: as `_pendulum`. Action: a torque, -2 .. 2. Without a switch between the two the law is smooth but for
-    the bounds. Source: our own, with gains chosen for the return and for being easy to clone; mean return -152 (sd 90)
-    over 1,000 episodes, every one of which ends upright.
+    Observation: cosine and sine of the angle (0 is up), angular velocity in rad/s. Action: a torque, -2 .. 2. Without a
+    switch between the two the law is smooth but for the bounds. Source: our own, with gains chosen for the return and
+    for being easy to clone; mean return -152 (sd 90) over 1,000 episodes, every one of which ends upright.
     """
     cosine, sine, speed = observations.T
     height = 0.5 + 0.5 * cosine
@@ -178,7 +166,6 @@ EXPERTS: dict[str, Expert] = {
         ("Acrobot-v1", 6, Discrete(3), _acrobot),
         ("LunarLander-v3", 8, Discrete(4), _lunar_lander),
         ("CartPole-v1", 4, Discrete(2), _cart_pole),
-        ("rpil/DiscretePendulum-v1", 3, Discrete(5), _pendulum),
         ("Pendulum-v1", 3, Box.single([-2], [2]), _pendulum_torque),
         ("MountainCarContinuous-v0", 2, Box.single([-1], [1]), _mountain_car_force),
         ("LunarLanderContinuous-v3", 8, Box.single([-1, -1], [1, 1]), _lander_throttles),

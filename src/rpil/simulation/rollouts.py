@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
-from rpil.numerics.intervals import Interval, mean_interval, wilson
+from rpil.numerics.intervals import mean_interval, wilson
 from rpil.numerics.parallel import in_processes
 from rpil.numerics.types import Array
 from rpil.simulation.environments import actions_of, make, success_of
@@ -72,7 +72,7 @@ class Returns:
     """
 
     mean: float
-    ci95: Interval
+    ci95: tuple[float, float]
     """Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode."""
     returns: NDArray[np.float64]
     """The return of every episode, (n_episodes,)."""
@@ -88,7 +88,7 @@ class Returns:
         return cls(float(returns.mean()), mean_interval(returns), returns, success, steps_to_success)
 
     @property
-    def success_ci95(self) -> Interval:
+    def success_ci95(self) -> tuple[float, float]:
         """Wilson's 95 % interval of the share of episodes that succeed; (nan, nan) where it is not known."""
         if self.success is None:
             return float("nan"), float("nan")
@@ -135,9 +135,8 @@ def rollout(
         the box of the environment; or (n,) where A is 1. A function of one observation (D,) is
         `rpil.simulation.rollouts.OneByOne(function)`.
     env_id : str
-        An id for `rpil.simulation.environments.make`, such as "LunarLander-v3" or "metaworld:reach-v3", with flat or
-        discrete observations, and actions that are discrete or a flat box. A discrete observation is passed to the
-        policy as a one-hot row.
+        An id for `rpil.simulation.environments.make`, such as "LunarLander-v3", with flat or discrete observations, and
+        actions that are discrete or a flat box. A discrete observation is passed to the policy as a one-hot row.
     n_episodes : int
         At least 1.
     seed : int
@@ -164,41 +163,22 @@ def rollout(
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
     seeds = _seeds(seed, n_episodes)
     if processes < 2:
-        played = _returns(policy, env_id, seeds, progress)
-        return Returns.of(played.returns, played.known)
-    # More shards than processes, so that one long episode does not delay the result.
-    shards = np.array_split(seeds, min(n_episodes, 2 * processes))
-    parts: list[_Played] = []
-    for part in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
-        parts.append(part)
-        if progress is not None:
-            progress(sum(len(part.returns) for part in parts), n_episodes)
-    played = _Played.join(parts)
-    return Returns.of(played.returns, played.known)
-
-
-@dataclass(frozen=True, eq=False)
-class _Played:
-    """What is counted of episodes: returns, and steps to success (n,), which `reports` says are known."""
-
-    returns: NDArray[np.float64]
-    steps_to_success: NDArray[np.int64]
-    reports: bool
-
-    @property
-    def known(self) -> NDArray[np.int64] | None:
-        return self.steps_to_success if self.reports else None
-
-    @classmethod
-    def join(cls, parts: Sequence[_Played]) -> _Played:
-        returns, steps = (np.concatenate([getattr(p, name) for p in parts]) for name in ("returns", "steps_to_success"))
-        return cls(returns, steps, any(part.reports for part in parts))
+        parts = [_returns(policy, env_id, seeds, progress)]
+    else:
+        # More shards than processes, so that one long episode does not delay the result.
+        shards, parts = np.array_split(seeds, min(n_episodes, 2 * processes)), []
+        for part in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
+            parts.append(part)
+            if progress is not None:
+                progress(sum(len(returns) for returns, *_ in parts), n_episodes)
+    returns, steps, reports = zip(*parts, strict=True)
+    return Returns.of(np.concatenate(returns), np.concatenate(steps) if any(reports) else None)
 
 
 def _returns(
     policy: Policy, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
-) -> _Played:
-    """Return and success of one episode per seed."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64], bool]:
+    """Return and steps to success of one episode per seed, and whether the environment reports successes."""
     returns, steps, first = np.zeros(len(seeds)), np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
     n_finished, reports = 0, False
     for step in _play(policy, env_id, seeds):
@@ -210,7 +190,7 @@ def _returns(
         if progress is not None and step.finished.any():
             n_finished += int(step.finished.sum())
             progress(n_finished, len(seeds))
-    return _Played(returns, first, reports)
+    return returns, first, reports
 
 
 def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:

@@ -10,8 +10,8 @@ import pytest
 import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.page import page_of
+from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.id_values import read_answers
 from served import need_server, review_of, serving
 from small import FAST
@@ -218,7 +218,7 @@ def test_videos_and_frames_of_the_chosen_demonstration(browser, tmp_path):
     pytest.importorskip("av")
     folder = lerobot_folders.write(tmp_path / "set", [30] * 12, per_file=4)
     audit = RPIL(settings=FAST).fit(read(folder)).audit_
-    videos = Videos.of(str(folder), audit.ids, lerobot_folders.FPS)
+    videos = EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS)
     with serving(review_of(audit, videos=videos, page=page_of)) as client:
         browser.open(client.gate.url)
         browser.wait("document.querySelectorAll('.media img').length >= 2")

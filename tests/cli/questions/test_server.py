@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import lerobot_folders
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.server import listen, load_server
+from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answers
 from rpil.results.drawings import drawing
@@ -226,7 +226,7 @@ def films(tmp_path_factory):
 
 
 def test_videos_are_served_in_parts(audit, films):
-    videos = Videos.of(str(films), audit.ids, 20.0)
+    videos = EpisodeVideos.of(str(films), audit.ids, 20.0)
     with serving(review_of(audit, videos=videos)) as client:
         found = client.get("/api/demonstration/4")["videos"]
         assert [one["camera"] for one in found] == ["observation.images.front", "observation.images.side"]
@@ -246,7 +246,7 @@ def test_videos_are_served_in_parts(audit, films):
 
 
 def test_a_link_out_of_the_folder_is_not_followed(audit, films, tmp_path):
-    videos = Videos.of(str(films), audit.ids, 20.0)
+    videos = EpisodeVideos.of(str(films), audit.ids, 20.0)
     with serving(review_of(audit, videos=videos)) as client:
         file = videos.file(0, 0)
         moved = file.rename(tmp_path / "moved.mp4")

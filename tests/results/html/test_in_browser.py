@@ -19,7 +19,7 @@ from rpil.results.html.page import Article, write_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 from rpil.results.run_file import read_run, write_run
-from rpil.results.traces import Part, Traces
+from rpil.results.traces import TracedPart, Traces
 from rpil.results.view import About, make_view
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -30,7 +30,7 @@ HOSTILE = (
 )
 
 
-MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, {"id": "trip"}, (), "2026-11-23")
+MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, (), "2026-11-23")
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +235,7 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
         return evil if isinstance(value, str) and key in shown else value
 
     value = np.arange(80.0)
-    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value, value),), 1)}
+    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value, value),))}
     audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
     faults = FaultReport((Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
     view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
@@ -251,7 +251,7 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
     value = np.arange(300.0)
-    traces = {0: Traces("continuous", (Part("elbow", 0.6, -9.0, value, value - 1, value + 1),), 1)}
+    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value - 1, value + 1),))}
     audit = make_audit(("unlike", "typical"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces)
     browser.open(write(tmp_path / "r.html", audit, fps=30.0, lerobot=True, hub="someone/drive"))
     assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 3

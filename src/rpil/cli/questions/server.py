@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from rpil.cli.questions.frames import Videos
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import ANSWER_KEYS, Session, fact_lines, question_sentence
+from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
 from rpil.results.drawings import drawing
@@ -42,7 +42,7 @@ class Review:
 
     session: Session
     about: About
-    videos: Videos
+    videos: EpisodeVideos
     finish: Callable[[Audit, object], View]
     page: Callable[[View, View], str]
     lock: Lock = field(default_factory=Lock)
@@ -99,7 +99,7 @@ class Review:
         return {"lines": self.session.answer(tuple(ids[m] for m in numbers), given["key"])}
 
 
-Change = Callable[[Mapping[str, Parsed]], View]
+PageChange = Callable[[Mapping[str, Parsed]], View]
 """Changes what is known, as a page says it; "lines" are sentences on what that did."""
 
 
@@ -120,7 +120,7 @@ def application(review: Review, gate: Gate) -> Application:
 
         return Route(path, endpoint)
 
-    def post(path: str, change: Change) -> Route:
+    def post(path: str, change: PageChange) -> Route:
         async def endpoint(request: Request) -> Response:
             return JSONResponse(*await run_in_threadpool(_changed, review, change, await request.body()))
 
@@ -149,7 +149,7 @@ def application(review: Review, gate: Gate) -> Application:
     return guarded_by(gate, Starlette(routes=routes, exception_handlers=gone))
 
 
-def _changed(review: Review, change: Change, body: bytes) -> tuple[View, int]:
+def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int]:
     """What a page gets after it asked for a change, and the status: 409 where it had not seen the last change."""
     try:
         given = json.loads(body)

@@ -29,7 +29,7 @@ MAX_CHANGED = 20
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
-Rows = tuple[tuple[str, str], ...]
+AnswerRows = tuple[tuple[str, str], ...]
 """Answers as a file of labels has them: ids as text, and words."""
 
 ANSWER_KEYS = {1: "gbus", 2: "12345us"}
@@ -44,7 +44,7 @@ class Asking:
     """Judged with the answers that were there before."""
     most: int | None
     """Questions that the run asks at most."""
-    rows: Rows = ()
+    rows: AnswerRows = ()
     """The answers of this run."""
     passed: frozenset[Hashable] = field(default=frozenset())
     """Demonstrations about which this run asks no more, because nobody can tell or they were skipped."""
@@ -82,7 +82,7 @@ class Asking:
         )
 
 
-def rows_of(question: Question, key: str) -> Rows:
+def rows_of(question: Question, key: str) -> AnswerRows:
     """The answer that a key gives to a question."""
     ids = [str(name) for name in question]
     if key in ("1", "2", "5"):
@@ -144,7 +144,7 @@ class Session:
         self.question = asking.question(audit)
         self.audit, self.lines, self.asking, self.version = audit, lines, asking, self.version + 1
 
-    def _write(self, rows: Rows) -> None:
+    def _write(self, rows: AnswerRows) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
         path = Path(self.path)
         if not self.is_as_written:

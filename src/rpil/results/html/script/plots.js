@@ -17,11 +17,12 @@ const shade = (colour, alpha) => {
 
 // Curves over the steps of demonstration m; each chart has a title, curves, and a band between its last two.
 const stepCharts = (model, m, drawing, place, readout) => {
-  const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = drawing.bins;
+  const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = atob(drawing.trust.mean).length;
   const first = Array.from({ length: bins }, (_, k) => Math.floor((k * n) / bins));
   const unit = view.fps || 1, x = first.map((start) => start / unit);
   // What the pointer is at, and for actions that are classes, which was taken.
-  const inBins = (k) => readout(k === null ? null : first[k]);
+  const taken = atob(drawing.taken.codes);
+  const say = (k) => readout(k === null ? null : first[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "another")}`);
   const stretch = d.stretch[m], worst = d.worst[m].map((step) => step / unit);
   // Where to look: the worst steps in a row as a stripe, each of the worst as a mark at the foot.
   const marks = (u) => {
@@ -33,7 +34,7 @@ const stepCharts = (model, m, drawing, place, readout) => {
     for (const step of worst) ctx.fillRect(at(step) - 1, bbox.top + bbox.height - 7, 2.5, 7);
     ctx.restore();
   };
-  const one = (title, x, curves, band, range, height, say = inBins) => {
+  const one = (title, x, curves, band, range, height) => {
     const box = el("div", { class: "chart" });
     place.append(el("figure", {}, el("figcaption", {}, title), box));
     const data = [x, ...curves.map((own) => own.values)];
@@ -47,14 +48,12 @@ const stepCharts = (model, m, drawing, place, readout) => {
     };
     return new uPlot(options, data, box);
   };
-  const taken = atob(drawing.taken.codes), points = Array.from({ length: Math.ceil(n / drawing.width) }, (_, k) => k * drawing.width);
-  const inPoints = (k) => readout(k === null ? null : points[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "another")}`);
   const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
     `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence`,
-    points.map((step) => step / unit),
+    x,
     [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
-    shade(colours.upper, 0.18), undefined, 130, inPoints));
+    shade(colours.upper, 0.18), undefined, 130));
   const ratio = drawing.ratio;
   charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it", x,
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },

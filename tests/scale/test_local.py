@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.scale.disk import Streamed
-from rpil.scale.memory import InMemory
+from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine, Shards
 
 SHARDS = [[np.array([1.0, 2.0]), np.array([3.0])], [np.array([4.0])]]

@@ -1,4 +1,8 @@
-"""The engine for data on disk: every pass reads them again, the next block while the blocks before it are worked on."""
+"""Engines of this process, which work on as many blocks at a time as there are cores.
+
+`Streamed` reads the blocks again for every pass, the next block while the blocks before it are worked on; `InMemory`
+keeps them. Each block is summed by one thread, so that the number of threads changes no bit.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +17,18 @@ from rpil.numerics.parallel import cores
 from rpil.scale.protocol import R, Shards, T
 
 
+def identity(block: T) -> T:
+    """The block as it is."""
+    return block
+
+
 @dataclass(frozen=True)
-class StreamedBlocks(Shards[T]):
-    """Blocks that are read for every pass, and the functions that are applied to each."""
+class LocalBlocks(Shards[T]):
+    """Blocks that are read for every pass, or that a list keeps, and the functions that are applied to each."""
 
     shards: Sequence[Iterable[object]]
-    prepare: Callable[[Any], T]
+    is_kept: bool
+    prepare: Callable[[Any], T] = identity
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
         """At most one block more than there are cores is in memory."""
@@ -33,8 +43,10 @@ class StreamedBlocks(Shards[T]):
                 yield pending.popleft().result()
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
+        if self.is_kept:
+            return LocalBlocks([list(self.map(function))], is_kept=True)
         prepare = self.prepare
-        return StreamedBlocks(self.shards, lambda block: function(prepare(block)))
+        return LocalBlocks(self.shards, False, lambda block: function(prepare(block)))
 
 
 @dataclass(frozen=True)
@@ -44,9 +56,11 @@ class Streamed:
     n_shards: int = 1
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return StreamedBlocks(shards, identity)
+        return LocalBlocks(shards, is_kept=False)
 
 
-def identity(block: T) -> T:
-    """The block as it is."""
-    return block
+class InMemory(Streamed):
+    """Reads every shard once and keeps its blocks."""
+
+    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
+        return LocalBlocks([list(chain.from_iterable(shards))], is_kept=True)

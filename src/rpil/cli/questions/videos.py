@@ -19,7 +19,7 @@ NOT_THERE = "There are no videos of these demonstrations in their folder."
 
 
 @dataclass(frozen=True)
-class Videos:
+class EpisodeVideos:
     """Where each camera saw each demonstration, by its number, in the folder `top`."""
 
     top: Path
@@ -31,7 +31,7 @@ class Videos:
     """A sentence on what cannot be shown, and why."""
 
     @classmethod
-    def of(cls, source: str, ids: Sequence[Hashable], fps: float | None) -> Videos:
+    def of(cls, source: str, ids: Sequence[Hashable], fps: float | None) -> EpisodeVideos:
         """Those of the data at `source`; none where their format has none, or where they are not there."""
         top, shots = Path(source), dict[int, list[Shot]]()
         known = find_format(source) if top.exists() else None

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders
-from rpil.cli.questions.frames import FRAME_WIDTH, Videos
+from rpil.cli.questions.videos import FRAME_WIDTH, EpisodeVideos
 from rpil.data.errors import DataError
 
 av = pytest.importorskip("av")
@@ -33,7 +33,7 @@ def decoded(picture: bytes):
 
 
 def test_the_frame_of_a_step_is_that_of_its_video(folder):
-    videos = Videos.of(str(folder), (2, 0, 1, 3), lerobot_folders.FPS)
+    videos = EpisodeVideos.of(str(folder), (2, 0, 1, 3), lerobot_folders.FPS)
     assert videos.note == ""
     for m, episode in enumerate((2, 0, 1, 3)):
         for camera in range(2):
@@ -47,7 +47,7 @@ def test_the_frame_of_a_step_is_that_of_its_video(folder):
 
 
 def test_cameras_and_seconds(folder):
-    videos = Videos.of(str(folder), ("0", "1", "2", "3"), lerobot_folders.FPS)
+    videos = EpisodeVideos.of(str(folder), ("0", "1", "2", "3"), lerobot_folders.FPS)
     found = videos.cameras(1)
     assert [one["camera"] for one in found] == ["observation.images.front", "observation.images.side"]
     start = 1.0 if folder.joinpath("meta/episodes").exists() else 0.0
@@ -56,16 +56,16 @@ def test_cameras_and_seconds(folder):
 
 
 def test_what_is_not_there_is_said(folder, tmp_path, monkeypatch):
-    assert Videos.of("d.parquet", (0,), 20.0).note == "These data have no videos."
-    assert Videos.of("hf://datasets/a/b", (0,), 20.0).note == "These data have no videos."
-    videos = Videos.of(str(folder), ("no", "such"), 20.0)
+    assert EpisodeVideos.of("d.parquet", (0,), 20.0).note == "These data have no videos."
+    assert EpisodeVideos.of("hf://datasets/a/b", (0,), 20.0).note == "These data have no videos."
+    videos = EpisodeVideos.of(str(folder), ("no", "such"), 20.0)
     assert videos.note == "There are no videos of these demonstrations in their folder."
-    videos = Videos.of(str(folder), range(4), 20.0)
+    videos = EpisodeVideos.of(str(folder), range(4), 20.0)
     for m, camera, step in ((4, 0, 0), (0, 2, 0), (0, -1, 0), (0, 0, 20), (0, 0, -1)):
         with pytest.raises(DataError):
             videos.frame(m, camera, step)
     monkeypatch.setitem(sys.modules, "av", None)
-    without = Videos.of(str(folder), range(4), 20.0)
+    without = EpisodeVideos.of(str(folder), range(4), 20.0)
     assert "rpil[video]" in without.note
     assert without.file(0, 0) == videos.file(0, 0), "videos are played all the same"
 
@@ -76,14 +76,14 @@ def test_a_folder_whose_link_leads_out_of_it_shows_none(tmp_path):
     (tmp_path / "secret.mp4").write_bytes(file.read_bytes())
     file.unlink()
     file.symlink_to(tmp_path / "secret.mp4")
-    videos = Videos.of(str(root), (0, 1), 20.0)
+    videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
     assert not videos.shots
     assert "leads out of" in videos.note
 
 
 def test_a_damaged_video_is_named(tmp_path):
     root = lerobot_folders.write(tmp_path / "set", [8, 8])
-    videos = Videos.of(str(root), (0, 1), 20.0)
+    videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
     (file,) = root.rglob("*.mp4")
     Path(file).write_bytes(file.read_bytes()[:500])
     with pytest.raises(DataError, match="it is no video, or a damaged one"):
@@ -97,7 +97,7 @@ def test_a_folder_whose_videos_have_no_times_shows_none(tmp_path, start):
     table, name = pq.read_table(place), "videos/observation.images.front/from_timestamp"
     column = pa.array([0.0, start], pa.float64())
     pq.write_table(table.set_column(table.column_names.index(name), name, column), place)
-    videos = Videos.of(str(root), (0, 1), 20.0)
+    videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
     assert not videos.shots
     assert videos.cameras(1) == []
     assert f"demonstration 1: from_timestamp is {start}, to_timestamp 0.8; correct them." in videos.note

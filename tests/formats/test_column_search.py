@@ -1,0 +1,93 @@
+"""Columns with strange names: the error lists them, and what is named twice, or looks wrong, is said."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+
+import rpil
+from command_line import call, ok
+from rpil.data.errors import DataError
+
+
+def drives(n=12, steps=25, **changes):
+    """Trips of two drivers, each on one of three days."""
+    rng = np.random.default_rng(0)
+    trip = np.repeat(np.arange(n), steps)
+    columns = {
+        "day": trip // 5,
+        "trip": [f"t{m}" for m in trip],
+        "driver": [("cem", "bob")[m % 2] for m in trip],
+        "weather": [("dry", "wet")[int(rng.integers(2))] for _ in trip],
+        "lane": rng.normal(size=n * steps),
+        "steer": rng.normal(size=n * steps),
+        "brake_pressure": rng.normal(size=n * steps),
+    }
+    return pa.table(columns | changes)
+
+
+def test_columns_without_a_role_are_listed(tmp_path):
+    pa.csv.write_csv(drives(), tmp_path / "drive.csv")
+    with pytest.raises(DataError, match=r"name it episode_index, or name the column with id= \(found 'day', 'trip'"):
+        rpil.read(tmp_path / "drive.csv")
+    with pytest.raises(DataError, match=r"no column holds the action.* 'weather' \(text\), 'lane', 'steer', 'brake_"):
+        rpil.read(tmp_path / "drive.csv", id="trip")
+
+
+def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pa.csv.write_csv(drives(), "drive.csv")
+    printed = ok("info", "drive.csv", "--id", "trip", "--action", "steer").stdout
+    assert printed.endswith("Next: rpil audit drive.csv --id trip --action steer --operator driver\n")
+
+
+def test_a_numeric_column_that_is_lost_is_named():
+    texts = {"speed": "0.00 m/s", "slope": "-3,5 %", "built": "2024-01-02", "opened": "10:15"}
+    table = drives(**{name: [text] * 300 for name, text in texts.items()})
+    ignored = rpil.open(table, id="trip", action="steer").description.ignored
+    assert ignored["speed"] == "text, as '0.00 m/s'; to observe it, write its numbers alone"
+    assert ignored["slope"] == "text, as '-3,5 %'; to observe it, write its numbers alone"
+    assert {ignored[name] for name in ("built", "opened", "weather")} == {"text"}
+
+
+def test_one_step_ids_are_doubted(tmp_path):
+    pa.csv.write_csv(drives().append_column("run_id", [np.arange(300)]), tmp_path / "drive.csv")
+    notes = rpil.open(tmp_path / "drive.csv", id="run_id", action="steer").description.notes
+    assert notes[0] == "Each demonstration has one step: is run_id the right column of the demonstration?"
+    assert not any(
+        "one step" in note for note in rpil.open(tmp_path / "drive.csv", id="trip", action="steer").description.notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("action", "observations", "said"),
+    [
+        ("steer", "lane,steer", "'steer' is part of the action already; take it out of observations="),
+        ("steer", "*", "'trip' is the id already; take it out of observations="),
+        ("steer,trip", (), "'trip' is the id already; take it out of action="),
+    ],
+)
+def test_a_column_of_two_roles_is_refused(action, observations, said, tmp_path):
+    pa.csv.write_csv(drives(), tmp_path / "drive.csv")
+    with pytest.raises(DataError, match=re.escape(said)):
+        rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations)
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["--action", "steer", "lane"], "write --action steer,lane"),
+        (["--id", "trip", "--exclude", "a b", "lane", "day"], "write --exclude 'a b,lane,day'"),
+        (["--json", "a b.json"], "write --json > 'a b.json'"),
+        (["--id", "trip", "lane"], None),
+    ],
+)
+def test_columns_without_commas_are_joined_in_the_answer(words, meant, tmp_path):
+    (tmp_path / "x.csv").write_text("a\n1\n")
+    said = call("audit", tmp_path / "x.csv", *words).stderr
+    assert "unexpected extra argument" in said
+    assert (re.search("write --", said) is None) if meant is None else meant in said
