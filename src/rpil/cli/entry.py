@@ -11,8 +11,18 @@ IMPORTS = "<frozen importlib._bootstrap>"
 RETRY_SECONDS = 0.02
 
 
+class WithoutPandas:
+    """Finds no pandas, which pyarrow imports for its first array: that takes longer than to read a small file."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError(name=name)
+
+
 def main() -> None:
     """Import the command, which takes a moment, and call it."""
+    sys.meta_path.insert(0, WithoutPandas)
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)

@@ -34,6 +34,8 @@ OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 
 def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
+    if not any(paths.values()):  # what follows imports the report
+        return
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.run_file import write_run

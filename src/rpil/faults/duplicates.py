@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from sklearn.neighbors import NearestNeighbors
 
 from rpil.faults.record import Finding
 from rpil.faults.rules import Evidence
 from rpil.faults.settings import FaultSettings
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float, Int
+
+NEIGHBOUR_ROWS = 1_024
+"""Points whose distances to all others are in memory together."""
 
 
 def find_duplicates(seen: Evidence) -> Iterator[Finding]:
@@ -20,13 +22,24 @@ def find_duplicates(seen: Evidence) -> Iterator[Finding]:
         yield _finding(seen, m, twin, 0.0, 0.0, "it is the same as demonstration")
     signatures = seen.measured.signature
     if seen.columns.names and len(signatures) >= seen.settings.min_demonstrations:
-        distances, numbers = NearestNeighbors(n_neighbors=1).fit(signatures).kneighbors()
-        distance, nearest = distances[:, 0], numbers[:, 0]
+        distance, nearest = nearest_others(signatures)
         limit = near_limit(distance, seen.settings)
         for m in np.flatnonzero(distance < limit).tolist():
             twin = int(nearest[m])
             if twin < m and m not in exact:
                 yield _finding(seen, m, twin, float(distance[m]), limit, "it is nearly the same as demonstration")
+
+
+def nearest_others(points: Float[Array, "M S"]) -> tuple[Float[Array, " M"], Int[Array, " M"]]:
+    """The distance of each point to the nearest other one, and the number of that."""
+    squares = np.einsum("ms,ms->m", points, points)
+    nearest = np.empty(len(points), dtype=int)
+    for begin in range(0, len(points), NEIGHBOUR_ROWS):
+        rows = np.arange(begin, min(begin + NEIGHBOUR_ROWS, len(points)))
+        further = squares - 2 * points[rows] @ points.T  # the squared distance less that of the point itself
+        further[rows - begin, rows] = np.inf
+        nearest[rows] = further.argmin(axis=1)
+    return np.linalg.norm(points - points[nearest], axis=1), nearest
 
 
 def near_limit(distance: Array, settings: FaultSettings) -> float:

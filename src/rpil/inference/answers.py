@@ -26,12 +26,12 @@ from itertools import product
 
 import numpy as np
 from scipy.special import expit, logit, logsumexp
-from scipy.stats import rankdata
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
+from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 NOTHING = 1e6
@@ -150,7 +150,7 @@ class Answers:
         if self.is_flag:
             ranks[known] = values
         elif known.any():
-            ranks[known] = (rankdata(values) - 0.5) / len(values)
+            ranks[known] = (mean_ranks(values) - 0.5) / len(values)
         return ranks
 
     def rows(self, channels: Float[Array, "M C"]) -> tuple[Float[Array, "R D"], Float[Array, " R"]]:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, svds
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import ErrorSettings, student_log_density
+from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_density
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -135,7 +134,7 @@ def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None =
     """Of each column, the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
     out = np.empty(values.shape) if out is None else out
     for column, scores in zip(values.T, out.T, strict=True):
-        scores[:] = ndtri((rankdata(column) - 0.5) / len(values))
+        scores[:] = ndtri((mean_ranks(column) - 0.5) / len(values))
     return out
 
 

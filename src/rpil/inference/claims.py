@@ -18,7 +18,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm, spearmanr
+from scipy.special import ndtr
 
 from rpil.data.copies import Copies
 from rpil.data.demonstrators import Demonstrators
@@ -27,6 +27,7 @@ from rpil.inference.findings import Finding
 from rpil.inference.rivals import Lower, SecondWay, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
+from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 FEW_RUNS = (
@@ -215,7 +216,8 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
     doubts = []
     if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
         doubts.append(Doubt("More than half score low, at many levels, so that no limit between two groups is clear."))
-    agreement = spearmanr(data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)).statistic
+    means = data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)
+    agreement = np.corrcoef([mean_ranks(mean) for mean in means])[0, 1]  # Spearman's
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
         sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
@@ -240,7 +242,7 @@ def runs_p(member: Bool[Array, " M"]) -> float:
     n, runs = a + b, 1 + int((member[1:] != member[:-1]).sum())
     mean = 1 + 2 * a * b / n
     variance = max((mean - 1) * (mean - 2) / (n - 1), 1e-12)
-    return float(norm.cdf((runs + 0.5 - mean) / np.sqrt(variance)))
+    return float(ndtr((runs + 0.5 - mean) / np.sqrt(variance)))
 
 
 def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:

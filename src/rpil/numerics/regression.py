@@ -85,6 +85,12 @@ def _median_distance(distance: Float[Array, "M A"]) -> Float[Array, " A"]:
     return np.asarray(median)
 
 
+def mean_ranks(values: Num[Array, " M"]) -> Float[Array, " M"]:
+    """The ranks of values from 1 on; equal values share the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[place])
+
+
 def normal_equations(
     features: Float[Array, "N D"], actions: Float[Array, "N A"], weight: Float[Array, " N"]
 ) -> tuple[Float[Array, "D D"], Float[Array, "D A"], float]:

@@ -1,6 +1,7 @@
 """Array types with shapes: ``Float[Array, "N D"]`` is a floating array of N rows and D columns.
 
-Type checkers see NumPy arrays. The tests check shapes as well, by jaxtyping and beartype, which users do not need.
+Type checkers see NumPy arrays. The tests check shapes as well, by jaxtyping and beartype, which they import first;
+users do not need them.
 
     N  steps                 D  observations, or columns of a design matrix
     M  demonstrations        K  discrete actions
@@ -9,6 +10,7 @@ Type checkers see NumPy arrays. The tests check shapes as well, by jaxtyping and
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
 else:
     Array = np.ndarray
-    try:
+    if "jaxtyping" in sys.modules:
         from jaxtyping import Bool, Float, Int, Num, Shaped
-    except ImportError:  # a development dependency
+    else:
 
         class Shaped:
             """The array type alone: ``Shaped[Array, "N"]`` is ``Array``."""

@@ -10,12 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from sklearn.base import clone, is_regressor
-from sklearn.dummy import DummyClassifier
-from sklearn.multioutput import MultiOutputRegressor
-from sklearn.pipeline import Pipeline
-from sklearn.utils import get_tags
-from sklearn.utils.validation import has_fit_parameter
 
 from rpil.data.archive import stored
 from rpil.data.checks import check_settings
@@ -175,6 +169,10 @@ def cross_fitted_policy(
             f"The policy is {what}, no scikit-learn estimator; give one such as HistGradientBoostingClassifier(), "
             "rpil.TorchPolicy() for a network, or rpil.reweight around a training loop of your own."
         )
+    from sklearn.base import is_regressor
+    from sklearn.multioutput import MultiOutputRegressor
+    from sklearn.utils import get_tags
+
     if is_regressor(estimator) != (space.kind == "continuous"):
         kinds = ("a regressor", "discrete") if space.kind == "discrete" else ("no regressor", "continuous")
         raise DataError(f"The policy {name} is {kinds[0]} and the actions are {kinds[1]}; give one made for these.")
@@ -209,6 +207,9 @@ def _cross_fit(
 
 
 def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, actions: Array, weight: Array) -> Estimator:
+    from sklearn.base import clone
+    from sklearn.dummy import DummyClassifier
+
     estimator, largest = policy.estimator, weight.max(initial=0.0)
     used = weight > policy.settings.min_weight * largest if largest > 0 else np.ones(len(weight), bool)
     weight, target = weight[used] if largest > 0 else np.ones(len(weight)), actions[used]
@@ -224,6 +225,9 @@ def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, acti
 
 def _weight_parameter(estimator: Estimator) -> str:
     """The parameter of `estimator.fit` that takes the weights of steps, through pipelines and searches."""
+    from sklearn.pipeline import Pipeline
+    from sklearn.utils.validation import has_fit_parameter
+
     if isinstance(estimator, Pipeline):
         name, last = estimator.steps[-1]
         return f"{name}__{_weight_parameter(last)}"

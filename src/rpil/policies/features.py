@@ -239,9 +239,12 @@ def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
 
 
 def _similarity(folded: Array, landmarks: Array, width: float) -> Array:
-    from sklearn.metrics.pairwise import rbf_kernel
-
-    return np.asarray(rbf_kernel(folded, landmarks, gamma=width / folded.shape[1]))
+    """exp(-gamma |z - z'|^2) of all rows with all landmarks, where gamma is the `width` for each column."""
+    squares = [np.einsum("ij,ij->i", rows, rows) for rows in (folded, landmarks)]
+    distance = -2 * (folded @ landmarks.T) + squares[0][:, None] + squares[1]
+    if folded is landmarks:
+        np.fill_diagonal(distance, 0.0)  # but for rounding
+    return np.asarray(np.exp(np.maximum(distance, 0.0) * (-width / folded.shape[1])))
 
 
 def _cut_off(observations: Array, location: Array, spread: Array, bound: float) -> Array:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import warnings
 
-from sklearn.exceptions import ConvergenceWarning
-
 from rpil.data.errors import user_stack_level
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NOT_USED, sentence_of
@@ -60,5 +58,7 @@ def assumption_sentences(
 def warn_if_not_converged(converged: bool) -> None:
     """Warn of a fit that ended before it converged."""
     if not converged:
+        from sklearn.exceptions import ConvergenceWarning
+
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import norm, rankdata
+from scipy.special import ndtr
 
 from rpil.inference.channels import CHANNELS
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -56,7 +56,7 @@ def known_facts(
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
         for name, (channel, sign) in RANKS.items():
-            ranks = norm.cdf(sign * columns[:, CHANNELS.index(channel)])
+            ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
     at_limit = at_time_limit(lengths)
     if at_limit is not None:
@@ -64,7 +64,7 @@ def known_facts(
     if len(sessions):
         found["session"] = tuple(sessions)
     if order is not None:
-        found["order"] = tuple(rankdata(order, method="min").astype(int).tolist())
+        found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found
 
 

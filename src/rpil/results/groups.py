@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from scipy.stats import mannwhitneyu
-
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.channels import CHANNELS
@@ -61,6 +59,8 @@ def _joined(phrases: list[str]) -> str:
 
 def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> Iterator[str]:
     """What is said of group B by the facts in which it clearly differs from group A."""
+    from scipy.stats import mannwhitneyu  # takes as long to import as all else
+
     first, second = groups
     for name, (channel, sign) in RANKS.items():
         values = sign * columns[:, CHANNELS.index(channel)]
