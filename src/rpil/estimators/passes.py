@@ -66,7 +66,7 @@ class SampledFit:
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
         options.progress("a sample")
-        rng, settings = np.random.default_rng(options.seed), options.settings.sample
+        rng, settings = np.random.default_rng(options.random_state), options.settings.sample
         indices = draw_sample(np.diff(task.source.offsets), task.answers.labels, budget(task, options), rng, settings)
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)

@@ -8,7 +8,7 @@ adversary. The final policy is linear, or the user's.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol
 
@@ -22,7 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Features, FinalPolicy, Task
+from rpil.estimators.task import ActionBox, Features, FinalPolicy, Task
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
@@ -52,13 +52,14 @@ class FitOptions:
     """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
 
     features: str
-    policy: object
     adversary: str | Adversary
-    C: float | None
-    seed: int
+    random_state: int
     settings: Settings
-    progress: Progress = field(repr=False)
-    engine: Engine | None = field(repr=False)
+    progress: Progress
+    engine: Engine | None = None
+    policy: object = None
+    C: float | None = None
+    action_box: ActionBox | None = None
 
     @property
     def audit_settings(self) -> AuditSettings:
@@ -171,12 +172,12 @@ def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
             policy = options.cross_fitted(data.space, n_steps)
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
-            model = held_out_model(data, options.seed, settings.judge.held_out)
+            model = held_out_model(data, options.random_state, settings.judge.held_out)
         judgement = judge(
             data,
             model,
             settings.judge,
-            seed=options.seed,
+            seed=options.random_state,
             answers=posed.answers,
             order=posed.order,
             progress=options.progress,
@@ -187,7 +188,7 @@ def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
         return replace(decision, notes=notes)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
-    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.seed))
+    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
@@ -304,7 +305,7 @@ class FullFit:
         if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
             evidence = by_final_policy(audit, found, data, outputs, settings)
         else:
-            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.seed, settings)
+            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
