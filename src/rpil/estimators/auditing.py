@@ -17,8 +17,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
-from rpil.estimators.passes import SampledFit, is_sampled
-from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, fit
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels, Task
 from rpil.estimators.within_tasks import Statements, groups_of, judge_within_tasks
@@ -30,6 +29,7 @@ from rpil.formats.recording import Recording, from_demonstrations
 from rpil.results import assumptions
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
+from rpil.scale.sample import is_large
 
 JUDGE_FEATURES = "folded"
 """Those of the judge: no policy is kept, for which others would be chosen."""
@@ -134,8 +134,14 @@ def fit_within_tasks(
 def fit_task(task: Task, options: FitOptions) -> FitResult:
     """Decide which demonstrations of a task to trust, and fit the final policy; the audit names the assumptions."""
     options.check(task)
+    stages: Stages = FullFit(task, options)
+    may_sample, sample = options.judges and options.policy is None, options.settings.sample
+    if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
+        from rpil.estimators.passes import SampledFit
+
+        stages = SampledFit(task, options)
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-        result = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
+        result = fit(stages, options)
     decision, prior = result.decision, options.settings.mixture.prior
     audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
     linear = options.policy is None

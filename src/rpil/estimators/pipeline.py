@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
-from rpil.mixture.adversaries.protocol import Adversary
-from rpil.mixture.em import State
-from rpil.mixture.search import SearchSettings, fit_mixture
 from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
@@ -43,6 +40,11 @@ from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.protocol import Engine, Shards
+from rpil.scale.sample import sample_steps
+
+if TYPE_CHECKING:
+    from rpil.mixture.adversaries.protocol import Adversary
+    from rpil.mixture.em import State
 
 Progress = Callable[[str], None]
 
@@ -93,6 +95,14 @@ class FitOptions:
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
         if not self.judges and (task.answers.labels < 0).all():
             raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
+
+    def n_sampled_steps(self, task: Task) -> int:
+        """Steps of the sample that the judge reads of large data."""
+        # Enough demonstrations to count the columns of the features.
+        first = int(np.searchsorted(task.source.offsets, self.settings.selection.maps.n_landmarks))
+        features = self.judge_features(task.source.select(slice(0, first)))
+        assert isinstance(features, FeatureMap)
+        return sample_steps(features.n_columns * task.space.n_parts, self.settings.sample)
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""
@@ -186,6 +196,8 @@ def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
         decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
         notes = tuple(resting_sentences(data, ids))
         return replace(decision, notes=notes)
+    from rpil.mixture.search import SearchSettings, fit_mixture
+
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
