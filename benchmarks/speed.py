@@ -7,7 +7,7 @@
 
 Every row is one function of `speed_fits`, `speed_systems` or `speed_audits`, which says what it measures.
 Rows A to D have one core and one thread, also for scikit-learn; E and G have all cores. The seconds are
-medians over runs that take turns; those of rows K to O are CPU seconds.
+medians over runs that take turns; those of rows K to O and Q are CPU seconds.
 """
 
 from __future__ import annotations
@@ -116,6 +116,13 @@ ROWS = {
         {"episodes": 2_000, "steps": 500, "joints": 14},
         {"episodes": 12, "steps": 60, "joints": 3},
         {"P": 60.0, "P_cpu": None, "P_time_left": None},
+    ),
+    "Q": Row(
+        "rpil audit of a small file: CPU s, over imports; info",
+        speed_audits.start,
+        {"demonstrations": 49, "steps": 112, "columns": 39, "actions": 6},
+        {"demonstrations": 8, "steps": 20, "columns": 4, "actions": 2},
+        {"Q": 1.5, "Q_ratio": None, "Q_info": 0.5},
     ),
 }
 

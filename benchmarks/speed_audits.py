@@ -107,6 +107,34 @@ def audit_of_folder(size: dict[str, int], _: int) -> Measured:
     return Measured(values, details)
 
 
+def start(size: dict[str, int], repeats: int) -> Measured:
+    """Q: CPU seconds of `rpil audit` and `rpil info` of a small file, and those of an audit over the import of numpy
+    and pyarrow; medians of processes that take turns."""
+    rng, n_steps = np.random.default_rng(0), size["demonstrations"] * size["steps"]
+    states = rng.normal(size=(n_steps, size["columns"] - size["actions"])).cumsum(axis=0) / 10
+    noise = np.where(np.arange(n_steps) // size["steps"] % 4, 0.05, 0.8)[:, None]  # every fourth is careless
+    actions = np.tanh(states[:, : size["actions"]]) + noise * rng.normal(size=(n_steps, size["actions"]))
+    owner = np.repeat(np.arange(size["demonstrations"]), size["steps"])
+    data = Demonstrations.from_groups(states, actions, owner)
+    with tempfile.TemporaryDirectory() as temporary:
+        files = {suffix: str(Path(temporary) / f"drive.{suffix}") for suffix in ("csv", "npz")}
+        for file in files.values():
+            rpil.write(file, data)
+        commands = {"libraries": ["-c", "import numpy, pyarrow"]}
+        commands |= {
+            f"{name} {suffix}": ["-m", "rpil", name, files[suffix]] for name in ("audit", "info") for suffix in files
+        }
+        used: dict[str, list[float]] = {name: [] for name in commands}
+        for _ in range(repeats + 1):  # of which the first brings files into the cache
+            for name, words in commands.items():
+                before = _children_seconds()
+                subprocess.run([sys.executable, *words], capture_output=True, check=True, cwd=temporary)
+                used[name].append(_children_seconds() - before)
+    seconds = {name: float(np.median(of[1:])) for name, of in used.items()}
+    audit, info = (max(seconds[f"{name} {suffix}"] for suffix in files) for name in ("audit", "info"))
+    return Measured({"Q": audit, "Q_ratio": audit / seconds["libraries"], "Q_info": info}, {"seconds": seconds})
+
+
 def _children_seconds() -> float:
     """Processor seconds of the processes that this one has waited for."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)

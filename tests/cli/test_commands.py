@@ -210,7 +210,7 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
 )  # fmt: skip
 def test_bad_options_are_refused_before_any_work(arguments, match, monkeypatch):
     npz("data.npz")
-    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit_task", lambda *_, **__: pytest.fail("too late"))
+    monkeypatch.setattr("rpil.estimators.pipeline.FitOptions.check", lambda *_, **__: pytest.fail("too late"))
     refused(match, *arguments)
 
 

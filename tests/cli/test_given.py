@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from command_line import call, ok, refused
-from rpil import RPIL, formats
+from rpil import formats
+from rpil.estimators.pipeline import FitOptions
 
 N_STEPS, BAD = 40, {3, 5, 8, 9}
 
@@ -43,8 +44,8 @@ def audited(*arguments):
 def given(monkeypatch):
     """The tasks that are fitted, with the outcomes and orders."""
     tasks = []
-    fit = RPIL.fit_task
-    monkeypatch.setattr(RPIL, "fit_task", lambda self, task: (tasks.append(task), fit(self, task))[1])
+    check = FitOptions.check
+    monkeypatch.setattr(FitOptions, "check", lambda self, task: (tasks.append(task), check(self, task))[1])
     return tasks
 
 

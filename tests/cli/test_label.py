@@ -25,6 +25,7 @@ from rpil.cli.main import main
 from rpil.cli.progress import ProgressTiming
 from rpil.cli.questions.session import Session
 from rpil.data.id_values import read_answers
+from rpil.estimators.pipeline import FitOptions
 from small import FAST
 
 
@@ -176,8 +177,8 @@ def test_what_cannot_be_asked_is_refused_before_a_question(data, options, words)
 
 def test_pairs_reach_the_fit(data, monkeypatch):
     tasks = []
-    fit = RPIL.fit_task
-    monkeypatch.setattr(RPIL, "fit_task", lambda self, task: (tasks.append(task), fit(self, task))[1])
+    check = FitOptions.check
+    monkeypatch.setattr(FitOptions, "check", lambda self, task: (tasks.append(task), check(self, task))[1])
     Path("l.csv").write_text("id,label\n0,better than 3\n3,bad\n1,better than 5\n")
     out = ok("audit", data, "--labels", "l.csv", "-q", "--observations", "x,v", "--json").stdout
     assert tasks[0].answers.pairs.tolist() == [[0, 3], [1, 5]]

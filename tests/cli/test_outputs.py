@@ -174,7 +174,7 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
     result = call(*arguments)
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "rpil: interrupted; w.csv is written.\n"
-    monkeypatch.setattr("rpil.estimators.rpil.RPIL.fit_task", interrupt)
+    monkeypatch.setattr("rpil.estimators.pipeline.FitOptions.check", interrupt)
     result = call(*arguments)
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "rpil: interrupted; nothing was written.\n"

@@ -37,7 +37,7 @@ def test_the_table_is_that_of_the_registry():
     ], "\n".join(f"| [{name}]() {rest}" for name, rest in wanted)
 
 
-@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+@pytest.mark.parametrize("one", list(FORMATS), ids=lambda one: one.name)
 def test_the_page_of_a_format(one):
     (place,) = re.findall(rf"^\| \[{re.escape(one.name)}\]\((.+?)\)", TEXT, re.MULTILINE)
     page = (DOCS / place).read_text(encoding="utf-8")

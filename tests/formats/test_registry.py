@@ -17,7 +17,7 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         read=lambda path, options: from_demonstrations(toy, "mine"),
         keep=keep_by_own_ids(lambda *given: kept.append(given)),
     )
-    monkeypatch.setattr(registry, "FORMATS", (own, *registry.FORMATS))
+    monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"
     mine.write_text("mine")
     other.write_text("episode_index,action,observation.x\n0,a,1\n")

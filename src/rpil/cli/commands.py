@@ -24,7 +24,7 @@ from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
-    from rpil.estimators.rpil import RPIL
+    from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
     from rpil.faults.record import FaultReport
     from rpil.formats.columns import ColumnOptions
@@ -254,26 +254,22 @@ def audit_data(
     files = options.labels, who, options.reference
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    with fitting(replace(options, features=features), recording, progress) as model:
-        audit = audit_recording(model, recording, stated, file, command, files)
+    with fitting(replace(options, features=features), recording, progress) as chosen:
+        audit = audit_recording(recording, stated, chosen, file, command, files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
 
 @contextmanager
-def fitting(options: RunOptions, recording: Recording, progress: StageProgress) -> Iterator[RPIL]:
-    """`RPIL`, to be fitted to the recording with the options of the command line."""
-    from rpil.estimators.rpil import RPIL
+def fitting(options: RunOptions, recording: Recording, progress: StageProgress) -> Iterator[FitOptions]:
+    """The options of a fit to the recording, by those of the command line."""
+    from rpil.estimators.pipeline import FitOptions
+    from rpil.estimators.settings import Settings
     from rpil.formats.dataset import Dataset
 
+    settings = CommandSettings.current().fit or Settings()
     with connect_engine(options.scheduler, progress) as engine:
-        yield RPIL(
-            features=options.features,
-            adversary=options.adversary,
-            random_state=options.seed,
-            progress=progress,
-            engine=engine if isinstance(recording.demonstrations, Dataset) else None,
-            settings=CommandSettings.current().fit,
-        )
+        there = engine if isinstance(recording.demonstrations, Dataset) else None
+        yield FitOptions(options.features, options.adversary, options.seed, settings, progress, there)
 
 
 def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import shlex
 import warnings
 from contextlib import AbstractContextManager
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -115,6 +116,7 @@ def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int
 
 
 def _fit_as_one_task(file: str, recording: Recording, run: RunOptions, progress: StageProgress) -> RPIL:
+    from rpil.estimators.rpil import RPIL
     from rpil.estimators.within_tasks import Statements
 
     n_tasks = len({*recording.tasks.values()})
@@ -122,8 +124,9 @@ def _fit_as_one_task(file: str, recording: Recording, run: RunOptions, progress:
         message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
         warnings.warn(message, stacklevel=1)
     stated = Statements.of(recording, run.labels, run.operator)
-    with commands.fitting(run, recording, progress) as model:
-        return model.fit_stated(recording.demonstrations, stated)
+    with commands.fitting(run, recording, progress) as options:
+        given = {field.name: getattr(options, field.name) for field in fields(options)}
+        return RPIL(**given).fit_stated(recording.demonstrations, stated)
 
 
 def _refuse_rpil_options(ctx: click.Context, method: str) -> None:

@@ -1,4 +1,7 @@
-"""`rpil.audit`: what the command ``rpil audit`` does, as a function."""
+"""`rpil.audit`, what the command ``rpil audit`` does, as a function; and the fit of a task, which `RPIL` calls as well.
+
+Nothing here needs scikit-learn, whose import takes longer than to judge a small file.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,26 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Unpack, cast
 
+from threadpoolctl import threadpool_limits
+
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
-from rpil.estimators.rpil import RPIL
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Labels
-from rpil.estimators.within_tasks import Statements
+from rpil.estimators.task import Labels, Task
+from rpil.estimators.within_tasks import Statements, groups_of, judge_within_tasks
 from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
+from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording, from_demonstrations
+from rpil.results import assumptions
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
+from rpil.scale.sample import is_large
 
 JUDGE_FEATURES = "folded"
 """Those of the judge: no policy is kept, for which others would be chosen."""
@@ -83,28 +91,71 @@ def audit(
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     files = labels if isinstance(labels, str | os.PathLike) else None, operator if from_file else None
-    model = RPIL(JUDGE_FEATURES, random_state=random_state, settings=settings, progress=progress)
-    return audit_recording(model, recording, stated, path, call, files)
+    chosen = FitOptions(JUDGE_FEATURES, "auto", random_state, settings or Settings(), progress or (lambda _: None))
+    return audit_recording(recording, stated, chosen, path, call, files)
 
 
 def audit_recording(
-    model: RPIL,
     recording: Recording,
     stated: Statements,
+    options: FitOptions,
     path: StrPath | None,
     command: str,
     files: Iterable[StrPath | None],
 ) -> Audit:
-    """The audit of a recording by a `model` that is not fitted yet, within tasks and sessions.
+    """The audit of a recording, judged within tasks and sessions.
 
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
-    model.judge_within_tasks(recording, stated)
-    changed: dict[str, object] = {} if model.features == JUDGE_FEATURES else {"features": model.features}
-    changed |= {} if model.adversary == "auto" else {"adversary": model.adversary}
-    changed |= changed_settings(model.settings or Settings(), Settings())
+    audit, _ = fit_within_tasks(recording, stated, options)
+    changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
+    changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
+    changed |= changed_settings(options.settings, Settings())
     files = (path, recording.options.embeddings, *files)
-    return replace(model.audit_, provenance=Provenance.of(command, model.random_state, changed, files))
+    return replace(audit, provenance=Provenance.of(command, options.random_state, changed, files))
+
+
+def fit_within_tasks(
+    recording: Recording, stated: Statements, options: FitOptions
+) -> tuple[Audit, list[tuple[Task, FitResult]]]:
+    """The audit of a recording, each task and session judged by itself, and the fits to them."""
+    fits: list[tuple[Task, FitResult]] = []
+    if len(groups_of(recording, stated)) > 1:
+        options = replace(options, engine=None)
+
+    def judge(demonstrations: Demonstrations | Dataset, stated: Statements) -> Audit:
+        task = stated.task(demonstrations, options.action_box)
+        fits.append((task, fit_task(task, options)))
+        return fits[-1][1].decision.audit
+
+    return judge_within_tasks(recording, stated, judge), fits
+
+
+def fit_task(task: Task, options: FitOptions) -> FitResult:
+    """Decide which demonstrations of a task to trust, and fit the final policy; the audit names the assumptions."""
+    options.check(task)
+    stages: Stages = FullFit(task, options)
+    may_sample, sample = options.judges and options.policy is None, options.settings.sample
+    if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
+        from rpil.estimators.passes import SampledFit
+
+        stages = SampledFit(task, options)
+    with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
+        result = fit(stages, options)
+    decision, prior = result.decision, options.settings.mixture.prior
+    audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
+    linear = options.policy is None
+    sentences = assumptions.assumption_sentences(
+        audit,
+        assumptions.linear_policy(result.features.kind)
+        if linear
+        else assumptions.custom_policy(type(options.policy).__name__),
+        p_two_groups=None if decision.judge is None else decision.judge.groups.p_two,
+        expert_share=prior if isinstance(prior, float) else None,
+        demonstrators=task.demonstrators.note,
+    )
+    assumptions.warn_if_not_converged(decision.converged)
+    return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
 
 
 def _opened(data: object, options: ColumnOptions) -> Recording:

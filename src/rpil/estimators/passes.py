@@ -25,26 +25,10 @@ from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine
-from rpil.scale.sample import draw_sample, is_large, sample_steps
+from rpil.scale.sample import draw_sample
 
 MAX_DRAWN_STEPS = 200_000
 """Steps that are read again for traces."""
-
-
-def is_sampled(task: Task, options: FitOptions) -> bool:
-    """Whether the judge reads a sample of the demonstrations instead of all."""
-    if options.policy is not None or not options.judges:
-        return False
-    return is_large(task.source.offsets, budget(task, options), options.settings.sample)
-
-
-def budget(task: Task, options: FitOptions) -> int:
-    """Steps of the sample for the policy of the judge."""
-    # Enough demonstrations to count the columns of the features.
-    first = int(np.searchsorted(task.source.offsets, options.settings.selection.maps.n_landmarks))
-    features = options.judge_features(task.source.select(slice(0, first)))
-    assert isinstance(features, FeatureMap)
-    return sample_steps(features.n_columns * task.space.n_parts, options.settings.sample)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +49,10 @@ class SampledFit:
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
         options.progress("a sample")
-        rng, settings = np.random.default_rng(options.seed), options.settings.sample
-        indices = draw_sample(np.diff(task.source.offsets), task.answers.labels, budget(task, options), rng, settings)
+        rng, settings = np.random.default_rng(options.random_state), options.settings.sample
+        indices = draw_sample(
+            np.diff(task.source.offsets), task.answers.labels, options.n_sampled_steps(task), rng, settings
+        )
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)
         if copies.any:

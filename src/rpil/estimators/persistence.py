@@ -20,6 +20,7 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.estimators.settings import Settings
+from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
 from rpil.results.restored import check_sound
 

@@ -8,9 +8,9 @@ adversary. The final policy is linear, or the user's.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -22,15 +22,12 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Features, FinalPolicy, Task
+from rpil.estimators.task import ActionBox, Features, FinalPolicy, Task
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
-from rpil.mixture.adversaries.protocol import Adversary
-from rpil.mixture.em import State
-from rpil.mixture.search import SearchSettings, fit_mixture
 from rpil.numerics.types import Array
 from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
@@ -43,6 +40,11 @@ from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.protocol import Engine, Shards
+from rpil.scale.sample import sample_steps
+
+if TYPE_CHECKING:
+    from rpil.mixture.adversaries.protocol import Adversary
+    from rpil.mixture.em import State
 
 Progress = Callable[[str], None]
 
@@ -52,13 +54,14 @@ class FitOptions:
     """The constructor parameters of `RPIL` that decide a fit; `RPIL` documents them."""
 
     features: str
-    policy: object
     adversary: str | Adversary
-    C: float | None
-    seed: int
+    random_state: int
     settings: Settings
-    progress: Progress = field(repr=False)
-    engine: Engine | None = field(repr=False)
+    progress: Progress
+    engine: Engine | None = None
+    policy: object = None
+    C: float | None = None
+    action_box: ActionBox | None = None
 
     @property
     def audit_settings(self) -> AuditSettings:
@@ -92,6 +95,14 @@ class FitOptions:
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
         if not self.judges and (task.answers.labels < 0).all():
             raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
+
+    def n_sampled_steps(self, task: Task) -> int:
+        """Steps of the sample that the judge reads of large data."""
+        # Enough demonstrations to count the columns of the features.
+        first = int(np.searchsorted(task.source.offsets, self.settings.selection.maps.n_landmarks))
+        features = self.judge_features(task.source.select(slice(0, first)))
+        assert isinstance(features, FeatureMap)
+        return sample_steps(features.n_columns * task.space.n_parts, self.settings.sample)
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""
@@ -171,12 +182,12 @@ def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
             policy = options.cross_fitted(data.space, n_steps)
             model = HeldOutPolicy(data, policy, settings.judge.held_out)
         else:
-            model = held_out_model(data, options.seed, settings.judge.held_out)
+            model = held_out_model(data, options.random_state, settings.judge.held_out)
         judgement = judge(
             data,
             model,
             settings.judge,
-            seed=options.seed,
+            seed=options.random_state,
             answers=posed.answers,
             order=posed.order,
             progress=options.progress,
@@ -185,9 +196,11 @@ def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
         decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
         notes = tuple(resting_sentences(data, ids))
         return replace(decision, notes=notes)
+    from rpil.mixture.search import SearchSettings, fit_mixture
+
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
-    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.seed))
+    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, ids, settings.audit)
@@ -304,7 +317,7 @@ class FullFit:
         if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
             evidence = by_final_policy(audit, found, data, outputs, settings)
         else:
-            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.seed, settings)
+            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))

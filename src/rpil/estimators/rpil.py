@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
-from threadpoolctl import threadpool_limits
 
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.facts import Outcome, given_outcome
 from rpil.data.fit_data import FitData
+from rpil.estimators.auditing import fit_task, fit_within_tasks
 from rpil.estimators.cloning import PolicyEstimator
-from rpil.estimators.passes import SampledFit, is_sampled
-from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, fit, learn
+from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
-from rpil.estimators.within_tasks import Statements, groups_of, judge_within_tasks
+from rpil.estimators.within_tasks import Statements, groups_of
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge
@@ -31,7 +30,6 @@ from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
 from rpil.policies.protocol import CrossFittedPolicy
-from rpil.results import assumptions
 from rpil.results.record import Audit
 from rpil.scale.protocol import Engine
 
@@ -190,71 +188,40 @@ class RPIL(PolicyEstimator):
         labels = self.labels if labels is None else labels
         if isinstance(X, Recording):
             return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
-        source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
+        source = self._seen(X) if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
         answers = answers_of(labels, given_outcome(outcome, source.ids, source.source), source)
         return self.fit_task(Task.of(source, self.action_box, answers, demonstrators, order))
 
     def fit_task(self, task: Task) -> RPIL:
         """Decide which demonstrations of a task to trust, and fit the final policy."""
-        options = self._options()
-        options.check(task)
-        with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-            fitted = fit(SampledFit(task, options) if is_sampled(task, options) else FullFit(task, options), options)
-        self._keep(task, fitted)
-        self._explain(task, options, fitted)
-        return self
+        return self._keep(task, fit_task(task, self._options()))
 
     def fit_stated(self, demonstrations: Demonstrations | Dataset, stated: Statements) -> RPIL:
         """Fit all demonstrations as one task, with what is stated of them."""
-        if isinstance(demonstrations, Demonstrations):
-            demonstrations = as_demonstrations(self, demonstrations, None, None)
-        names = stated.demonstrators or None
-        return self.fit_task(Task.of(demonstrations, self.action_box, stated.answers, names, stated.order))
+        return self.fit_task(stated.task(self._seen(demonstrations), self.action_box))
+
+    def _seen(self, demonstrations: Demonstrations | Dataset) -> Demonstrations | Dataset:
+        """The same demonstrations, of which the names of the observations are kept."""
+        self.n_features_in_ = demonstrations.n_observations
+        self.observation_names_ = demonstrations.observation_names
+        return demonstrations
 
     def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
         """Judge each task and session by itself, and learn one policy by the weights of all."""
-        models = self.judge_within_tasks(recording, stated)
-        if models == [self]:
-            return self
-        audit, options = self.audit_, self._options()
-        demonstrations = recording.demonstrations.select(slice(None))
-        task = Task.of(as_demonstrations(self, demonstrations, None, None), self.action_box)
-        self._keep(task, learn(task, options, audit))
-        self.n_iter_ = sum(model.n_iter_ for model in models)
-        self.lower_bound_ = float(np.mean([model.lower_bound_ for model in models]))
-        self.converged_ = all(model.converged_ for model in models)
+        options = self._options()
+        audit, fits = fit_within_tasks(recording, stated, options)
+        self._seen(recording.demonstrations)
+        if len(groups_of(recording, stated)) == 1:
+            self._keep(*fits[0])
+        else:
+            task = Task.of(recording.demonstrations.select(slice(None)), self.action_box)
+            self._keep(task, learn(task, options, audit))
+            decisions = [result.decision for _, result in fits]
+            self.n_iter_ = sum(decision.n_iter for decision in decisions)
+            self.lower_bound_ = float(np.mean([decision.lower_bound for decision in decisions]))
+            self.converged_ = all(decision.converged for decision in decisions)
         self.audit_ = audit
         return self
-
-    def judge_within_tasks(self, recording: Recording, stated: Statements) -> list[RPIL]:
-        """Set `audit_` to the audit of a recording, each task and session judged by itself; no policy is learned of
-        several. Returns the estimators that were fitted: this one where there is one task and session."""
-        models: list[RPIL] = []
-        several = len(groups_of(recording, stated)) > 1
-
-        def judge(demonstrations: Demonstrations | Dataset, stated: Statements) -> Audit:
-            model = RPIL(**self.get_params(deep=False) | {"engine": None}) if several else self
-            models.append(model.fit_stated(demonstrations, stated))
-            return model.audit_
-
-        self.audit_ = judge_within_tasks(recording, stated, judge)
-        return models
-
-    def _explain(self, task: Task, options: FitOptions, fitted: FitResult) -> None:
-        """Add the assumptions to the audit; warn if the fit did not converge."""
-        notes = tuple(filter(None, (*self.audit_.notes, *fitted.decision.notes)))
-        self.audit_ = replace(self.audit_, notes=notes)
-        prior, type_name = options.settings.mixture.prior, type(self.policy).__name__
-        linear = self.policy is None
-        sentences = assumptions.assumption_sentences(
-            self.audit_,
-            assumptions.linear_policy(self.features_.kind) if linear else assumptions.custom_policy(type_name),
-            p_two_groups=None if self.judge_ is None else self.judge_.groups.p_two,
-            expert_share=prior if isinstance(prior, float) else None,
-            demonstrators=task.demonstrators.note,
-        )
-        self.audit_ = replace(self.audit_, assumptions=sentences)
-        assumptions.warn_if_not_converged(self.converged_)
 
     def _options(self) -> FitOptions:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
@@ -262,17 +229,16 @@ class RPIL(PolicyEstimator):
         names = [field.name for field in fields(FitOptions) if field.name in given]
         chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
         chosen["progress"] = self.progress or (lambda _: None)
-        return FitOptions(**chosen, seed=self.random_state)
+        return FitOptions(**chosen)
 
-    def _keep(self, task: Task, fitted: FitResult) -> None:
+    def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
         decision = fitted.decision
-        if isinstance(task.source, Dataset):
-            self.n_features_in_, self.observation_names_ = task.source.n_observations, task.source.observation_names
         self.space_, self.classes_ = task.space, task.classes
         self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
         self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
         self.n_iter_, self.lower_bound_, self.converged_ = decision.n_iter, decision.lower_bound, decision.converged
+        return self
 
     @property
     def log_odds_(self) -> Array:

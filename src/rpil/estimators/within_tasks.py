@@ -15,7 +15,7 @@ from rpil.data.facts import Outcome, check_outcome, check_sessions, given_order,
 from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
 from rpil.data.reference import with_reference
-from rpil.estimators.task import DemonstratorNames, Labels, answers_of
+from rpil.estimators.task import ActionBox, DemonstratorNames, Labels, Task, answers_of
 from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -72,6 +72,10 @@ class Statements:
         order = facts.order if order is None else given_order(order, read.ids, source)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         return cls(answers, _about(names, read.ids), order, facts.sessions, where, reference)
+
+    def task(self, demonstrations: Demonstrations | Dataset, action_box: ActionBox | None) -> Task:
+        """The task to judge these demonstrations, all that the statements are about."""
+        return Task.of(demonstrations, action_box, self.answers, self.demonstrators or None, self.order)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""

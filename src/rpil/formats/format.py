@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -12,9 +13,11 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.lerobot.frames import Shot
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    from rpil.formats.lerobot.frames import Shot
 
 Trims = Mapping[str, tuple[int, int]]
 """The first step to keep of some demonstrations, and the one after the last, by ids as text."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 from rpil.data.arrays import Id
@@ -16,46 +17,41 @@ from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.data.missing import allow_missing
-from rpil.formats import (
-    aloha,
-    csv,
-    d4rl,
-    donkeycar,
-    folder,
-    hdf5,
-    imitation,
-    minari,
-    npz,
-    npz_folder,
-    parquet,
-    robomimic,
-    spool,
-    zarr,
-)
+from rpil.formats import folder, spool
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.embeddings import with_embeddings
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
-from rpil.formats.lerobot import folder as lerobot
 from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording
 from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
 
-FORMATS: tuple[Format, ...] = (
-    parquet.FORMAT,
-    csv.FORMAT,
-    lerobot.FORMAT,
-    zarr.FORMAT,
-    minari.FORMAT,
-    imitation.FORMAT,
-    npz.FORMAT,
-    robomimic.FORMAT,
-    d4rl.FORMAT,
-    aloha.FORMAT,
-    donkeycar.FORMAT,
-    npz_folder.FORMAT,
-    hdf5.FORMAT,
-    folder.FORMAT,
+
+class Formats:
+    """The formats of modules of `rpil.formats`, each of which is imported when its turn comes."""
+
+    def __init__(self, *modules: str) -> None:
+        self._modules = modules
+
+    def __iter__(self) -> Iterator[Format]:
+        for module in self._modules:
+            yield import_module(f"rpil.formats.{module}").FORMAT
+
+
+FORMATS: Iterable[Format] = Formats(
+    "parquet",
+    "csv",
+    "lerobot.folder",
+    "zarr",
+    "minari",
+    "imitation",
+    "npz",
+    "robomimic",
+    "d4rl",
+    "aloha",
+    "donkeycar",
+    "npz_folder",
+    "hdf5",
+    "folder",
 )
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any HDF5 file or folder may be comes last."""
@@ -96,6 +92,8 @@ class Found:
                 recording = self.format.read(check_readable(path) if path.is_file() else path, options)
             recording = with_chosen(recording, options)
             if options.embeddings:
+                from rpil.formats.embeddings import with_embeddings
+
                 recording = with_embeddings(recording, options.embeddings)
             return replace(recording, options=options, write_some=lambda ids, new: self.keep(new, ids, options))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rpil.data.archive import stored
 from rpil.data.files import StrPath
@@ -11,10 +12,12 @@ from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.choice import Choice
 from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.overview import overview_text
-from rpil.results.plots import AuditPlots
 from rpil.results.restored import restored
 from rpil.results.result import AuditResult
 from rpil.results.verdict_table import choice_of, verdict_columns
+
+if TYPE_CHECKING:
+    from rpil.results.plots import AuditPlots
 
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
@@ -137,6 +140,8 @@ class Audit(AuditResult):
     @property
     def plot(self) -> AuditPlots:
         """Pictures: ``plot.ranking()``, ``plot.steps(id)``, ``plot.evidence(id)`` and ``plot.sessions()``."""
+        from rpil.results.plots import AuditPlots
+
         return AuditPlots(self)
 
     @property
