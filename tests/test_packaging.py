@@ -115,7 +115,7 @@ def test_first_commands_of_the_readme_in_an_empty_environment(tmp_path):
     first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
     assert re.findall(r"^(?:pip install|rpil demo).*?(?=  )", first, re.MULTILINE) == ["pip install .", "rpil demo"]
     checkout, folder = tool["copy_checkout"](tmp_path / "checkout"), tmp_path / "work"
-    installed = subprocess.run([*pip, "install", "."], cwd=checkout, capture_output=True, text=True)
+    installed = subprocess.run([*pip, "install", "--no-compile", "."], cwd=checkout, capture_output=True, text=True)
     assert installed.returncode == 0, installed.stderr
     folder.mkdir()
     demo = subprocess.run([python.with_name("rpil"), "demo"], cwd=folder, capture_output=True, text=True)

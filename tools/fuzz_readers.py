@@ -12,8 +12,9 @@ Notes
 -----
 Mutant k of a sample depends on the seed, the name of the sample and k alone: 1 to 8 bytes of one of its files have
 another value. What is read: the description, the demonstrations, both from disk where that is possible, the times, and
-what `keep` writes. A process reads the mutants of one sample, and is started again where it dies: the libraries of
-HDF5 (which copies for `keep`) and, more rarely, of Arrow do that themselves on some damage.
+what `keep` writes. A process reads the mutants of one sample, and another goes on where it dies: the libraries of
+HDF5 (which copies for `keep`) and, more rarely, of Arrow do that themselves on some damage. Each is a fork of a process
+that has imported the libraries, which takes longer than a hundred mutants.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import json
+import os
 import re
 import resource
 import shutil
@@ -33,8 +35,11 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from subprocess import PIPE
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +61,8 @@ MAX_GROWTH = 500e6  # bytes
 MEMORY = "300MB"  # that data may take
 _LIMIT = 12 << 30  # of the address space: a fault is to end a process, not the machine
 
+LIBRARIES = ("h5py", "numcodecs", "pyarrow.compute", "pyarrow.csv", "pyarrow.parquet", "rpil.estimators.rpil", "zarr")
+Server = subprocess.Popen[str]
 Maker = Callable[[Path], Path]
 Reader = Callable[[Path, Path], object]
 
@@ -199,9 +206,7 @@ def peak() -> int:
 
 
 def work(name: str, seed: int, first: int, last: int) -> None:
-    """In a process of its own: read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
-    faulthandler.enable()
-    resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
+    """Read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
     make, read = READERS[name]
     with TemporaryDirectory() as folder:
         place, whole = Path(folder), Path(folder) / "whole"
@@ -220,15 +225,49 @@ def work(name: str, seed: int, first: int, last: int) -> None:
                     shutil.rmtree(old) if old.is_dir() and not old.is_symlink() else old.unlink()
 
 
-def fuzz(name: str, seed: int, n_mutants: int) -> tuple[Counter[str], list[str], int]:
+def serve() -> None:
+    """In a process of its own: for each line of JSON, the arguments of `work`, do that in a fork and print its exit
+    code."""
+    faulthandler.enable()
+    resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
+    for library in LIBRARIES:
+        import_module(library)
+    for line in sys.stdin:
+        child = os.fork()
+        if child == 0:
+            work(*json.loads(line))
+            return
+        print("exit code", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
+@contextmanager
+def server() -> Iterator[Server]:
+    """Yield a process that serves."""
+    with subprocess.Popen([sys.executable, __file__, "--serve"], stdin=PIPE, stdout=PIPE, text=True) as process:
+        yield process
+
+
+def ask(server: Server, *arguments: str | int) -> tuple[list[list[Any]], int]:
+    """The lines that `work` prints of these arguments, and the exit code of its process."""
+    assert server.stdin is not None
+    assert server.stdout is not None
+    print(json.dumps(arguments), file=server.stdin, flush=True)
+    rows = []
+    for line in server.stdout:
+        if line.startswith("exit code "):
+            return rows, int(line.split()[-1])
+        if line.startswith("["):
+            rows.append(json.loads(line))
+    raise RuntimeError("The process that reads the mutants has ended.")
+
+
+def fuzz(server: Server, name: str, seed: int, n_mutants: int) -> tuple[Counter[str], list[str], int]:
     """How often the readings of mutants ended in which way, what went wrong, and the largest growth in bytes."""
     counts: Counter[str] = Counter()
     wrong: list[str] = []
     growth, first = 0, 0
     while first < n_mutants:
-        command = [sys.executable, __file__, "--work", name, str(seed), str(first), str(n_mutants)]
-        process = subprocess.run(command, capture_output=True, text=True)
-        rows = [json.loads(line) for line in process.stdout.splitlines() if line.startswith("[")]
+        rows, code = ask(server, name, seed, first, n_mutants)
         for k, end, more, grown in (row for row in rows if row[1] != "begun"):
             if k < first:  # the sample itself, which warms caches up
                 wrong += [f"the sample itself: {end} {more}"] if end != "read" else []
@@ -237,11 +276,11 @@ def fuzz(name: str, seed: int, n_mutants: int) -> tuple[Counter[str], list[str],
             counts[end] += 1
             growth = max(growth, grown)
             wrong += [f"mutant {k}: {end}, {grown / 1e6:,.0f} MB\n{more}"] if end not in ("read", "refused") else []
-        if process.returncode == 0:
+        if code == 0:
             break
         last = rows[-1][0] if rows else first
         counts["process ended"] += 1
-        wrong.append(f"mutant {last}: the process ended with {process.returncode}\n{process.stderr[-2000:]}")
+        wrong.append(f"mutant {last}: the process ended with {code}")
         first = last + 1
     return counts, wrong, growth
 
@@ -251,15 +290,21 @@ def main() -> int:
     parser.add_argument("--mutants", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="samples whose names this pattern finds")
-    parser.add_argument("--work", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.work:
-        work(given.work[0], *map(int, given.work[1:]))
+    if given.serve:
+        serve()
         return 0
+    with server() as process:
+        return fuzz_all(process, given.only, given.seed, given.mutants)
+
+
+def fuzz_all(server: Server, pattern: str, seed: int, n_mutants: int) -> int:
+    """Print how the mutants of the samples that a pattern finds end; 1 where something is wrong."""
     total, faulty = Counter[str](), 0
-    for name in (name for name in READERS if re.search(given.only, name)):
+    for name in (name for name in READERS if re.search(pattern, name)):
         begun = time.perf_counter()
-        counts, wrong, growth = fuzz(name, given.seed, given.mutants)
+        counts, wrong, growth = fuzz(server, name, seed, n_mutants)
         ends = ", ".join(f"{n:,} {end}" for end, n in counts.most_common())
         print(f"{name}: {ends}; grew by {growth / 1e6:,.0f} MB, {time.perf_counter() - begun:.0f} s", flush=True)
         for one in wrong[:20]:

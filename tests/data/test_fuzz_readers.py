@@ -15,10 +15,16 @@ fuzz = module_from_spec(spec)
 spec.loader.exec_module(fuzz)
 
 
+@pytest.fixture(scope="module")
+def server():
+    with fuzz.server() as process:
+        yield process
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", fuzz.READERS)
-def test_a_hundred_mutants(name):
-    counts, wrong, growth = fuzz.fuzz(name, seed=1, n_mutants=100)
+def test_a_hundred_mutants(server, name):
+    counts, wrong, growth = fuzz.fuzz(server, name, seed=1, n_mutants=100)
     assert wrong == []
     assert sum(counts.values()) == 100
     assert counts["refused"] >= 10
@@ -77,7 +83,8 @@ def test_ended_processes_and_growth_are_seen(tmp_path, monkeypatch):
     (tmp_path / "tools" / "fuzz_readers.py").write_text(script)
     (tmp_path / "tests").symlink_to(Path(__file__).parents[1])
     monkeypatch.setattr(fuzz, "__file__", str(tmp_path / "tools" / "fuzz_readers.py"))
-    counts, wrong, growth = fuzz.fuzz("CSV", seed=0, n_mutants=4)
+    with fuzz.server() as process:
+        counts, wrong, growth = fuzz.fuzz(process, "CSV", seed=0, n_mutants=4)
     assert counts == {"read": 2, "grew": 1, "process ended": 1}
     assert any("mutant 1: grew" in one for one in wrong)
     assert any("mutant 2: the process ended with 7" in one for one in wrong)
