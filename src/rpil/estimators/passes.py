@@ -27,7 +27,7 @@ from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine
 from rpil.scale.sample import draw_sample
 
-MAX_DRAWN_STEPS = 200_000
+MAX_DRAWN_STEPS = 100_000
 """Steps that are read again for traces."""
 
 
