@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.faults.columns import column_labels
 from rpil.formats.times import Times
 from rpil.numerics.types import Array
@@ -43,7 +43,7 @@ class Clean:
         heads = [[np.argmin(np.append(s[::k], False)) for s in still] for k in (1, -1)]
         self.idle = tuple(np.quantile(heads, 0.75, axis=1))
         self.distinct = np.array([len(np.unique(column)) >= 20 for column in rows.T])
-        self.report, self.names = find_faults(demonstrations), column_labels(demonstrations)
+        self.report, self.names = check(demonstrations), column_labels(demonstrations)
 
     def of_rule(self, rule: str) -> Array:
         """Whether each column measures something and is one of those that the rule is about."""

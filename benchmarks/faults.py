@@ -22,7 +22,7 @@ from fault_kinds import KINDS, Clean, Planted, copies, plant
 from provenance import line, provenance
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.faults.record import RULES, FaultReport
 from rpil.simulation.simulate import simulate
 from tables import table
@@ -84,7 +84,7 @@ def run(sets: Iterator[tuple[str, Demonstrations]], seeds: int) -> list[dict[str
                 rng = np.random.default_rng([seed, int(10 * size)])
                 planted = (copies if rule == "duplicate" else plant)(clean, kind, size, SHARE, rng)
                 if planted is not None:
-                    report = find_faults(planted.demonstrations, planted.times)
+                    report = check(planted.demonstrations, times=planted.times)
                     row = {"group": group, "set": name, "kind": kind, "size": size, "seed": seed}
                     row |= {"checked": rule not in report.not_checked, "known": clean.known(rule)}
                     rows.append(row | score(report, planted, rule, alike))
@@ -143,12 +143,12 @@ def ablation(rows: list[dict[str, Any]]) -> str:
 
 
 def speed(n_steps: int = 1_000_000, length: int = 300, joints: int = 7) -> str:
-    """A sentence on the processor time of `find_faults` for positions and commands."""
+    """A sentence on the processor time of `rpil.check` for positions and commands."""
     rng = np.random.default_rng(SEED)
     observations = np.cumsum(rng.normal(size=(n_steps, joints)), axis=0).astype(np.float32)
     actions = (np.roll(observations, -2, axis=0) + 0.1 * rng.normal(size=(n_steps, joints))).astype(np.float32)
     made = Demonstrations.from_arrays(observations, actions, np.append(np.arange(0, n_steps, length), n_steps))
-    begun, _ = time.process_time(), find_faults(made)
+    begun, _ = time.process_time(), check(made)
     rate = 60e-6 * n_steps / (time.process_time() - begun)
     return f"One core checks {rate:.0f} million steps of {2 * joints} columns a minute."
 

@@ -281,8 +281,8 @@ def test_the_constructor_of_rpil_has_twelve_parameters_at_most():
     assert len(inspect.signature(rpil.RPIL).parameters) <= 12
 
 
-PUBLIC = {*rpil.__all__, "find_faults"}
-"""What users call; docs/faults.md documents the last one."""
+PUBLIC = set(rpil.__all__)
+"""What users call."""
 
 
 def default_settings(source: str) -> list[str]:

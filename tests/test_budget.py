@@ -18,8 +18,8 @@ BUDGETS = {
     "cli": (3212, 29),
     "data": (3466, 67),
     "estimators": (2356, 15),
-    "faults": (2400, 74),
-    "formats": (9477, 124),
+    "faults": (2315, 74),
+    "formats": (9520, 124),
     "inference": (2780, 93),
     "mixture": (828, 24),
     "numerics": (616, 14),
@@ -30,7 +30,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 17, 15, 5
+TYPES, FILES, CONTEXT_VARIABLES = 17, 14, 5
 """Names of types and of files with two meanings, and context variables, at most."""
 
 FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 820, 135

@@ -23,9 +23,10 @@ _HOME = {
     "SoftmaxPolicy": "rpil.policies.softmax",
     "TorchPolicy": "rpil.policies.torch",
     "audit": "rpil.estimators.auditing",
+    "check": "rpil.faults.checking",
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
-    "open": "rpil.faults.recorded",
+    "open": "rpil.formats",
     "open_dataset": "rpil.formats.on_disk",
     "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
@@ -53,6 +54,7 @@ __all__ = [
     "TorchPolicy",
     "__version__",
     "audit",
+    "check",
     "compare",
     "load",
     "open",
@@ -77,8 +79,8 @@ if TYPE_CHECKING:
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
-    from rpil.faults.recorded import open
-    from rpil.formats import read, write
+    from rpil.faults.checking import check
+    from rpil.formats import open, read, write
     from rpil.formats.dataset import Dataset
     from rpil.formats.on_disk import open_dataset
     from rpil.inference.settings import JudgeSettings

@@ -46,7 +46,7 @@ def test_quick_run_finds_most_faults():
 
 def test_counts_of_copies_are_those_of_pairs(clean):
     planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
-    report = faults.find_faults(planted.demonstrations)
+    report = faults.check(planted.demonstrations)
     counts = faults.score(report, planted, "duplicate", ())
     assert counts == {"faults": 2, "found": 2, "any": 2, "other": 0, "clean": 10, "accused": 0}
 

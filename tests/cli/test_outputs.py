@@ -22,7 +22,7 @@ from rpil.cli import outputs
 from rpil.cli.commands import AuditRun
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.formats.recording import from_demonstrations
 
 
@@ -186,7 +186,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
-    audit, faults = make_audit(), find_faults(recording.demonstrations)
+    audit, faults = make_audit(), check(recording.demonstrations)
     given = AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
         outputs.write_outputs(paths, given, 1.0, stages.append)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recordings import demonstrations, recording
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.formats.times import Times
 
 CLEAN = demonstrations(recording(5))
@@ -25,27 +25,27 @@ def rules(report):
 
 def test_dropped_frames_are_found_with_and_without_a_frame_rate():
     for fps in (50.0, None):
-        report = find_faults(CLEAN, Times(times([(2, 30, 3), (4, 10, 1)]), fps))
+        report = check(CLEAN, times=Times(times([(2, 30, 3), (4, 10, 1)]), fps))
         assert rules(report) == [("dropped frames", 2, 30), ("dropped frames", 4, 10)]
         assert "3 frames are missing" in report.findings[0].sentence
         assert "20 ms" in report.usual["dropped frames"]
 
 
 def test_time_that_stands_still_is_a_repeated_frame():
-    report = find_faults(CLEAN, Times(times([(1, 20, -1)])))
+    report = check(CLEAN, times=Times(times([(1, 20, -1)])))
     assert rules(report) == [("repeated frames", 1, 20)]
 
 
 def test_a_missing_time_is_wrong():
     wrong = times()
     wrong[10] = np.nan
-    assert ("dropped frames", 0) in {(f.rule, f.id) for f in find_faults(CLEAN, Times(wrong)).findings}
+    assert ("dropped frames", 0) in {(f.rule, f.id) for f in check(CLEAN, times=Times(wrong)).findings}
 
 
 def test_numbers_of_frames():
     frames = dict(zip(CLEAN.ids, CLEAN.lengths.tolist(), strict=True)) | {9: 40}
     frames[3] += 5
-    report = find_faults(CLEAN, Times(frames=frames))
+    report = check(CLEAN, times=Times(frames=frames))
     assert {(f.rule, f.id, f.value, f.threshold) for f in report.findings} == {
         ("frame count", 9, 0, 40),
         ("frame count", 3, CLEAN.lengths[3], CLEAN.lengths[3] + 5),

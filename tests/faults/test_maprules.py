@@ -7,7 +7,7 @@ import pytest
 
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault
@@ -30,7 +30,7 @@ PLANTED = {
 @pytest.mark.parametrize("rule", PLANTED)
 def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
     arrays, column = PLANTED[rule]
-    report = find_faults(demonstrations(changed(CLEAN, M, **arrays)))
+    report = check(demonstrations(changed(CLEAN, M, **arrays)))
     assert {f.id for f in report.findings} == {M}
     (found,) = [f for f in report.findings if f.rule == rule]
     places = [[c for c in name if c.isdigit()] for name in (found.column, column)]
@@ -39,7 +39,7 @@ def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
 
 def test_the_sign_of_one_action_of_one_state_is_named():
     single = recording(joints=1)
-    report = find_faults(demonstrations(changed(single, M, actions=-single[M][1])))
+    report = check(demonstrations(changed(single, M, actions=-single[M][1])))
     assert {f.id for f in report.findings} == {M}
     assert ("sign", M) in {(f.rule, f.id) for f in report.findings}
 
@@ -53,14 +53,14 @@ def test_other_times_are_named_where_a_motor_is_slow(rule, rows):
             position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
         driven.append((position, command))
     x, a = driven[M]
-    report = find_faults(demonstrations(changed(driven, M, observations=x[rows], actions=a[rows])))
+    report = check(demonstrations(changed(driven, M, observations=x[rows], actions=a[rows])))
     assert (rule, M) in {(f.rule, f.id) for f in report.findings}
 
 
 def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():
     rng = np.random.default_rng(0)
     episodes = [(rng.normal(size=(60, 2)), rng.normal(size=(60, 1))) for _ in range(12)]
-    report = find_faults(Demonstrations.from_episodes(episodes))
+    report = check(Demonstrations.from_episodes(episodes))
     assert report.findings == ()
     assert {"sign", "reversed", "exchanged"} <= set(report.not_checked)
 
@@ -69,7 +69,7 @@ def test_level_and_columns_that_rest_at_first_are_no_faults():
     late = [
         (x + m * 0.2, np.where(np.arange(len(a))[:, None] < 60 * (m == M), a[60], a)) for m, (x, a) in enumerate(CLEAN)
     ]
-    report = find_faults(demonstrations(late))
+    report = check(demonstrations(late))
     assert not {"sign", "exchanged", "frozen action"} & {f.rule for f in report.findings}
 
 
@@ -80,12 +80,12 @@ def test_quaternions_that_change_sign_are_no_faults():
         quaternion = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle])
         flips = np.where(np.arange(len(x)) // 40 % 2, -1.0, 1.0)[:, None] * rng.choice([-1, 1])
         turned.append((np.column_stack([x, quaternion * flips]), a))
-    assert find_faults(demonstrations(turned)).findings == ()
+    assert check(demonstrations(turned)).findings == ()
 
 
 def test_level_that_several_share_is_a_session_and_what_rests_in_many_is_no_fault():
     many = {1, 4, 8}
     offset = [(x, a + 0.5 * (m in many)) for m, (x, a) in enumerate(CLEAN)]
-    assert not find_faults(demonstrations(offset)).findings
+    assert not check(demonstrations(offset)).findings
     resting = [(x, np.where(SIGN < 0, a[:1], a) if m in many | {M, 6} else a) for m, (x, a) in enumerate(CLEAN * 2)]
-    assert "never moves" not in find_faults(demonstrations(resting)).counts
+    assert "never moves" not in check(demonstrations(resting)).counts

@@ -7,7 +7,7 @@ import pytest
 
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.faults.record import RULES, explain
 
 CLEAN = recording()
@@ -47,13 +47,13 @@ FAULTS = {
 
 
 def test_clean_recordings_have_no_faults():
-    assert find_faults(demonstrations(CLEAN)).findings == ()
+    assert check(demonstrations(CLEAN)).findings == ()
 
 
 @pytest.mark.parametrize("rule", FAULTS)
 def test_planted_fault_is_found_in_its_place(rule):
     arrays, steps, column = FAULTS[rule]
-    report = find_faults(demonstrations(changed(CLEAN, M, **arrays)))
+    report = check(demonstrations(changed(CLEAN, M, **arrays)))
     (found,) = [f for f in report.findings if f.rule == rule]
     assert {f.id for f in report.findings} == {M}
     assert found.column == column
@@ -64,14 +64,14 @@ def test_planted_fault_is_found_in_its_place(rule):
 
 
 def test_a_spike_is_no_jump():
-    report = find_faults(demonstrations(changed(CLEAN, M, **FAULTS["spike"][0])))
+    report = check(demonstrations(changed(CLEAN, M, **FAULTS["spike"][0])))
     assert set(report.counts) == {"spike"}
 
 
 @pytest.mark.parametrize(("shift", "word"), [(-4, "later"), (4, "sooner")])
 def test_lag_is_measured_in_steps(shift, word):
     # With late actions the state seems to follow sooner.
-    report = find_faults(demonstrations(changed(CLEAN, M, actions=delayed(A, shift))))
+    report = check(demonstrations(changed(CLEAN, M, actions=delayed(A, shift))))
     (found,) = [f for f in report.findings if f.rule == "lag"]
     assert found.value == 4
     assert word in found.sentence
@@ -79,7 +79,7 @@ def test_lag_is_measured_in_steps(shift, word):
 
 
 def test_smaller_unit_is_found_as_larger_is():
-    report = find_faults(demonstrations(changed(CLEAN, M, observations=X * [1, 1e-3, 1])))
+    report = check(demonstrations(changed(CLEAN, M, observations=X * [1, 1e-3, 1])))
     assert [(f.id, f.column) for f in report.findings if f.rule == "scale"] == [(M, "observation '1'")]
 
 
@@ -87,35 +87,35 @@ def test_smaller_unit_is_found_as_larger_is():
 def test_copies_are_found_and_named(noise):
     rng = np.random.default_rng(0)
     again = X + noise * rng.normal(size=X.shape), A + noise * rng.normal(size=A.shape)
-    report = find_faults(demonstrations([*CLEAN, again]))
+    report = check(demonstrations([*CLEAN, again]))
     (found,) = report.findings
     assert (found.rule, found.id) == ("duplicate", len(CLEAN))
     assert str(M) in found.sentence
 
 
 def test_trims_name_the_steps_to_keep():
-    assert find_faults(demonstrations(changed(CLEAN, M, **insert(0, 40)))).trims == {M: (40, T + 40)}
-    assert find_faults(demonstrations(changed(CLEAN, M, **insert(T - 1, 40)))).trims == {M: (0, T)}
+    assert check(demonstrations(changed(CLEAN, M, **insert(0, 40)))).trims == {M: (40, T + 40)}
+    assert check(demonstrations(changed(CLEAN, M, **insert(T - 1, 40)))).trims == {M: (0, T)}
 
 
 def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():
     spiky = changed(CLEAN, M, observations=edited(edited(X, 60, 1, X[60, 1] + 20), 90, 2, X[90, 2] + 30))
     other = spiky[1][0]
-    report = find_faults(demonstrations(changed(spiky, 1, observations=edited(other, 40, 0, other[40, 0] + 90))))
+    report = check(demonstrations(changed(spiky, 1, observations=edited(other, 40, 0, other[40, 0] + 90))))
     assert [(f.rule, f.id) for f in report.findings] == [("spike", 1), ("spike", M)]
     assert "1 more column" in report.findings[1].sentence
 
 
 def test_explanation_names_the_worst_fault_of_that_demonstration_only():
-    report = find_faults(demonstrations(changed(CLEAN, M, **FAULTS["frozen sensor"][0])))
+    report = check(demonstrations(changed(CLEAN, M, **FAULTS["frozen sensor"][0])))
     assert "frozen sensor" in (explain(report.findings, M) or "")
     assert explain(report.findings, M + 1) is None
 
 
 def test_the_order_of_demonstrations_changes_nothing():
     faulty = demonstrations(changed(CLEAN, M, **FAULTS["jump"][0]))
-    backwards = find_faults(faulty.select(np.arange(len(faulty))[::-1]))
-    assert [f.sentence for f in backwards.findings] == [f.sentence for f in find_faults(faulty).findings]
+    backwards = check(faulty.select(np.arange(len(faulty))[::-1]))
+    assert [f.sentence for f in backwards.findings] == [f.sentence for f in check(faulty).findings]
 
 
 def test_missing_values_are_named_and_set_aside_on_demand():
@@ -123,12 +123,12 @@ def test_missing_values_are_named_and_set_aside_on_demand():
 
     with allow_missing():
         damaged = demonstrations(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
-    report = find_faults(damaged)
+    report = check(damaged)
     (found,) = report.findings
     assert (found.rule, found.id, found.first, found.last, found.value) == ("missing values", M, 30, 32, 3)
     assert found.column == "observation '1'"
     assert "spike" in report.not_checked
-    rest = find_faults(damaged, skip_bad=True)
+    rest = check(damaged, skip_bad=True)
     assert rest.set_aside == (M,)
     assert "spike" not in rest.not_checked
 
@@ -138,7 +138,7 @@ def test_infinite_actions_are_named():
 
     with allow_missing():
         damaged = demonstrations(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
-    (found,) = find_faults(damaged).findings
+    (found,) = check(damaged).findings
     assert (found.column, found.first) == ("action 2", 3)
     assert np.isinf(damaged.actions).any()
 

@@ -228,7 +228,7 @@ def test_a_missing_value_is_named_with_its_demonstration(name, holed):
     with pytest.raises(DataError, match="demonstration ") as caught:
         opened.demonstrations  # noqa: B018
     assert is_sentence(caught.value)
-    found = [finding for finding in opened.faults().findings if finding.rule == "missing values"]
+    found = [finding for finding in rpil.check(opened).findings if finding.rule == "missing values"]
     with allow_missing():
         assert [one.id for one in found] == [opened.load().ids[MADE_FIRST.get(name, 0)]]
 
@@ -243,7 +243,7 @@ def test_a_demonstration_with_missing_values_is_set_aside(name, holed, on_disk):
     assert np.isfinite(found.observations).all()
     assert not opened.describe().missing
     assert opened.describe().notes[-1].startswith(f"Set aside: {bad}, because")
-    assert not [finding for finding in opened.faults().findings if finding.rule == "missing values"]
+    assert not [finding for finding in rpil.check(opened).findings if finding.rule == "missing values"]
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
@@ -310,7 +310,7 @@ MOST_OPENS = 2
 def test_an_audit_opens_a_file_once(path):
     with counted(path) as opened:
         recording = rpil.open(path, on_disk=False)
-        recording.demonstrations, recording.facts, recording.faults()
+        recording.demonstrations, recording.facts, rpil.check(recording)
         assert opened() == 1
 
 

@@ -65,9 +65,8 @@ def check(
     check_paths((file, expected), output)
     with show_stages(quiet, CommandSettings.current().timing) as progress:
         from rpil.data.missing import allow_missing
+        from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
-        from rpil.faults.recorded import faults_of
-        from rpil.faults.settings import FaultSettings
 
         fatal = _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
@@ -77,7 +76,7 @@ def check(
             read = open_recording(file, pop_columns(options), progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
-        report = faults_of(read, options["fps"], suppressed, skip_bad, FaultSettings())
+        report = find_faults(read, fps=options["fps"], expected=suppressed, skip_bad=skip_bad)
         progress("looking at the videos" if options["video"] else "checking the files")
         defects = found.find_defects(options["video"]) if found.has_defects else []
     if output:

@@ -274,8 +274,7 @@ def fitting(options: RunOptions, recording: Recording, progress: StageProgress) 
 
 def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:
     """What the rules of ``rpil check`` find; without those with missing values if `skip_bad`."""
-    from rpil.faults.recorded import faults_of
-    from rpil.faults.settings import FaultSettings
+    from rpil.faults.checking import check
 
     progress("looking for recording faults")
-    return faults_of(recording, None, None, skip_bad, FaultSettings())
+    return check(recording, skip_bad=skip_bad)

@@ -135,6 +135,48 @@ def read(
     return demonstrations
 
 
+def open(
+    path: StrPath | Frame, *, on_disk: bool | None = None, fill_missing: bool = False, **columns: Unpack[OpenOptions]
+) -> Recording:
+    """Open a recording once, and ask everything of it.
+
+    ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
+    output)`` is ``rpil keep``, and ``RPIL().fit(recording).audit_`` is ``rpil audit``.
+
+    Parameters
+    ----------
+    path : path or frame
+        A file or folder of any known format, a pattern, an address, or a data frame.
+    on_disk : bool, optional
+        Leave the demonstrations, in Parquet files, on disk, or read them into memory; by default large files and
+        folders of Parquet files stay there.
+    fill_missing : bool
+        As for `rpil.read`.
+    **columns
+        As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
+
+    Returns
+    -------
+    Recording
+        With ``description``, ``demonstrations``, ``tasks``, ``operators`` and ``facts``.
+
+    Raises
+    ------
+    DataError
+        One sentence naming the file and the remedy. A value that is missing, or of the wrong kind, is an error only
+        where the demonstrations are asked for.
+
+    Examples
+    --------
+    >>> recording = rpil.open("drive.parquet")        # doctest: +SKIP
+    >>> audit = rpil.RPIL().fit(recording).audit_     # doctest: +SKIP
+    """
+    check_options(columns)
+    options = ColumnOptions(**columns)
+    with fill_chunks(fill_missing):
+        return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
+
+
 def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:
     if options != ColumnOptions():
         raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave the options out, or give a frame.")

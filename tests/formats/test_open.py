@@ -26,7 +26,7 @@ def test_everything_is_asked_of_one_recording(tmp_path, suffix):
     opened = rpil.open(tmp_path / f"a{suffix}")
     assert opened.describe().demonstrations == 12
     assert repr(opened) == "\n".join(opened.describe().short())
-    assert {(found.rule, found.id) for found in opened.faults().findings} == {("spike", 3)}
+    assert {(found.rule, found.id) for found in rpil.check(opened).findings} == {("spike", 3)}
     opened.keep([0, 5], tmp_path / f"b{suffix}")
     assert rpil.read(tmp_path / f"b{suffix}").ids == (0, 5)
     np.testing.assert_array_equal(opened.demonstrations.actions, demonstrations(EPISODES).actions)
@@ -37,9 +37,9 @@ def test_everything_is_asked_of_one_recording(tmp_path, suffix):
 def test_what_is_said_of_faults_is_used(tmp_path):
     rpil.write(tmp_path / "a.parquet", demonstrations(spiky()))
     opened = rpil.open(tmp_path / "a.parquet")
-    assert opened.faults(expected={"spike": ["3"]}).n_expected == 1
-    assert not opened.faults(settings=FaultSettings(min_demonstrations=99)).findings
-    assert opened.faults().not_checked["dropped frames"] == "the recording has no timestamps"
+    assert rpil.check(opened, expected={"spike": ["3"]}).n_expected == 1
+    assert not rpil.check(opened, settings=FaultSettings(min_demonstrations=99)).findings
+    assert rpil.check(opened).not_checked["dropped frames"] == "the recording has no timestamps"
 
 
 def test_missing_values_are_reported_and_not_learned_from(tmp_path):
@@ -47,8 +47,8 @@ def test_missing_values_are_reported_and_not_learned_from(tmp_path):
     frame = pd.DataFrame(rows)
     frame.loc[[3, 4], "x"] = np.nan
     opened = rpil.open(frame)
-    assert {(found.rule, found.id) for found in opened.faults().findings} == {("missing values", 0)}
-    assert opened.faults(skip_bad=True).set_aside == (0,)
+    assert {(found.rule, found.id) for found in rpil.check(opened).findings} == {("missing values", 0)}
+    assert rpil.check(opened, skip_bad=True).set_aside == (0,)
     with pytest.raises(DataError, match="demonstration 0"):
         rpil.RPIL().fit(opened)
     with pytest.raises(DataError, match="not opened from a file"):

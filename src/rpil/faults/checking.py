@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
 from rpil.faults.columns import column_labels, describe_columns, pilot
 from rpil.faults.duplicates import find_duplicates
@@ -24,6 +26,7 @@ from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
+from rpil.formats.recording import Recording
 from rpil.formats.times import Times
 
 FAULT_SETTINGS = FaultSettings()
@@ -42,32 +45,46 @@ NEEDS: dict[str, Callable[[Evidence], str | None]] = {
 """Why a rule does not apply, by what it needs."""
 
 
-def find_faults(
-    demonstrations: Demonstrations | Dataset,
-    times: Times = Times(),
+def check(
+    recording: Recording | Demonstrations | Dataset,
+    *,
+    times: Times | None = None,
+    fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
     skip_bad: bool = False,
     settings: FaultSettings = FAULT_SETTINGS,
 ) -> FaultReport:
-    """Apply all rules to demonstrations in memory or on disk.
+    """Find recording faults, as ``rpil check`` does: all rules, applied to demonstrations in memory or on disk.
 
     Parameters
     ----------
-    demonstrations : Demonstrations or Dataset
-        Values may be missing if they were read within `rpil.data.missing.allow_missing`.
-    times : Times
-        Timestamps, frame rate and lengths that the recording states, as far as it does.
+    recording : Recording, Demonstrations or Dataset
+        What `rpil.open` gives, whose values may be missing, or demonstrations without times.
+    times : Times, optional
+        Timestamps, frame rate and lengths; by default those that the recording states, as far as it does.
+    fps : float, optional
+        Frames a second, where the recording does not say.
     expected : mapping of rule to ids, optional
-        Findings that the user declares expected (`read_expected`); they are counted and left out.
+        Findings that are declared expected; they are counted and left out.
     skip_bad : bool
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.
-    settings : FaultSettings
+    settings : FaultSettings, optional
 
     Returns
     -------
     FaultReport
+
+    Examples
+    --------
+    >>> rpil.check(rpil.open("drive.parquet")).counts     # doctest: +SKIP
     """
+    if isinstance(recording, Recording):
+        times = times or recording.times()
+        times = replace(times, fps=fps or recording.description.fps or times.fps)
+        demonstrations = _with_missing(recording)
+    else:
+        times, demonstrations = times or Times(fps=fps), recording
     with allow_missing():
         labels = column_labels(demonstrations)
         sample, numbers = pilot(demonstrations, labels, settings)
@@ -79,7 +96,6 @@ def find_faults(
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
     why, usual, trims = _no_times(times), {}, {}
-    known: dict[str, bool] = defaultdict(bool)
     unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
@@ -89,22 +105,15 @@ def find_faults(
         seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
         why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
         found += find_duplicates(seen)
-        for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
-            if comparison.rule not in why:
-                found += comparison.findings(ids)
-                silent = comparison.unknown
-                unknown[comparison.rule] = tuple(
-                    n for n in unknown.get(comparison.rule, comparison.names) if n in silent
-                )
-                known[comparison.rule] |= len(silent) < len(comparison.names)
-        why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
+        compared, unknown = _compare(seen, why)
+        found += compared
         usual = _usual(seen, recorded_time(times, demonstrations))
         trims = _trims(seen) if seen.columns.names else {}
     found, n_expected = leave_out(without_consequences(found), expected or {})
     return FaultReport(
         tuple(found),
         why,
-        {rule: names for rule, names in unknown.items() if names and rule not in why},
+        unknown,
         usual,
         trims,
         len(demonstrations),
@@ -112,6 +121,33 @@ def find_faults(
         tuple(f.id for f in missing) if skip_bad else (),
         n_expected,
     )
+
+
+def _compare(seen: Evidence, why: dict[str, str]) -> tuple[list[Finding], dict[str, tuple[str, ...]]]:
+    """The findings of the rules that compare demonstrations, and the columns in which nothing is known of a rule.
+
+    Rules in `why` do not apply; one that knows nothing in any column is added to them.
+    """
+    found: list[Finding] = []
+    known: dict[str, bool] = defaultdict(bool)
+    unknown: dict[str, tuple[str, ...]] = {}
+    for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
+        if comparison.rule not in why:
+            found += comparison.findings(seen.ids)
+            silent = comparison.unknown
+            unknown[comparison.rule] = tuple(n for n in unknown.get(comparison.rule, comparison.names) if n in silent)
+            known[comparison.rule] |= len(silent) < len(comparison.names)
+    why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
+    return found, {rule: names for rule, names in unknown.items() if names and rule not in why}
+
+
+def _with_missing(recording: Recording) -> Demonstrations | Dataset:
+    """The demonstrations, where some values may be missing: these are reported, and not learned from later."""
+    try:
+        return recording.demonstrations
+    except DataError:
+        with allow_missing():
+            return recording.load()
 
 
 def without_consequences(found: Iterable[Finding]) -> list[Finding]:

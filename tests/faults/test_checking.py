@@ -8,14 +8,14 @@ import pytest
 from problems import make
 from recordings import changed, demonstrations, recording
 from rpil import Demonstrations, formats, open_dataset
-from rpil.faults.check import find_faults
+from rpil.faults.checking import check
 from rpil.faults.record import RULES
 
 
 def test_codes_are_no_measurements():
     rng = np.random.default_rng(0)
     episodes = [(np.eye(6)[rng.integers(6, size=50)], rng.integers(3, size=50)) for _ in range(20)]
-    report = find_faults(Demonstrations.from_episodes(episodes))
+    report = check(Demonstrations.from_episodes(episodes))
     assert report.findings == ()
     assert {name for name, rule in RULES.items() if "columns" in rule.needs} <= set(report.not_checked)
 
@@ -24,7 +24,7 @@ def test_codes_are_no_measurements():
 def test_pixels_are_no_measurements(scale):
     rng = np.random.default_rng(0)
     episodes = [(rng.integers(256, size=(30, 64)) * scale, rng.integers(3, size=30)) for _ in range(8)]
-    report = find_faults(Demonstrations.from_episodes(episodes))
+    report = check(Demonstrations.from_episodes(episodes))
     assert report.findings == ()
     assert "spike" in report.not_checked
 
@@ -32,7 +32,7 @@ def test_pixels_are_no_measurements(scale):
 def test_images_are_not_compared_column_by_column():
     rng = np.random.default_rng(0)
     episodes = [(rng.normal(size=(20, 1200)), rng.integers(3, size=20)) for _ in range(5)]
-    assert "jump" in find_faults(Demonstrations.from_episodes(episodes)).not_checked
+    assert "jump" in check(Demonstrations.from_episodes(episodes)).not_checked
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -40,34 +40,34 @@ def test_few_demonstrations_are_not_compared(n):
     episodes = recording(n)
     spiky = episodes[0][0].copy()
     spiky[50, 0] += 100
-    report = find_faults(demonstrations(changed(episodes, 0, observations=spiky)))
+    report = check(demonstrations(changed(episodes, 0, observations=spiky)))
     assert report.findings == ()
     assert "demonstrations" in report.not_checked["spike"]
 
 
 def test_equal_demonstrations_are_found_among_two():
     first, _ = recording(2)
-    assert [f.rule for f in find_faults(demonstrations([first, first])).findings] == ["duplicate"]
+    assert [f.rule for f in check(demonstrations([first, first])).findings] == ["duplicate"]
 
 
 def test_short_equal_demonstrations_of_codes_are_no_duplicates():
     moves = np.array([[0.0], [1.0], [2.0]]), np.array([0, 1, 0])
-    assert find_faults(Demonstrations.from_episodes([moves] * 10)).findings == ()
+    assert check(Demonstrations.from_episodes([moves] * 10)).findings == ()
 
 
 def test_constant_columns_and_single_steps_are_no_faults():
     rng = np.random.default_rng(0)
     episodes = [(np.zeros((n, 2)), rng.normal(size=(n, 1))) for n in (1, 1, 2, 1, 3, 2)]
-    assert find_faults(Demonstrations.from_episodes(episodes)).findings == ()
+    assert check(Demonstrations.from_episodes(episodes)).findings == ()
 
 
 def test_many_problems_of_the_zoo_are_clean():
     for name in ("random", "shift"):
-        assert find_faults(make(name, 0, n_good=12, n_bad=0, steps=(40, 60)).demonstrations).findings == ()
+        assert check(make(name, 0, n_good=12, n_bad=0, steps=(40, 60)).demonstrations).findings == ()
 
 
 def test_every_rule_is_checked_or_says_why_not():
-    report = find_faults(demonstrations(recording()))
+    report = check(demonstrations(recording()))
     assert set(report.not_checked) == {"dropped frames", "frame count"}
     assert set(report.to_dict()) >= {"findings", "not_checked", "trims", "usual"}
     assert set(report.not_checked) <= set(RULES)
@@ -80,13 +80,13 @@ def test_from_disk_as_in_memory(tmp_path):
     in_memory = demonstrations(changed(episodes, 7, observations=spiky))
     formats.write(tmp_path / "data.parquet", in_memory)
     on_disk = open_dataset(tmp_path / "data.parquet", batch_rows=500)
-    found, expected = find_faults(on_disk), find_faults(in_memory)
+    found, expected = check(on_disk), check(in_memory)
     assert found.findings == expected.findings != ()
     assert found.not_checked == expected.not_checked
 
 
 def test_expected_findings_are_left_out():
     first, second = recording(2)
-    report = find_faults(demonstrations([first, first, second, second]), expected={"duplicate": {"1"}})
+    report = check(demonstrations([first, first, second, second]), expected={"duplicate": {"1"}})
     assert [f.id for f in report.findings] == [3]
     assert report.n_expected == 1
