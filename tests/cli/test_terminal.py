@@ -171,24 +171,6 @@ def test_doubts_and_contradicting_labels_are_results_and_groups_come_before_the_
     assert lines[2].startswith("Next: ")
 
 
-@pytest.mark.parametrize(
-    ("python", "shell"),
-    [
-        ("name it action, or name the columns with action= (found 'x').", "with --action (found 'x')."),
-        ("say so with id=", "say so with --id"),
-        ("or say what they are with action= or action_kind=.", "with --action or --action-kind."),
-        ("set these aside with skip_bad=True", "aside with --skip-bad"),
-        ("judge all as one, add exclude='a task'.", "add --exclude 'a task'."),
-        ("read it into memory with rpil.read.", "into memory with --no-stream."),
-        ("give ids that rpil.read gives", "give ids that rpil.read gives"),
-        ("one demonstration alone (n_samples=1) cannot be compared", "one demonstration alone cannot be compared"),
-        ("column 'grid=3' has id=4, my_id= and x.id=", "column 'grid=3' has id=4, my_id= and x.id="),
-    ],
-)
-def test_messages_for_python_name_options_in_a_shell(python, shell):
-    assert terminal.to_one_line(python).endswith(shell)
-
-
 def test_a_note_keeps_the_secrets_of_an_address(capsys):
     with terminal.print_warnings():
         warnings.warn("s3://KEY:HIDDEN@bucket/a.csv: it is old.", stacklevel=1)

@@ -16,6 +16,19 @@ def test_an_error_of_another_process_arrives():
     assert "pip install 'rpil[gym]'" in str(error)
 
 
+@pytest.mark.parametrize(
+    ("options", "python", "shell"),
+    [
+        (("action", "action_kind"), "with action= or action_kind=.", "with --action or --action-kind."),
+        (("skip_bad", "no_stream"), "with skip_bad=True or rpil.read.", "with --skip-bad or --no-stream."),
+    ],
+)
+def test_an_option_is_spelt_for_python_and_for_the_shell(options, python, shell):
+    error = copy.copy(DataError("id=4.csv: read it with <option> or <option>.", options))  # as pickling does
+    assert (str(error), error.in_shell) == (f"id=4.csv: read it {python}", f"id=4.csv: read it {shell}")
+    assert DataError("name it with <option>", "id").in_shell == "name it with --id"
+
+
 def test_stack_level_is_that_of_the_first_caller_outside_the_library():
     inside = {"__name__": "rpil.data.some", "user_stack_level": user_stack_level}
     exec("def inner(): return user_stack_level()\ndef outer(): return inner()", inside)

@@ -184,7 +184,7 @@ def test_warning_without_convergence():
         (1.5, TOY.demonstrations, "n_trusted=1.5"),
         (0.0, TOY.demonstrations, "n_trusted=0.0"),
         ("all", TOY.demonstrations, "n_trusted='all'"),
-        (1, TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
+        (1, TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
     ],
 )
 def test_errors_are_one_sentence(n_trusted, data, words):

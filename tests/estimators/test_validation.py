@@ -134,7 +134,7 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (RPIL(), ONE_ACTION, "every action is 0, one class only"),
         (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
         (RPIL(action_box=(-1, 1)), CONTINUOUS, "outside the declared box from -1 to 1; widen action_box"),
-        (RPIL(), TOY.demonstrations.select([0]), "n_samples=1. cannot be compared; give at least two"),
+        (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
         (RPIL(labels={"d99": "good"}), TOY.demonstrations, "d99"),
         (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': unknown label 'great'"),
         (

@@ -90,7 +90,9 @@ class Commands(click.Group):
             message = _with_commas(error.format_message(), list(args or sys.argv[1:]))
             message = message.rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _exit_with_error(f"{message}; see {command} --help.")
-        except (click.ClickException, DataError, MissingExtraError) as error:
+        except DataError as error:
+            _exit_with_error(error.in_shell)
+        except (click.ClickException, MissingExtraError) as error:
             _exit_with_error(str(error))
         except OSError as error:
             if error.filename is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import shlex
 import sys
 import warnings
@@ -48,29 +47,9 @@ def print_warnings() -> Iterator[None]:
         click.echo(f"note: {to_one_line(message)}", err=True)
 
 
-_IN_SHELL = {
-    "trims=": "--trim",
-    "into memory with rpil.read": "into memory with --no-stream",
-    "on disk with rpil.open": "on disk with --stream",
-    " (n_samples=1)": "",
-}
-_ARGUMENT = re.compile(
-    r"(?<![\w.])(id|action|observations|exclude|order|operator|task|session|outcome|labels|action_kind|embeddings|only"
-    r"|without|skip_bad|memory|fill_missing)=(?:True|'([^']*)'|(?=[\s,.;)]|$))"
-)
-"""What the library's messages say to users of Python, and what a command says in its place."""
-
-
 def to_one_line(text: str) -> str:
-    """The text on one line, without colours and secrets, in which arguments of Python, as ``action=``, are options."""
-    for python, shell in _IN_SHELL.items():
-        text = text.replace(python, shell)
-    return without_secrets(" ".join(click.unstyle(_ARGUMENT.sub(_option, shortened(text))).split()))
-
-
-def _option(found: re.Match[str]) -> str:
-    """``--action-kind`` of ``action_kind=``, with its value if it has one."""
-    return f"--{found[1].replace('_', '-')}" + (f" {shlex.quote(found[2])}" if found[2] else "")
+    """The text on one line, without colours and secrets."""
+    return without_secrets(" ".join(click.unstyle(shortened(text)).split()))
 
 
 def to_json(value: object) -> str:

@@ -309,5 +309,6 @@ def check_finite(
     m = int(np.searchsorted(offsets, row, side="right")) - 1
     raise DataError(
         f"{where}, demonstration {ids[m]!r}, step {row - offsets[m]}: {columns[column]} is {values[row, column]}; "
-        "repair the value, leave the demonstration out, or read with skip_bad=True."
+        "repair the value, leave the demonstration out, or read with <option>.",
+        "skip_bad",
     )

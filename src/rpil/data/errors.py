@@ -4,15 +4,38 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterable, Sequence
 
 _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
 
 
-class DataError(ValueError):
-    """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`."""
+_IN_PYTHON = {
+    "fill_missing": "fill_missing=True",
+    "no_stream": "rpil.read",
+    "skip_bad": "skip_bad=True",
+    "stream": "rpil.open",
+    "trim": "trims=",
+}
+"""How a user of Python gives an option; any other one is an argument of its name."""
 
-    def __init__(self, sentence: str) -> None:
-        super().__init__(shortened(sentence))
+
+class DataError(ValueError):
+    """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`.
+
+    Where the remedy is an option, or several, ``<option>`` stands in their places in the sentence: the message names an
+    argument of Python, and `in_shell` an option of the command.
+    """
+
+    def __init__(self, sentence: str, option: str | Sequence[str] = ()) -> None:
+        options = [option] if isinstance(option, str) else option
+        super().__init__(_spelt(sentence, (_IN_PYTHON.get(name, f"{name}=") for name in options)))
+        self.in_shell = _spelt(sentence, (f"--{name.replace('_', '-')}" for name in options))
+
+
+def _spelt(sentence: str, options: Iterable[str]) -> str:
+    for option in options:
+        sentence = sentence.replace("<option>", option, 1)
+    return shortened(sentence)
 
 
 def shortened(sentence: str) -> str:

@@ -140,10 +140,12 @@ def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
         what = "come from one file each" if name == FILE_SESSION else f"have a value of {name!r} of their own each"
         raise DataError(
             f"{source}: the demonstrations {what}, which makes no sessions to judge within; name a column that several "
-            "share with session=, or leave it out."
+            "share with <option>, or leave it out.",
+            "session",
         )
     if name == FILE_SESSION and len(set(sessions)) == 1:
         raise DataError(
             f"{source}: the demonstrations come from one file, which makes no sessions to judge within; name a column "
-            "with session=, or leave it out."
+            "with <option>, or leave it out.",
+            "session",
         )

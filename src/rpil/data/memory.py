@@ -65,7 +65,8 @@ def check_memory(n_bytes: float, where: str) -> None:
     if n_bytes > budget():
         raise TooLargeError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
-            "may; allow more with memory=, or leave it on disk with rpil.open."
+            "may; allow more with <option>, or leave it on disk with <option>.",
+            ("memory", "stream"),
         )
 
 

@@ -82,7 +82,7 @@ class Task:
         space, classes = action_space(source, action_box)
         if len(source.ids) < 2:
             raise DataError(
-                f"{source.source}: one demonstration alone (n_samples=1) cannot be compared; give at least two."
+                f"{source.source}: one demonstration alone (1 sample) cannot be compared; give at least two."
             )
         groups = group_by_demonstrator(demonstrators, source)
         nothing = Answers.of_labels(np.zeros(len(source.ids), dtype=int))

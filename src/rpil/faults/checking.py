@@ -99,7 +99,7 @@ def check(
     unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
-        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside with skip_bad=True")
+        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)

@@ -228,7 +228,8 @@ class _Search:
         if wanted is None:
             raise DataError(
                 f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with id= (found {self.listed()})."
+                f"column with <option> (found {self.listed()}).",
+                "id",
             )
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -249,8 +250,9 @@ class _Search:
             if numbers:
                 return numbers, False
         raise DataError(
-            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with action= "
-            f"(found {self.listed()})."
+            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with <option> "
+            f"(found {self.listed()}).",
+            "action",
         )
 
     def refuse_written_lists(self, given: set[str]) -> None:
@@ -260,7 +262,8 @@ class _Search:
             if is_data and self.kinds.get(name) == "written list":
                 raise DataError(
                     f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
-                    "number, or leave it out with exclude=."
+                    "number, or leave it out with <option>.",
+                    "exclude",
                 )
 
     def listed(self) -> str:
@@ -289,7 +292,8 @@ class _Search:
         if not free:
             raise DataError(
                 f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"observations= (found {self.listed()})."
+                f"<option> (found {self.listed()}).",
+                "observations",
             )
         return named or list(free)
 

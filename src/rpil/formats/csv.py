@@ -199,8 +199,8 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows
             except pa.ArrowInvalid as error:
                 if "CSV conversion error" not in str(error):
                     raise
-        said = "a column holds values of another type further on; read it into memory with rpil.read"
-        raise DataError(f"{file.path.name}: {said}.")
+        said = "a column holds values of another type further on; read it into memory with <option>"
+        raise DataError(f"{file.path.name}: {said}.", "no_stream")
 
 
 def _whole(path: Path, **options: object) -> Rows:

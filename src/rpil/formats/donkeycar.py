@@ -70,7 +70,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     numbers = [name for name, kind in tub.fields.items() if kind in ("float", "int", "boolean", "bool")]
     lost = [name for name in _COMMANDS if name not in numbers]
     if lost and not options.action:
-        raise DataError(f"{path.name}: its records have no {lost[0]!r}; name the action with action=.")
+        raise DataError(f"{path.name}: its records have no {lost[0]!r}; name the action with <option>.", "action")
     sensors = [name for name in numbers if not name.startswith(("user/", "pilot/"))]
     seen = sensors or [_LAST_COMMAND + name for name in _COMMANDS]
     chosen = replace(options, action=options.action or _COMMANDS, observations=options.observations or seen)

@@ -35,7 +35,9 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
         demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
         own = recording.step_columns(slice(0, demonstrations.n_steps))
         if own is None or _INDEX not in own.column_names:
-            raise DataError(f"{description.source}: no column {_INDEX!r} numbers its steps; leave embeddings= out.")
+            raise DataError(
+                f"{description.source}: no column {_INDEX!r} numbers its steps; leave <option> out.", "embeddings"
+            )
         steps = own[_INDEX].to_numpy()
         rows = np.minimum(np.searchsorted(index, steps), len(index) - 1)
         lost = np.flatnonzero(index[rows] != steps)

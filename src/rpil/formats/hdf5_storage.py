@@ -70,7 +70,8 @@ def check_whole(array: h5py.Dataset) -> None:
         there = f"{n_there:,} of its {n_chunks:,} chunks are" if array.chunks else "none of its values is"
         raise DataError(
             f"{_where(array)} declares the shape {array.shape}, but {there} in the file; copy or write it again, or, "
-            "where the writer left out what has one value, have that value read with fill_missing=True."
+            "where the writer left out what has one value, have that value read with <option>.",
+            "fill_missing",
         )
 
 

@@ -63,7 +63,7 @@ class Layout:
         chosen.check()
         if not observations or not actions:
             what = "action" if observations else "observations"
-            raise DataError(f"{columns.source}: exclude= leaves nothing of the {what}; correct it.")
+            raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
         types = [_value_type(table[name].type) for name in actions]
         action, n_parts = _stacked(types), sum(actions.values())
         column = next(iter(actions))
@@ -166,8 +166,9 @@ class _Chosen:
         for pattern in self.unknown:
             close = get_close_matches(pattern, self.known, 3) or self.known
             raise DataError(
-                f"{self.columns.source}: no column, nor a number in one, is called {pattern!r}; correct exclude=, "
-                f"observations= or action= (found {quoted(close)})."
+                f"{self.columns.source}: no column, nor a number in one, is called {pattern!r}; correct <option>, "
+                f"<option> or <option> (found {quoted(close)}).",
+                ("exclude", "observations", "action"),
             )
 
 

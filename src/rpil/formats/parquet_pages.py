@@ -63,7 +63,8 @@ def _group_bytes(stored: Stored, columns: Collection[str]) -> list[int]:
             if n % n_rows or n // n_rows > _LONGEST_LIST:
                 raise DataError(
                     f"{name}: lists hold {n:,} numbers in {n_rows:,} rows; write as many in every row, and "
-                    f"{_LONGEST_LIST:,} at most, or leave them out with exclude=."
+                    f"{_LONGEST_LIST:,} at most, or leave them out with <option>.",
+                    "exclude",
                 )
         found.append(sum(max(BYTES_PER_NUMBER * chunk.n_values, chunk.n_bytes) for chunk in chunks))
     return found

@@ -96,17 +96,19 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     if isinstance(rows, TableRows):
         said = "; rows of a demonstration lay apart" if apart else ""
         return replace(places, order=replace(order, words=f"{order.words}{said}")), replace(rows, place=moved)
-    ways = "read it into memory with rpil.read"
+    ways = "read it into memory with <option>"
     if apart is not None:
         raise UnsortedError(
             f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
-            f"or {ways}; if they are several demonstrations, give each its own id."
+            f"or {ways}; if they are several demonstrations, give each its own id.",
+            "no_stream",
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
     raise UnsortedError(
         f"{at(row)}: rows are not in the order of {order.column!r}; sort the file, {ways}, or name another column with "
-        "order."
+        "order.",
+        "no_stream",
     )
 
 
@@ -171,7 +173,8 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
                 f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with id=."
+                f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
+                "id",
             )
 
 

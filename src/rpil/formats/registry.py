@@ -130,7 +130,7 @@ class Found:
                 raise not_a_folder(new)
             if trim and self.format.trim is None:
                 able = " and ".join(one.name for one in FORMATS if one.trim is not None)
-                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave trims= out.")
+                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave <option> out.", "trim")
             (self.format.check_trim if trim else self.format.check_output)(path, new)
         return check_writable(new)
 

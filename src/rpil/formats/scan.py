@@ -75,7 +75,7 @@ class Actions:
             finite = np.isfinite(values)
             if not finite.all():
                 fault = f"{at(int(np.argmin(finite)))}: an action is not finite"
-                self.fault = self.fault or DataError(f"{fault}; repair it, or read with skip_bad=True.")
+                self.fault = self.fault or DataError(f"{fault}; repair it, or read with <option>.", "skip_bad")
             values = self._add_numbers(values)
             self._whole = self._whole and (values.dtype.kind != "f" or are_whole(values))
         if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):

@@ -35,7 +35,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
         mask[[*_numbers(only, ids, source, "only")]] = True
     mask[[*_numbers(without, ids, source, "without")]] = False
     if not mask.any():
-        raise DataError(f"{source}: only= and without= leave no demonstration; correct them.")
+        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
     n_asked = int(mask.sum())
     aside = [m for m in sorted(recording.faulty) if options.skip_bad and mask[m]]
     mask[aside] = False

@@ -84,7 +84,8 @@ def spool(tables: Iterable[pa.Table], name: str) -> Copy:
             table = table.cast(first.schema)
         except (pa.ArrowInvalid, ValueError) as error:
             raise DataError(
-                f"{name}: a column holds values of other types further on; read it into memory with rpil.read."
+                f"{name}: a column holds values of other types further on; read it into memory with <option>.",
+                "no_stream",
             ) from error
         with _writing(name):
             writer.write_table(table)

@@ -97,7 +97,8 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
     return DataError(
         f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
-        "leave the column out with exclude=."
+        "leave the column out with <option>.",
+        "exclude",
     )
 
 
@@ -136,7 +137,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
         if column.null_count:
             row = pc.index(pc.is_null(column), True).as_py() // per_row
-            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with skip_bad=True.")
+            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with <option>.", "skip_bad")
 
     column = table[name]
     kind = column.type

@@ -97,7 +97,7 @@ def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], ori
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in table.column_names:
         if not origin.files:
-            raise DataError(f"{origin.source}: its files make no sessions; name a column with session=.")
+            raise DataError(f"{origin.source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(origin.files)
     encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     codes = encoded.indices.fill_null(-1).to_numpy()
@@ -124,12 +124,15 @@ def _outcome(
     elif name != LENGTH:
         values = numbers_or_missing(table[name])
         if values is None or values.shape[1] != 1:
-            raise DataError(f"{source}: column {name!r} is not of one number for each step; {_others(columns)}.")
+            raise DataError(
+                f"{source}: column {name!r} is not of one number for each step; {_others(columns)}.", "outcome"
+            )
         found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
     if found is None:
         raise DataError(
             f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {_others(columns)}."
+            f"so that nothing says which value is the outcome; {_others(columns)}.",
+            "outcome",
         )
     return -found if wanted != name else found
 
@@ -145,7 +148,7 @@ def _in_split(name: str, ids: Sequence[Id], origin: Origin) -> Float[Array, " M"
 def _others(columns: Columns) -> str:
     name = (columns.outcome or "").removeprefix("-")
     others = [other for other in columns.outcomes if other != name]
-    return f"name another column with outcome= ({quoted([*others, LENGTH])} may do)"
+    return f"name another column with <option> ({quoted([*others, LENGTH])} may do)"
 
 
 def file_names(paths: Iterable[str]) -> list[str]:

@@ -111,7 +111,8 @@ class ZarrArray:
         return DataError(
             f"{fault}, which hold steps of the demonstrations {listed(list(map(str, ids.tolist())))}, as after a copy "
             "that broke off; copy it again, or, where the writer left out chunks of one value, have that value read "
-            "with fill_missing=True."
+            "with <option>.",
+            "fill_missing",
         )
 
     def _fill(self) -> Parsed:
