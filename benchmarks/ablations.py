@@ -93,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="one small world, few variants: checks the script")
     options = parser.parse_args(arguments)
-    jobs = [Job("paper", "quick", partial(of_paper, "LunarLander-v3", "random", 7))]
+    jobs = [Job("paper", "quick", partial(of_paper, "MountainCar-v0", "corrupted", 0))]
     if not options.quick:
         jobs = jobs_of(options.data)
     origin = provenance(f"0, {DRAWS} draws of labels", asked(parser, options))

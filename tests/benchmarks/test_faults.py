@@ -24,9 +24,11 @@ def test_planted_fault_changes_the_marked_demonstrations_only(clean, kind):
         assert same != planted.has_fault[m]
 
 
-def test_copies_are_marked_in_pairs(clean):
+def test_copies_are_marked_and_counted_in_pairs(clean):
     planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
     assert (len(planted.demonstrations), planted.has_fault.sum()) == (14, 4)
+    counts = faults.score(faults.check(planted.demonstrations), planted, "duplicate", ())
+    assert counts == {"faults": 2, "found": 2, "any": 2, "other": 0, "clean": 10, "accused": 0}
 
 
 def test_counts():
@@ -42,13 +44,6 @@ def test_quick_run_finds_most_faults():
     assert "| spike |" in faults.render(rows)
     assert sum(n["found"] for n in sums) > 0.8 * sum(n["faults"] for n in sums)
     assert sum(n["accused"] for n in sums) < 0.05 * sum(n["clean"] for n in sums)
-
-
-def test_counts_of_copies_are_those_of_pairs(clean):
-    planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
-    report = faults.check(planted.demonstrations)
-    counts = faults.score(report, planted, "duplicate", ())
-    assert counts == {"faults": 2, "found": 2, "any": 2, "other": 0, "clean": 10, "accused": 0}
 
 
 def test_speed_is_a_sentence():

@@ -31,15 +31,13 @@ def data(env_id=CAR, kind="corrupted", seed=0):
 
 
 @pytest.fixture(scope="module")
-def progress():
-    return []
-
-
-@pytest.fixture(scope="module")
-def found(progress):
+def found():
+    calls = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "OUR_FEATURES", "folded")  # "auto" takes five times as long
-        return run(**SMALL, progress=lambda done, n: progress.append((done, n)))
+        made = run(**SMALL, progress=lambda done, n: calls.append((done, n)))
+    assert calls == [(0, 2), (1, 2), (2, 2)]
+    return made
 
 
 def test_the_experiments_are_the_papers():
@@ -48,10 +46,6 @@ def test_the_experiments_are_the_papers():
     pairs = [(env, kind) for env in ("MountainCar", "LunarLander", "Acrobot") for kind in kinds]
     assert cells == [(n, *pair) for n, pair in enumerate(pairs, start=1)]
     assert [e.prior for e in EXPERIMENTS] == [0.2, 0.2, 0.5, 0.5, 0.75, 0.75]
-
-
-def test_progress(found, progress):
-    assert progress == [(0, 2), (1, 2), (2, 2)]
 
 
 def test_table_is_the_statistics_of_its_draws(found):

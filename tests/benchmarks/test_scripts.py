@@ -113,6 +113,8 @@ def test_paper(written, monkeypatch):
 def test_ablations(written, monkeypatch):
     chosen = (ablations.DEFAULT, "min_p_two .9", "no better half")
     monkeypatch.setattr(ablations, "VARIANTS", {name: ablations.VARIANTS[name] for name in chosen})
+    of_answers = (ablations.DEFAULT, "sharpness 1", "sharpness 3")
+    monkeypatch.setattr(ablations, "ANSWERS", {name: ablations.ANSWERS[name] for name in of_answers})
     found = written.run("ablations")
     assert not found["unfinished"]
     words = {name: sum(word > 0 for row in rows for word in row["words"]) for name, rows in found["rules"].items()}
@@ -123,22 +125,22 @@ def test_ablations(written, monkeypatch):
 
 
 def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):
+    """Unless they are of another commit, or of other arguments."""
     path = tmp_path / "ablations.json"
     monkeypatch.setattr(ablations, "VARIANTS", {ablations.DEFAULT: ()})
+    monkeypatch.setattr(ablations, "ANSWERS", {})  # which are learned in every run
+
+    def again(found):
+        path.write_text(json.dumps(found))
+        assert ablations.main(["--quick", "--json", str(path)]) == 0
+        return json.loads(path.read_text())["rules"]
+
     assert ablations.main(["--quick", "--json", str(path)]) == 0
     found = json.loads(path.read_text())
     found["rules"][ablations.DEFAULT][0]["words"] = [0] * 20
-    path.write_text(json.dumps(found))
-    assert ablations.main(["--quick", "--json", str(path)]) == 0
-    assert json.loads(path.read_text())["rules"] == found["rules"]
-    whole = found | {"provenance": found["provenance"] | {"arguments": {}}}
-    path.write_text(json.dumps(whole))
-    assert ablations.main(["--quick", "--json", str(path)]) == 0
-    assert json.loads(path.read_text())["rules"] != found["rules"]
-    found["provenance"]["commit"] = "0123456789ab"
-    path.write_text(json.dumps(found))
-    assert ablations.main(["--quick", "--json", str(path)]) == 0
-    assert json.loads(path.read_text())["rules"] != found["rules"]
+    assert again(found) == found["rules"]
+    for other in ({"arguments": {}}, {"commit": "0123456789ab"}):
+        assert again(found | {"provenance": found["provenance"] | other}) != found["rules"]
 
 
 @pytest.mark.parametrize("name", [name for name, rule in ablations.RULES.items() if len(rule) == 3])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from problems import one_sentence
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
@@ -62,15 +63,8 @@ def test_lockstep_equals_one_at_a_time(env_id):
         np.testing.assert_array_equal(episode.actions, actions)
         np.testing.assert_array_equal(episode.rewards, rewards)
         assert episode.total_reward == rewards.sum()
-
-
-@pytest.mark.parametrize("env_id", ENVIRONMENTS + CONTINUOUS)
-def test_rollout_reports_the_recorded_episodes(env_id):
-    driver = expert(env_id)
-    episodes = record(driver, env_id, n_episodes=6, seed=4)
-    seen = rollout(driver, env_id, n_episodes=6, seed=4)
+    seen = rollout(driver, env_id, n_episodes=5, seed=3)
     np.testing.assert_allclose(seen.returns, [episode.total_reward for episode in episodes], rtol=1e-12)
-    assert seen.mean == seen.returns.mean()
 
 
 def test_same_seed_same_bits_and_another_seed_others():
@@ -119,17 +113,9 @@ def test_interval_is_students():
     seen = Returns.of(returns)
     wanted = stats.t.interval(0.95, 24, loc=returns.mean(), scale=stats.sem(returns))
     np.testing.assert_allclose(seen.ci95, wanted, rtol=1e-12)
-    assert seen.ci95[0] < seen.mean < seen.ci95[1]
-
-
-def test_interval_of_a_single_episode_is_unknown():
-    seen = rollout(Always(0), "CartPole-v1", n_episodes=1, seed=0)
-    assert seen.mean == seen.returns[0]
-    assert np.isnan(seen.ci95).all()
-
-
-def test_constant_returns_have_a_point_interval():
-    assert rollout(Always(1), "MountainCar-v0", n_episodes=3, seed=0).ci95 == (-200, -200)
+    assert seen.ci95[0] < seen.mean == returns.mean() < seen.ci95[1]
+    assert Returns.of(np.full(3, -200.0)).ci95 == (-200, -200)
+    assert np.isnan(Returns.of(returns[:1]).ci95).all()
 
 
 def test_progress_counts_up_to_the_number_of_episodes():
@@ -171,29 +157,14 @@ def test_continuous_actions_are_clipped_when_executed_and_recorded():
         np.testing.assert_array_equal(one.rewards, two.rewards)
 
 
-def test_one_continuous_action_needs_no_column():
-    column = rollout(Always([0.3]), "Pendulum-v1", n_episodes=2, seed=0).returns
-    np.testing.assert_array_equal(column, rollout(Always(0.3), "Pendulum-v1", n_episodes=2, seed=0).returns)
-
-
 def test_a_policy_that_lists_no_classes_may_be_continuous():
     policy = SimpleNamespace(classes_=np.empty(0), predict=lambda rows: np.zeros((len(rows), 1)))
     nothing = rollout(policy, "MountainCarContinuous-v0", n_episodes=2, seed=0).returns
     np.testing.assert_array_equal(nothing, 0)
 
 
-def test_float_labels_that_are_whole_are_actions():
-    whole = rollout(Always(1.0), "CartPole-v1", n_episodes=3, seed=0).returns
-    np.testing.assert_array_equal(whole, rollout(Always(1), "CartPole-v1", n_episodes=3, seed=0).returns)
-
-
 def test_recording_nothing_gives_nothing():
     assert record(Always(0), "CartPole-v1", n_episodes=0, seed=0) == []
-
-
-def one_sentence(error):
-    message = str(error.value)
-    return message.endswith(".") and ". " not in message
 
 
 @pytest.mark.parametrize(
@@ -228,11 +199,8 @@ def test_errors_are_one_sentence_with_the_place(policy, env_id, words):
     with pytest.raises(DataError, match=words) as error:
         rollout(policy, env_id, n_episodes=2, seed=0)
     assert one_sentence(error)
-
-
-def test_no_episodes_is_an_error():
     with pytest.raises(DataError, match="n_episodes is 0") as error:
-        rollout(Always(0), "CartPole-v1", n_episodes=0, seed=0)
+        rollout(policy, env_id, n_episodes=0, seed=0)
     assert one_sentence(error)
 
 
@@ -264,6 +232,9 @@ def test_success_is_unknown_where_the_environment_never_reports_it():
     assert seen.success is None
     assert seen.steps_to_success is None
     assert np.isnan([*seen.success_ci95, seen.median_steps]).all()
+    seen = Returns.of(np.zeros(4), np.array([0, 10, 30, 0]))
+    assert seen.success.tolist() == [False, True, True, False]
+    assert seen.median_steps == 20
 
 
 class Lucky(gymnasium.Wrapper):
@@ -288,19 +259,18 @@ def test_the_first_success_counts(policy, monkeypatch):
     assert seen.success_ci95[1] == 1
 
 
-def test_a_state_beside_the_actions_is_left_aside():
-    class WithState(Always):
-        def predict(self, observations):
-            return super().predict(observations), None
-
-    found, wanted = (rollout(policy, "CartPole-v1", n_episodes=3, seed=0) for policy in (WithState(1), Always(1)))
+@pytest.mark.parametrize(
+    ("predict", "action", "env_id"),
+    [
+        (lambda rows: np.full(len(rows), 0.3), [0.3], "Pendulum-v1"),  # a number needs no column
+        (lambda rows: np.full(len(rows), 1.0), 1, "CartPole-v1"),  # labels of type float that are whole
+        (lambda rows: (np.full(len(rows), 1), None), 1, "CartPole-v1"),  # a state beside the actions
+    ],
+)
+def test_actions_may_be_given_otherwise(predict, action, env_id):
+    policies = SimpleNamespace(predict=predict), Always(action)
+    found, wanted = (rollout(policy, env_id, n_episodes=3, seed=0) for policy in policies)
     np.testing.assert_array_equal(found.returns, wanted.returns)
-
-
-def test_steps_to_success_are_those_of_the_episodes_that_succeed():
-    seen = Returns.of(np.zeros(4), np.array([0, 10, 30, 0]))
-    assert seen.success.tolist() == [False, True, True, False]
-    assert seen.median_steps == 20
 
 
 def test_a_function_of_one_observation_is_played_episode_by_episode():

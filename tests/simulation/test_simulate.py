@@ -8,8 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from rpil import formats
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.simulation.corruptions import KINDS
 from rpil.simulation.experts import expert
@@ -75,21 +73,6 @@ def test_continuous_good_as_the_expert_and_bad_off_it(kind, env_id):
         off.append((np.abs(expert(env_id).predict(observations) - actions) / (box.high - box.low)).mean())
     assert (np.array(off)[made.is_good == 1] == 0).all()
     assert (np.array(off)[made.is_good == 0] > 0.08).all()
-
-
-@pytest.mark.parametrize("suffix", ["parquet", "csv", "npz"])
-@pytest.mark.parametrize("env_id", CONTINUOUS)
-def test_continuous_demonstrations_survive_every_format(env_id, suffix, tmp_path):
-    made = simulate(env_id, "noisy", n_good=1, n_bad=1, seed=8)
-    demonstrations = Demonstrations.from_episodes(made.episodes)
-    path = tmp_path / f"data.{suffix}"
-    formats.write(path, demonstrations, {"is_good": made.is_good, "episode_return": made.returns})
-    back = formats.read(path)
-    assert not back.is_discrete
-    assert back.actions.shape == (demonstrations.n_steps, len(expert(env_id).actions.low))
-    np.testing.assert_array_equal(back.actions, demonstrations.actions)
-    np.testing.assert_array_equal(back.observations, demonstrations.observations)
-    np.testing.assert_array_equal(back.offsets, demonstrations.offsets)
 
 
 def test_good_episodes_depend_on_neither_kind_nor_number_of_bad():
