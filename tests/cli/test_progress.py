@@ -102,7 +102,7 @@ def test_slow_imports_are_reported_within_two_seconds():
         "import sys, time\n"
         "class Slow:\n"
         "    def find_spec(self, name, *_):\n"
-        "        if name in ('numpy', 'sklearn', 'pyarrow', 'rpil.policies'):\n"
+        "        if name in ('numpy', 'scipy', 'pyarrow', 'rpil.policies'):\n"
         "            time.sleep(60)\n"
         "from rpil.cli.main import main\n"
         "sys.meta_path.insert(0, Slow())\n"

@@ -96,9 +96,9 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     wanted = ChoiceOptions.of(options, outputs["keep"])
-    given = RunOptions.of(options)
-    check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
-    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+    with show_stages(bool(options["quiet"]), CommandSettings.current().timing) as progress:
+        given = RunOptions.of(options)
+        check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)
         faults = look_for_faults(recording, progress)
