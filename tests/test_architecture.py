@@ -181,7 +181,7 @@ def test_no_two_constants_share_a_name():
 
 WITHOUT_TESTS = {
     "faults/settings.py": "values alone",
-    "faults/columns.py": "tests/faults/test_check.py",
+    "faults/columns.py": "tests/faults/test_checking.py",
     "faults/measure.py": "tests/faults/test_rules.py",
     "faults/lag.py": "tests/faults/test_rules.py",
     "faults/naming.py": "tests/faults/test_maprules.py",
@@ -214,6 +214,7 @@ WITHOUT_TESTS = {
     "formats/lerobot/frames.py": "tests/formats/lerobot/test_check.py",
     "formats/places.py": "as dialect.py",
     "formats/recording.py": "as csv.py",
+    "formats/metadata.py": "tests/formats/test_meta_folder.py",
     "formats/description.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",

@@ -16,10 +16,10 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (3191, 29),
-    "data": (3495, 67),
+    "data": (3453, 50),
     "estimators": (2356, 15),
-    "faults": (2315, 74),
-    "formats": (9538, 124),
+    "faults": (2287, 81),
+    "formats": (9544, 124),
     "inference": (2780, 93),
     "mixture": (828, 24),
     "numerics": (616, 14),

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import guard, guarded, one_line
+from rpil.data.guard import guard, guarded, in_words
 
 FOREIGN = [
     KeyError("actions"),
@@ -93,5 +93,5 @@ def test_a_function_of_a_path_is_guarded():
 
 
 def test_one_line_of_an_error():
-    assert one_line(ValueError("a  b.\nC.")) == "ValueError: a b, C"
-    assert one_line(AssertionError()) == "AssertionError"
+    assert in_words(ValueError("a  b.\nC.")) == "ValueError: a b, C"
+    assert in_words(AssertionError()) == "AssertionError"

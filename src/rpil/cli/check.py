@@ -16,6 +16,7 @@ from rpil.cli.commands import CommandSettings, check_paths, open_recording
 from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
 from rpil.cli.progress import show_stages
 from rpil.data.files import replacing
+from rpil.data.text import counted, printable
 
 if TYPE_CHECKING:
     from rpil.faults.record import FaultReport
@@ -108,7 +109,7 @@ def _mend(file: str, look: bool, fix: bool) -> Found:
 
 def defect_lines(defects: Sequence[Defect]) -> list[str]:
     """What of a folder does not agree with its data, in lines."""
-    lines = [f"  {one.what}, {terminal.printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
+    lines = [f"  {one.what}, {printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
     more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
     mendable = ["rpil check --fix mends times, totals and statistics."] * any(one.can_be_mended for one in defects)
     return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more, *mendable] if lines else []
@@ -127,7 +128,7 @@ def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]
     ]
     distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] == "lower"]
     reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
-    return lines + [f"  {terminal.printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
+    return lines + [f"  {printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
 
 
 def _rules(fail_on: str | None) -> set[str]:
@@ -157,20 +158,20 @@ def write_findings(path: str, report: FaultReport, defects: Sequence[Defect] = (
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
-    size = f"{report.n_demonstrations:,} demonstration{'s' * (report.n_demonstrations != 1)} ({report.n_steps:,} steps)"
+    size = f"{counted(report.n_demonstrations, 'demonstration')} ({report.n_steps:,} steps)"
     n, concerned = len(report.findings), len({found.id for found in report.findings} - report.absent)
     if not n:
         lines = [f"No recording faults found in {size}."]
     else:
         n_absent = len(report.absent)
         more = f"; the recording names {n_absent:,} more, which {'is' if n_absent == 1 else 'are'} missing"
-        lines = [f"{n:,} recording fault{'s' * (n > 1)} found in {concerned:,} of {size}{more * (n_absent > 0)}.", ""]
+        lines = [f"{counted(n, 'recording fault')} found in {concerned:,} of {size}{more * (n_absent > 0)}.", ""]
         lines += [f"  {count:>6,}  {rule}" for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])]
     shown = report.findings[:n_findings]
     if shown:
-        width = max(len(terminal.printable(found.id)) for found in shown)
+        width = max(len(printable(found.id)) for found in shown)
         lines += ["", "The worst first:" if n > 1 else "It is:"]
-        lines += [f"  {terminal.printable(f.id):<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
+        lines += [f"  {printable(f.id):<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
     if n > len(shown):
         lines.append(f"  ... and {n - len(shown):,} more; -o FILE.csv writes all")
     if report.set_aside:
@@ -178,7 +179,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     if report.n_expected:
         lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
     if report.trims:
-        trims = [f"{terminal.printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
+        trims = [f"{printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
         more = "; ..." * (len(trims) > terminal.MAX_IDS)
         lines += ["", f"Idle ends may be trimmed; steps to keep: {'; '.join(trims[: terminal.MAX_IDS])}{more}."]
     lines += ["", f"Usual: {'; '.join(report.usual.values())}."] if report.usual else []

@@ -33,6 +33,7 @@ from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.held import holding
+from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
@@ -235,5 +236,5 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         formats.write(output, demonstrations, truth)
     tell_of_set_aside(recording)
     n = len(demonstrations)
-    size = f"{n:,} demonstration{'s' * (n != 1)}, {demonstrations.n_steps:,} steps"
+    size = f"{counted(n, 'demonstration')}, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")

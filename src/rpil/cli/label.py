@@ -25,6 +25,7 @@ from rpil.cli.options import RunOptions, Value, command_words, with_label_option
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
+from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.cli.questions.session import Session
@@ -98,7 +99,7 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
         yield f"Another program has changed or removed {session.path}; look whether your answers are in it."
         return
     n = len(session.asking.rows)
-    yield f"{n} answer{'s' * (n != 1)} of this run in {session.path}."
+    yield f"{counted(n, 'answer')} of this run in {session.path}."
     yield f"Then run: {command}"
 
 

@@ -17,7 +17,7 @@ from rpil.cli.commands import AuditRun, tell_if_interrupted
 from rpil.cli.label import WITHOUT
 from rpil.cli.options import CHOICE_NAMES, Value, command_words
 from rpil.cli.progress import StageProgress
-from rpil.cli.terminal import printable
+from rpil.data.text import printable
 
 if TYPE_CHECKING:
     from rpil.faults.record import FaultReport

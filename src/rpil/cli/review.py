@@ -94,8 +94,8 @@ def _finish(ctx: click.Context, run: AuditRun, labels: str, written: dict[str, o
 
     `written` are the digests of what this run wrote before.
     """
+    from rpil.data.text import listed
     from rpil.results.provenance import digest
-    from rpil.results.text import listed
 
     beside = {title: f"{Path(labels).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):

@@ -16,6 +16,7 @@ import click
 
 from rpil.data.errors import shortened
 from rpil.data.privacy import without_secrets
+from rpil.data.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -274,9 +275,3 @@ def join_ids(ids: Sequence[Hashable], separator: str = ", ") -> str:
     """The ids in one line, of many the first ones."""
     more = f"{separator}... ({len(ids) - MAX_IDS} more)" if len(ids) > MAX_IDS else ""
     return separator.join(printable(name) for name in ids[:MAX_IDS]) + more
-
-
-def printable(name: Hashable) -> str:
-    """An id as text without control characters, which a terminal would obey."""
-    text = str(name)
-    return text if text.isprintable() else repr(text)

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.text import counted
 from rpil.numerics.types import Array, Int, Num, Shaped
 
 MAX_NEW = 0.8
@@ -71,7 +72,7 @@ class Copies:
             return f"All {len(self.place):,} demonstrations are copies of one: there is nothing to compare."
         n_copies, n_copied = len(self.place) - len(self.first), int((np.bincount(self.place) > 1).sum())
         copies = f"{n_copies:,} demonstrations are copies" if n_copies > 1 else "One demonstration is a copy"
-        return f"{copies} of {n_copied:,} other{'s' * (n_copied > 1)}: each is judged once."
+        return f"{copies} of {counted(n_copied, 'other')}: each is judged once."
 
 
 def copies_among(demonstrations: Demonstrations) -> Copies:

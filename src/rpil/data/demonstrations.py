@@ -15,7 +15,6 @@ from rpil.data import arrays
 from rpil.data.arrays import ActionKind, Id, Indices
 from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
-from rpil.data.overview import demonstrations_html
 from rpil.numerics.types import Array
 
 SOURCE = "the demonstrations"
@@ -342,6 +341,3 @@ class Demonstrations(DemonstrationSet):
 
     def __repr__(self) -> str:
         return self._described(self.n_observations, self.is_discrete, self.source)
-
-    def _repr_html_(self) -> str:
-        return demonstrations_html(self)

@@ -40,7 +40,7 @@ def guarded(
             raise
         if type(error) is PermissionError:  # FFmpeg has one of its own, for damaged videos too
             raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
-        raise DataError(f"{where}: {fault} ({one_line(error)}); {remedy}.") from error
+        raise DataError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
 
 
 def guard(function: Callable[P, R]) -> Callable[P, R]:
@@ -55,7 +55,7 @@ def guard(function: Callable[P, R]) -> Callable[P, R]:
     return inner
 
 
-def one_line(error: BaseException) -> str:
+def in_words(error: BaseException) -> str:
     """The type of an error and the beginning of its message, printable and without a full stop."""
     text = "".join(sign if sign.isprintable() else " " for sign in without_secrets(str(error)))
     text = " ".join(text.split()).replace(". ", ", ")[:_LONGEST].rstrip(" .")

@@ -20,8 +20,8 @@ LARGEST_METADATA, LARGEST_TABLE = 16 * 2**20, 64 * 2**20
 MOST_LISTS = 2 * 10**6
 """Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
 
-LARGEST_TOML, LARGEST_TOML_OF_IDS = 2**14, 2**20
-"""Bytes of TOML of options, and of one that names demonstrations, at most."""
+LARGEST_TOML = 2**20
+"""Bytes of TOML at most."""
 
 _TEXTS = r'''"""(?:\\.|[^\\])*?(?:"{3,5}|\Z)|'{3}.*?(?:'{3,5}|\Z)|"(?:\\.|[^"\\\n])*+"?|'[^'\n]*+'?|#[^\n]*+'''
 _TEXT_OF_TOML = re.compile(_TEXTS, re.DOTALL)  # or a comment, as its parser reads them from left to right
@@ -36,14 +36,14 @@ def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
     return content.decode(encoding)
 
 
-def read_json(path: Path, limit: int = LARGEST_METADATA) -> Parsed:
+def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
     """What a file of JSON holds; errors are those of `read_text` and `parse`."""
-    return parse(read_text(path, limit), str(path), limit)
+    return parse(read_text(path, limit, encoding), str(path), limit)
 
 
-def read_toml(path: Path, limit: int = LARGEST_TOML) -> dict[str, Parsed]:
-    """What a file of TOML holds; a `DataError` where it has more bytes than `limit`, or a key has over 9 parts."""
-    text = read_text(path, limit, "utf-8-sig")
+def read_toml(path: Path) -> dict[str, Parsed]:
+    """What a file of TOML holds; a `DataError` where it is longer than `LARGEST_TOML`, or a key has over 9 parts."""
+    text = read_text(path, LARGEST_TOML, "utf-8-sig")
     if _LONG_KEY.search(_TEXT_OF_TOML.sub('""', text)):
         raise DataError(f"{path}: a key in it has more than 8 dots; write plain keys.")
     return tomllib.loads(text)
@@ -76,5 +76,4 @@ def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) ->
 
 def _check_size(n_bytes: int, where: str, limit: int) -> None:
     if n_bytes > limit:
-        size = f"{limit // 2**20} MiB" if limit >= 2**20 else f"{limit // 2**10} KiB"
-        raise DataError(f"{where}: it is longer than {size}, which no such file needs; write it again.")
+        raise DataError(f"{where}: it is longer than {limit // 2**20} MiB, which no such file needs; write it again.")

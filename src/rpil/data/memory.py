@@ -26,18 +26,17 @@ SMALL_CHUNKS = 16 * 2**20
 """The chunks of an array hold at most `MAX_PADDING` times its values, because the last ones along each axis may be
 filled in part, or this many bytes."""
 
-_UNITS = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "ki": 2.0**10, "mi": 2.0**20, "gi": 2.0**30, "ti": 2.0**40}
-_SIZE = re.compile(r"(\d+\.?\d*)\s*([kmgt]?i?)b?", re.IGNORECASE)
+_SIZE = re.compile(r"(\d+\.?\d*)\s*(?:([kmgt])(i?))?b?", re.IGNORECASE)
 _given: ContextVar[float | None] = ContextVar("_given", default=None)
 
 
 def parse_size(size: Size) -> float:
     """A size in bytes; a `DataError` where it is none."""
     match = _SIZE.fullmatch(str(size).strip())
-    factor = _UNITS.get(match[2].lower()) if match else None
-    if match is None or factor is None or not float(match[1]):
+    if match is None or not float(match[1]):
         raise DataError(f"{size!r} is no amount of memory; give one such as 4GB or 500MB.")
-    return float(match[1]) * factor
+    power = 1 + "kmgt".index(match[2].lower()) if match[2] else 0
+    return float(match[1]) * (1024.0 if match[3] else 1000.0) ** power
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, LARGEST_TOML_OF_IDS, parse, read_text, read_toml
+from rpil.data.json_files import LARGEST_TABLE, read_json, read_toml
 from rpil.faults.record import RULES, Finding
 
 ALL = "all"
@@ -35,8 +35,7 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     path = check_readable(check_extension(path, (".json", ".toml"), "what is expected"))
     form = path.suffix[1:].upper()
     with guarded(path.name, f"it is not valid {form} in UTF-8", "write rules with lists of ids"):
-        text = "" if form == "TOML" else read_text(path, LARGEST_TABLE, "utf-8-sig")
-        content = read_toml(path, LARGEST_TOML_OF_IDS) if form == "TOML" else parse(text, path.name, LARGEST_TABLE)
+        content = read_toml(path) if form == "TOML" else read_json(path, LARGEST_TABLE, "utf-8-sig")
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}

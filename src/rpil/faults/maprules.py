@@ -30,6 +30,14 @@ SENTENCES = {
 }
 
 
+USUAL_NEXT_STATE = 0.75
+"""Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
+of a hand, may be so always."""
+
+FEW, MOST_STILL = (4, 0.1), 0.25
+"""Demonstrations, or share of them, in which a column may never move before that is usual; and the share at most."""
+
+
 def compare_maps(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations that fit the map between states and actions of the others once a fault is undone."""
     namer, by = seen.learned.namer, seen.measured
@@ -77,7 +85,7 @@ def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     moves, same = seen.measured.next_state.sum(axis=1).T
     share = same / np.maximum(moves, 1.0)
     usual = float(np.median(share))
-    limit = (1.0 + usual) / 2 if usual < 0.75 else np.inf  # some actions, of a hand, may be so always
+    limit = (1.0 + usual) / 2 if usual < USUAL_NEXT_STATE else np.inf
     yield Comparison.above(
         "next state",
         ("",),
@@ -95,7 +103,7 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     usual = np.median(ranges, axis=0)
     still = ranges <= s.least_range * usual
     low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
-    few = still.sum(axis=0) <= min(max(4, 0.1 * len(still)), 0.25 * len(still))  # otherwise it is usual
+    few = still.sum(axis=0) <= min(max(FEW[0], FEW[1] * len(still)), MOST_STILL * len(still))
     is_known = few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
     yield Comparison.above(
         "never moves",

@@ -1,10 +1,9 @@
 """Linear maps between states and actions, and what a demonstration gains in fit by undoing a fault.
 
 A window holds the states and the actions of three steps, the states `lag` steps later, less their means over the
-demonstration: a level that differs by a calibration or a session is no fault. Least squares, on other demonstrations,
-tell two maps of it: the action of the middle step from the states of all three, and the next change of
-the state from the state and the actions until then. Both are maps of the robot and its controller rather than of who
-demonstrates, and rows of one matrix B whose B z is what they leave over of a window z. With the mean G of z z' over a
+demonstration: a level that differs by a calibration or a session is no fault. Two linear models are fitted to the other
+demonstrations: a_t from s_{t-1..t+1}, and s_{t+1} - s_t from s_t, a_{t-1}, a_t. Both are maps of the robot and its
+controller rather than of who demonstrates. `B z` are their residuals in a window z. With the mean G of z z' over a
 demonstration, the mean squares e are the diagonal of B G B'.
 
 Undoing a fault gains sum_k log(e_k / e'_k) / 2, with e' afterwards. Signs and exchanged columns are linear in z: what
@@ -130,7 +129,7 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Fram
 
 
 def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
-    """A demonstration without one of the faults `OF_ROWS`."""
+    """Apply the inverse of a whole-demonstration fault, one of `OF_ROWS`."""
     if kind in ("reversed", "doubled rate"):
         return values[::-1] if kind == "reversed" else values[::2]
     if kind == "frame rate":

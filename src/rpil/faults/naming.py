@@ -1,7 +1,7 @@
 """Which fault, when undone, makes a demonstration fit the maps of the others: limits from a sample, then each block.
 
-What undoing a fault gains in the demonstrations as they are tells from where on a gain is unusual. Undoing a fault
-where it is not loses what undoing it gains where it is: so it is known, without planting it, whether it would be found.
+What undoing a fault gains in the demonstrations as they are tells from where on a gain is unusual. Power without
+planting: the loss from undoing a fault in a clean demonstration equals the gain in one that has it.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def _namer(rows: list[Array], numbers: Array, frame: Frame, n_all: int, s: Fault
         s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * frame.spread**2 for f in range(len(maps))
     ]
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
-    usual_ones = excess[some] <= np.quantile(excess, s.map_usual)
+    usual_ones = excess[some] <= np.quantile(excess, s.map_power)
     power = np.append(_planted(gain[usual_ones], s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())

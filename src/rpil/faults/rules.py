@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.arrays import Id
+from rpil.data.text import counted
 from rpil.faults.columns import Columns
 from rpil.faults.measure import Learned, Measured
 from rpil.faults.record import Finding
@@ -30,7 +31,7 @@ class Evidence:
     def duration(self, steps: int) -> str:
         """Steps in words, with their time where it is known."""
         time = "" if self.seconds is None else f" ({1e3 * self.seconds * steps:.0f} ms)"
-        return f"{steps} step{'s' if steps != 1 else ''}{time}"
+        return f"{counted(steps, 'step')}{time}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Comparison:
         for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
             c = int(np.argmax(severity[m]))
             more = int((severity[m] > 1.0).sum()) - 1
-            also = f", and {more} more column{'s' if more > 1 else ''}" if more else ""
+            also = f", and {counted(more, 'more column')}" if more else ""
             value, threshold = float(self.value[m, c]), float(self.threshold[m, c])
             at = self.steps(m, c)
             yield Finding(
@@ -116,12 +117,8 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
         leap = f"{columns.names[c]} leaps by {by.jump[m, c]:.3g} at step {by.jump_step[m, c]}"
         return f"{leap} ({jumps[c]:.3g} at most is usual)"
 
-    spikes, jumps = (
-        np.where(
-            columns.moving < s.least_moving, np.inf, np.maximum(fence(value, factor, s.smallest * least, s), least)
-        )
-        for value, factor in ((by.spike, s.spike_factor), (by.jump, s.jump_factor))
-    )
+    limits = (np.maximum(fence(value, s.leap_factor, s.smallest * least, s), least) for value in (by.spike, by.jump))
+    spikes, jumps = (np.where(columns.moving < s.least_moving, np.inf, limit) for limit in limits)
     yield Comparison.above(
         "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, describe_spike
     )
@@ -171,7 +168,7 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
 def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     """Rows that repeat the one before while everything moves."""
     by, s = seen.measured, seen.settings
-    limit = fence(by.repeats, s.repeat_factor, s.smallest_repeat, s)
+    limit = fence(by.repeats, s.usual_factor, s.smallest_repeat, s)
     yield Comparison.above(
         "repeated frames",
         ("",),
@@ -192,7 +189,7 @@ def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
         ("idle head", "first", seen.measured.head),
         ("idle tail", "last", seen.measured.tail),
     ):
-        limit = max(float(fence(idle, s.idle_factor, s.min_idle / s.idle_factor, s)), s.min_idle)
+        limit = max(float(fence(idle, s.usual_factor, s.min_idle / s.usual_factor, s)), s.min_idle)
 
         def steps(m: int, _: int, idle: Array = idle, at_head: bool = words == "first") -> tuple[int, int]:
             return (0, int(idle[m]) - 1) if at_head else (int(lengths[m] - idle[m]), int(lengths[m]) - 1)
@@ -249,7 +246,7 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
     """Demonstrations whose state follows the action sooner or later than elsewhere."""
     by, s = seen.measured, seen.settings
     steps = np.abs(by.shift)
-    least_gain = float(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+    least_gain = float(fence(by.shift_gain, s.usual_factor, s.smallest_gain, s))
     severity = np.where(steps >= s.min_shift, by.shift_gain / least_gain, 0.0)
     if not is_lag_known(seen):
         severity = np.full(len(steps), np.nan)
@@ -268,7 +265,7 @@ def is_lag_known(seen: Evidence) -> bool:
     s, by = seen.settings, seen.measured
     agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
     return bool(
-        seen.learned.lag.pairs and agree and np.isfinite(fence(by.shift_gain, s.shift_factor, s.smallest_gain, s))
+        seen.learned.lag.pairs and agree and np.isfinite(fence(by.shift_gain, s.usual_factor, s.smallest_gain, s))
     )
 
 

@@ -15,11 +15,30 @@ from rpil.numerics.types import Array, Float
 FARTHEST = 25.0
 """Squared distance in one column, in spreads, at most."""
 
+NORMAL_DEVIATION = 0.6745
+"""Median distance from the median of a normal distribution of standard deviation 1."""
+
+LEAST_SPREAD = 0.02
+"""Standard deviations of a column by which first, and last, steps do not differ."""
+
+UNUSUAL_LENGTHS, LENGTH_MARGIN = 0.02, 0.1
+"""Share of the demonstrations that are unusually short, and long; and by how much a joined one may be so."""
+
+LARGE_CHANGE = 0.99
+"""Quantile of the changes from step to step, in which a leap is measured."""
+
+GAP_SHARE, LEAST_GAP = 0.1, 1.0
+"""The limit lies so far from joined demonstrations towards clean ones; with a smaller gap between the two nothing is
+known."""
+
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """How demonstrations begin and end, (2, C) for first and last steps, and how long they are; and what the best
-    boundary within a demonstration is like where it is one (`limit`; NaN where that cannot be known)."""
+    """How demonstrations begin and end, (2, C) for first and last steps, and how long they are.
+
+    `limit`: threshold below which the best split point counts as a joint of two episodes; NaN if clean and joined ones
+    overlap.
+    """
 
     centre: Float[Array, "2 C"]
     spread: Float[Array, "2 C"]
@@ -28,7 +47,7 @@ class Ends:
     limit: float = np.nan
 
     def boundary(self, values: Float[Array, "C T"]) -> tuple[float, int]:
-        """How unlike a boundary of two demonstrations the best step of one is, and that step."""
+        """Score of the most boundary-like step (smaller is more alike), and that step."""
         n = values.shape[1]
         low, high = self.lengths
         first, end = int(max(low, n - high)), int(min(high, n - low))
@@ -52,25 +71,25 @@ def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None
     if len(sample.offsets) <= s.min_demonstrations or columns.is_action.all():
         return None
     values, offsets = columns.of(sample)[~columns.is_action], sample.offsets
-    least = 0.02 * columns.spread[~columns.is_action][:, None]
+    least = LEAST_SPREAD * columns.spread[~columns.is_action][:, None]
     ends = [values[:, offsets[:-1]], values[:, offsets[1:] - 1]]
     centre = [np.median(x, axis=1, keepdims=True) for x in ends]
     spread = [
-        np.median(np.abs(x - c), axis=1, keepdims=True) / 0.6745 + least for x, c in zip(ends, centre, strict=True)
+        np.median(np.abs(x - c), axis=1, keepdims=True) / NORMAL_DEVIATION + least
+        for x, c in zip(ends, centre, strict=True)
     ]
     wide = np.maximum(*spread)
     change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
-    lengths = np.quantile(np.diff(offsets), [0.02, 0.98])
-    fitted = Ends(
-        np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], (0.9 * lengths[0], 1.1 * lengths[1]),
-        float(np.quantile(change, 0.99)) + 1e-12,
-    )  # fmt: skip
+    short, long = np.quantile(np.diff(offsets), [UNUSUAL_LENGTHS, 1 - UNUSUAL_LENGTHS])
+    bounds = (1 - LENGTH_MARGIN) * short, (1 + LENGTH_MARGIN) * long
+    leap = float(np.quantile(change, LARGE_CHANGE)) + 1e-12
+    fitted = Ends(np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], bounds, leap)
     each = [values[:, a:b] for a, b in itertools.pairwise(offsets)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]
     low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
-    limit = high + 0.1 * (min(low, high + FARTHEST) - high)
-    return replace(fitted, limit=float(limit) if low > high + 1.0 else np.nan)
+    limit = high + GAP_SHARE * (min(low, high + FARTHEST) - high)
+    return replace(fitted, limit=float(limit) if low > high + LEAST_GAP else np.nan)
 
 
 def next_state(block: Block, n_steps: int = 16) -> Float[Array, "M A 2"]:

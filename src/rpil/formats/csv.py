@@ -83,9 +83,9 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
 
 
 def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> Recording:
-    """The recording in text tables, one below the other, of which all texts decide what is a number.
+    """The recording in text tables, one below the other.
 
-    Rows that stay on disk go through a temporary file for that.
+    Column types are inferred from all rows, so the files are read twice; for data on disk, by a temporary file.
     """
     seen: dict[str, str] = {}
     for file in files if columns.episode == FILE else ():

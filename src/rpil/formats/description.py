@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+
+from rpil.data.text import counted, listed
 
 SHORT_NAMES = 6  # in one line
 
@@ -66,10 +68,10 @@ class Description:
 
     def short(self) -> list[str]:
         """A few lines for the head of an audit."""
-        observations = f"Observations: {len(self.observations):,}: {listed(self.observations)}."
+        observations = f"Observations: {len(self.observations):,}: {commas(self.observations)}."
         lines = [self._size(), self._actions(), observations, f"Demonstrations by {self.id_column}; {self.order}."]
-        missing = [f"Missing values: {listed(f'{n:,} in {name}' for name, n in self.missing.items())}."]
-        ignored = [f"Ignored: {listed(f'{name} ({reason})' for name, reason in self.ignored.items())}."]
+        missing = [f"Missing values: {commas(f'{n:,} in {name}' for name, n in self.missing.items())}."]
+        ignored = [f"Ignored: {commas(f'{name} ({reason})' for name, reason in self.ignored.items())}."]
         return [*lines, *(missing if self.missing else []), *(ignored if self.ignored else []), *self.notes]
 
     def lines(self) -> list[str]:
@@ -78,7 +80,7 @@ class Description:
         given = ("Task", self.task_column, self.tasks), ("Operator", self.operator_column, self.operators)
         for what, column, names in given:
             if column:  # a task is often a sentence, with its full stop
-                lines.append(f"{what}, in {column}: {listed([name.removesuffix('.') for name in names])}.")
+                lines.append(f"{what}, in {column}: {commas([name.removesuffix('.') for name in names])}.")
         lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
         if self.action_kind == "continuous":
@@ -94,14 +96,13 @@ class Description:
         return lines
 
     def _size(self) -> str:
-        demonstrations = f"{self.demonstrations:,} demonstration{'s' * (self.demonstrations != 1)}"
-        size = f"{self.source}: {self.format}; {demonstrations}, {self.steps:,} steps"
+        size = f"{self.source}: {self.format}; {counted(self.demonstrations, 'demonstration')}, {self.steps:,} steps"
         if self.seconds is not None:
             size += f", {self.seconds:,.1f} s"
         return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."
 
     def _actions(self) -> str:
-        return f"Action: {listed(self.actions)}; {self.action_kind}: {self.action_reason}."
+        return f"Action: {commas(self.actions)}; {self.action_kind}: {self.action_reason}."
 
     def _range(self, name: str) -> str:
         return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
@@ -112,8 +113,6 @@ def outcome_options(names: Iterable[str]) -> dict[str, str]:
     return {name.removeprefix("-"): f"--outcome {shlex.quote(name)}" for name in names}
 
 
-def listed(names: Iterable[str] | Sequence[str], most: int = SHORT_NAMES) -> str:
-    """Up to `most` of the names in one line, without control characters, and how many more there are."""
-    texts = [name if name.isprintable() else repr(name) for name in names]
-    more = f" and {len(texts) - most:,} more" if len(texts) > most else ""
-    return ", ".join(text or "no name" for text in texts[:most]) + more
+def commas(names: Iterable[object], most: int = SHORT_NAMES) -> str:
+    """Up to `most` of the names in one line, with commas between them, and how many more there are."""
+    return listed(names, most, last=", ")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -15,9 +14,6 @@ from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    from rpil.formats.lerobot.frames import Shot
 
 Trims = Mapping[str, tuple[int, int]]
 """The first step to keep of some demonstrations, and the one after the last, by ids as text."""
@@ -55,6 +51,18 @@ class Defect:
 
 
 @dataclass(frozen=True)
+class Shot:
+    """Where a camera's frames of an episode are: a file, and seconds in it; `n_rows` are those of the data."""
+
+    camera: str
+    episode: int
+    path: Path
+    start: float
+    end: float
+    n_rows: int
+
+
+@dataclass(frozen=True)
 class Format:
     """What a format can do; what is left out of the record, it cannot.
 
@@ -63,8 +71,8 @@ class Format:
     name : str
         In messages.
     claims : function of a path
-        Whether the file or folder there has this format. A library's error means that it has not; a `DataError` is for
-        what no other format may open either.
+        Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
+        search.
     read : function of a path and the options for columns
         The `Recording`; a `DataError` where it cannot be read.
     keep : Keep

@@ -23,7 +23,7 @@ from rpil.data.held import held, held_bytes
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.hdf5_storage import checked
 from rpil.formats.recording import Recording
@@ -180,7 +180,7 @@ class Contents:
     @property
     def notes(self) -> tuple[str, ...]:
         """That links were not followed, in words."""
-        return (f"Not read, because they are links: {listed(self.links)}.",) if self.links else ()
+        return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
 
 def contents(group: h5py.Group) -> Contents:
@@ -226,7 +226,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     """A `DataError` that says what is in a file of a layout that is not known."""
     with opened(path) as file:
         found = contents(file).arrays
-        arrays = listed([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
+        arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
     raise DataError(
         f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); write each "
         "as a group with the arrays actions and obs, or add terminals and timeouts, or an array episode_index."

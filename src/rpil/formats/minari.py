@@ -19,7 +19,7 @@ from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parquet_pages import open_table
 from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
@@ -52,7 +52,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     if _described(about, "action_space").get("type") == "Discrete" and options.action_kind == "auto":
         options = replace(options, action_kind="discrete")
     environment = _described(about, "env_spec").get("id")
-    notes = (f"Environment: {listed([str(environment)])}.",) if environment else ()
+    notes = (f"Environment: {commas([str(environment)])}.",) if environment else ()
     if not (data / _HDF5).exists():
         return _read_tables(data, about["data_format"], path.name, options, notes)
     with hdf5.opened(data / _HDF5) as file:

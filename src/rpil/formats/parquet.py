@@ -17,7 +17,7 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.lerobot.metadata import format_name
+from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_pages import check_groups
 from rpil.formats.recording import Recording, from_batches, from_rows
 from rpil.formats.rows import BATCH_ROWS
@@ -56,7 +56,7 @@ def read_files(
 ) -> Recording:
     """Read files with the same columns into memory; within `rpil.formats.spool.on_disk` they stay where they are."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
-    origin = Origin(source, format_name(metadata, len(paths)), metadata)
+    origin = Origin(source, _format_name(metadata, len(paths)), metadata)
     if is_on_disk():
         return from_rows(replace(rows, batch_rows=batch_rows), columns, origin, layout)
     check_memory(rows.n_bytes, source)
@@ -65,6 +65,12 @@ def read_files(
         tables.append(table)
         sizes[rows.files(np.array([row]))[0]] += len(table)
     return from_batches(tables, columns, origin, sizes)
+
+
+def _format_name(metadata: Metadata, n_files: int) -> str:
+    """The format and version of a data set, and how many files it has."""
+    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
+    return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -17,8 +17,8 @@ from rpil.data.missing import fill_chunks
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
-from rpil.formats.description import listed
-from rpil.formats.lerobot.metadata import Metadata
+from rpil.formats.description import commas
+from rpil.formats.metadata import Metadata
 from rpil.formats.recording import Recording, from_batches
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.spool import is_on_disk
@@ -142,14 +142,14 @@ def from_parts(
     )
     longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
     if longer:
-        notes = (*notes, f"The last value of {listed(longer)}, which comes after the last action, is left out.")
+        notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     notes = (*notes, *without_steps(empty))
     return from_batches(tables, columns, Origin(source, format_name, metadata, notes))
 
 
 def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
     """The note that the demonstrations called `ids` are left out; none where there are none."""
-    return (f"Left out, because they have no steps: {listed(map(str, ids))}.",) if ids else ()
+    return (f"Left out, because they have no steps: {commas(map(str, ids))}.",) if ids else ()
 
 
 def _kinds(part: Part, source: str) -> dict[str, Kind]:

@@ -18,9 +18,9 @@ from rpil.data.guard import guarded
 from rpil.data.missing import are_allowed
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
-from rpil.formats.description import Description, listed, outcome_options
+from rpil.formats.description import Description, commas, outcome_options
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot.metadata import Metadata
+from rpil.formats.metadata import Metadata
 from rpil.formats.places import Order, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
@@ -287,10 +287,10 @@ def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | N
     tiny = [name for name in layout.observation_names if 0 < halves.get(name, 0.0) < SMALLEST]
     if constant:
         todo = "leave out columns that the demonstrator could not see"
-        yield f"Constant within each demonstration: {listed(constant)}; {todo}."
+        yield f"Constant within each demonstration: {commas(constant)}; {todo}."
     if tiny:
         yield (
-            f"Too small: values of {listed(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "
+            f"Too small: values of {commas(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "
             "smaller units, or leave them out."
         )
 

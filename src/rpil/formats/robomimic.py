@@ -19,9 +19,9 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.lerobot.metadata import Metadata
+from rpil.formats.metadata import Metadata
 from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
 
@@ -63,7 +63,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
                 for arrays in found.values():
                     arrays.replace("states", _WithoutTime)
         if in_data and len(found) < len(_parent(file)):
-            without = listed([name for name in hdf5.groups(_parent(file)) if name not in found])
+            without = commas([name for name in hdf5.groups(_parent(file)) if name not in found])
             notes = (*notes, f"Left out, because they hold no actions: {without}.")
         format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
         metadata = Metadata(fps=_steps_a_second(settings), names=names, lengths=_stated_lengths(found))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 BATCH_ROWS = 65_536
-"""Rows of one table, at most."""
+"""Maximum rows per batch."""
 
 
 class Rows(Protocol):

@@ -115,7 +115,7 @@ _CHANGES = 10
 class Statistics:
     """Ranges, missing values and constant parts of the columns of data, collected table by table.
 
-    They are those of the values: to read what the footer of a damaged file says of them would end the process.
+    Computed from values: pyarrow crashes on damaged Parquet statistics.
 
     Attributes
     ----------

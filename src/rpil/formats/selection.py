@@ -12,7 +12,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.formats.columns import ColumnOptions, Ids
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.recording import Recording
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
@@ -52,7 +52,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
 
 def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
     """The line that names the demonstrations that were set aside; none where there are none."""
-    named = listed(list(map(str, ids)), _MOST_NAMED)
+    named = commas(list(map(str, ids)), _MOST_NAMED)
     return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
 
 

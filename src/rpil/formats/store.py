@@ -16,14 +16,15 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
-from rpil.data.guard import guard, guarded, one_line
+from rpil.data.guard import guard, guarded, in_words
 from rpil.data.names import is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
-from rpil.formats.lerobot.metadata import Metadata, choose_files, read_metadata
+from rpil.formats.meta_folder import choose_files, read_metadata
+from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_pages import Stored, check_pages, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
@@ -192,12 +193,12 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
         place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
         entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
     except ImportError as error:
-        reason = one_line(error)
+        reason = in_words(error)
         raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
     except PermissionError:  # which the guard names
         raise
     except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{where}: it cannot be listed ({one_line(error)}); check the path.") from error
+        raise DataError(f"{where}: it cannot be listed ({in_words(error)}); check the path.") from error
     files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
     return filesystem, choose_files(filesystem, where, place, files), texts
 

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.names import EPISODE, natural_key, plain_name, quoted
 from rpil.formats.columns import LENGTH, SPLITS, Columns
-from rpil.formats.lerobot.metadata import Metadata
+from rpil.formats.metadata import Metadata
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float

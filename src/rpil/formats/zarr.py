@@ -23,7 +23,7 @@ from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import is_outcome
 from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parts import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.recording import Recording
@@ -80,7 +80,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
         if not arrays:
             raise DataError(
                 f"{path.name}: {_ENDS} tells of {len(ends):,} demonstrations and {ends[-1]:,} steps, but no array that "
-                f"can be read is in data ({listed(closed) or 'nothing is there'}); copy the data as well."
+                f"can be read is in data ({commas(closed) or 'nothing is there'}); copy the data as well."
             )
         whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
         steps: dict[str, StoredArray] = {name: array for name, array in arrays.items() if name not in whole}

@@ -14,7 +14,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory, check_padding
 from rpil.data.missing import are_chunks_filled
-from rpil.formats.description import listed
+from rpil.formats.description import commas
 from rpil.formats.zarr_files import Files
 from rpil.formats.zarr_header import STREAMS, Coding, Header, Options
 from rpil.numerics.types import Array
@@ -109,7 +109,7 @@ class ZarrArray:
         n_whole = np.searchsorted(whole, last, side="right") - np.searchsorted(whole, first)
         ids = np.flatnonzero((n_whole <= last - first) & (begins < self.ends))
         return DataError(
-            f"{fault}, which hold steps of the demonstrations {listed(list(map(str, ids.tolist())))}, as after a copy "
+            f"{fault}, which hold steps of the demonstrations {commas(list(map(str, ids.tolist())))}, as after a copy "
             "that broke off; copy it again, or, where the writer left out chunks of one value, have that value read "
             "with <option>.",
             "fill_missing",

@@ -15,7 +15,7 @@ from rpil.data.archive import stored
 from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.guard import one_line
+from rpil.data.guard import in_words
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
@@ -219,7 +219,7 @@ def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, acti
     try:
         return clone(estimator).fit(features[used], target, **{_weight_parameter(estimator): weight})
     except (TypeError, ValueError) as error:
-        name, reason = type(estimator).__name__, one_line(error)
+        name, reason = type(estimator).__name__, in_words(error)
         raise DataError(f"The policy {name} cannot be fitted ({reason}); correct its settings.") from error
 
 

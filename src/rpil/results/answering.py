@@ -11,6 +11,7 @@ from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import Relation, match_labels, match_pairs, parse_labels
+from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
@@ -21,7 +22,6 @@ from rpil.results.groups import TWO_GROUPS
 from rpil.results.judged import Judged
 from rpil.results.reasons import Stretch, bounded, worst_stretch
 from rpil.results.step_weights import weights_of
-from rpil.results.text import printable
 from rpil.results.words import WORDS, Verdict
 
 Id = TypeVar("Id", bound=Hashable)

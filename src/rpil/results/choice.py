@@ -23,10 +23,10 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.text import listed
 from rpil.formats.parquet_pages import read_table
 from rpil.numerics.types import Array, Bool, Float
 from rpil.results.settings import KeepSettings
-from rpil.results.text import listed
 from rpil.results.words import SIDES
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")

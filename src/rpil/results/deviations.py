@@ -9,13 +9,13 @@ from itertools import starmap
 
 import numpy as np
 
+from rpil.data.text import printable
 from rpil.inference.contrast import evidence_by_part
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
 from rpil.results.evidence import PolicyOutputs, StepEvidence, part_name
 from rpil.results.reasons import bounded, worst_stretch
 from rpil.results.record import Audit
-from rpil.results.text import printable
 from rpil.results.words import SIDES
 
 MAX_STEPS = 20

@@ -20,6 +20,7 @@ import numpy as np
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.data.text import printable
 from rpil.inference.contrast import evidence_by_part
 from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
@@ -31,7 +32,6 @@ from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import at_actions
 from rpil.results.record import Audit
-from rpil.results.text import printable
 from rpil.results.traces import TracedPart, Traces, bin_means, bin_starts
 from rpil.results.words import SIDES
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.special import ndtr
 
+from rpil.data.text import printable
 from rpil.inference.channels import CHANNELS
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.results.text import printable
 
 RANKS: Mapping[str, tuple[str, int]] = {
     "length": ("length", 1),

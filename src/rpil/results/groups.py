@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
+from rpil.data.text import printable
 from rpil.inference.channels import CHANNELS
 from rpil.inference.contrast import Contrast
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.facts import RANKS
-from rpil.results.text import printable
 
 TWO_GROUPS = "The two groups: "
 """How the sentences begin."""

@@ -16,9 +16,9 @@ from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.text import listed, printable
 from rpil.numerics.regression import ROUNDING, robust_scale
 from rpil.numerics.types import Array, Bool, Float, Int, Num
-from rpil.results.text import listed, printable
 
 MAX_STATES = 5000
 """States of the kept demonstrations that are compared, and of the others."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from rpil.data.text import counted, one_line
 from rpil.inference.findings import FINDINGS
 from rpil.results.result import AuditResult
-from rpil.results.text import one_line
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -33,8 +33,7 @@ def overview_text(audit: AuditResult) -> str:
 def counts(audit: AuditResult) -> str:
     """How many demonstrations and steps there are, and how many have which word, in one line."""
     words = ", ".join(f"{n:,} {word}" for word, n in audit.verdict_counts().items())
-    n = len(audit.ids)
-    return f"{n:,} demonstration{'s' * (n != 1)}, {int(audit.offsets[-1]):,} steps: {words}."
+    return f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps: {words}."
 
 
 def shortened(name: object) -> str:

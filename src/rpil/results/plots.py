@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from rpil.data.errors import DataError
+from rpil.data.text import printable
 from rpil.numerics.types import Array, Float
-from rpil.results.text import printable
 from rpil.results.traces import bin_starts
 from rpil.results.words import SIDES, Side
 

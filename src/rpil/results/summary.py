@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from rpil.data.fit_data import FitData
 from rpil.data.names import spans
+from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
@@ -22,7 +23,6 @@ from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
-from rpil.results.text import listed, printable
 from rpil.results.words import WORDS, Anchor
 
 MAX_RUNS = 10

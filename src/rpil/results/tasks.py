@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit, logit
 
+from rpil.data.text import listed
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
@@ -15,7 +16,6 @@ from rpil.numerics.types import Array
 from rpil.results.demonstrators import Interval
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
-from rpil.results.text import listed
 from rpil.results.words import Verdict
 
 MIN_DEMONSTRATIONS = 8

@@ -14,8 +14,8 @@ from rpil.cli.questions.session import ANSWER_KEYS, Session, fact_lines, questio
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
+from rpil.data.text import printable
 from rpil.results.drawings import drawing
-from rpil.results.text import printable
 from rpil.results.view import About, View, make_view
 
 if TYPE_CHECKING:

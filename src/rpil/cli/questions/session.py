@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import parse_answers, same_question, write_answers
+from rpil.data.text import counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
-from rpil.results.text import listed, printable
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -194,4 +194,4 @@ def contradiction_lines(known: Sequence[Hashable], audit: Audit) -> Iterator[str
     others = audit.answers.count - 1
     for name in audit.contradicting:
         if name not in known:
-            yield f"The answer about {printable(name)} contradicts {others:,} other{'s' * (others != 1)}; check it."
+            yield f"The answer about {printable(name)} contradicts {counted(others, 'other')}; check it."

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.folders import check_inside
-from rpil.formats.lerobot.frames import Shot
+from rpil.formats.format import Shot
 from rpil.formats.lerobot.video import load_av, picture
 from rpil.formats.registry import find_format
 

@@ -19,14 +19,14 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import spans
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
-from rpil.formats.format import Defect
+from rpil.formats.description import commas
+from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.episodes import read_episodes, read_lines
-from rpil.formats.lerobot.frames import NEAR_SECONDS, Shot, find_faults
+from rpil.formats.lerobot.frames import NEAR_SECONDS, find_faults
 from rpil.formats.lerobot.kept import PATHS, frames_as_times, video_place
-from rpil.formats.lerobot.metadata import cameras, chunk_size, fill, frame_rate
 from rpil.formats.lerobot.video import load_av
+from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
@@ -241,7 +241,7 @@ def _in_statistics(folder: Folder) -> Iterator[Defect]:
             slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
             here, data = np.ravel(said[name][what]), np.ravel(found[what])
             if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
-                numbers = (listed([f"{number:.6g}" for number in values], 3) for values in (here, data))
+                numbers = (commas([f"{number:.6g}" for number in values], 3) for values in (here, data))
                 yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers), True)
                 break
 

@@ -27,8 +27,8 @@ from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.check import EPISODES_STATS, Folder, find_defects, find_shots, in_times, in_videos, mend
 from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept, Trims
-from rpil.formats.lerobot.metadata import cameras, chunk_size, read_info
 from rpil.formats.lerobot.video import load_av
+from rpil.formats.meta_folder import cameras, chunk_size, read_info
 from rpil.formats.store import has_parquet
 
 read = folder.read

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
 from rpil.data.errors import DataError
+from rpil.formats.format import Shot
 from rpil.formats.lerobot import video
 from rpil.numerics.types import Array
 
@@ -21,18 +20,6 @@ NEAR_SECONDS = 1e-4  # by which a timestamp may differ from a frame: LeRobot loa
 REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
-
-
-@dataclass(frozen=True)
-class Shot:
-    """Where a camera's frames of an episode are: a file, and seconds in it; `n_rows` are those of the data."""
-
-    camera: str
-    episode: int
-    path: Path
-    start: float
-    end: float
-    n_rows: int
 
 
 Found = Iterator[tuple[str, str, str]]

@@ -17,8 +17,8 @@ from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import listed
-from rpil.formats.lerobot.metadata import fill
+from rpil.formats.description import commas
+from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
@@ -82,7 +82,7 @@ class Kept:
         rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
         if rewarded:
             message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
-            warnings.warn(f"{message}{listed(rewarded, 5)}.", stacklevel=1)
+            warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
         for file in files:
             self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
             target = self.new / self.target(0, *self.place)
@@ -98,7 +98,7 @@ class Kept:
                 raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
 
     def _read_marks(self, file: Path) -> list[str]:
-        """Find what the last row of each trimmed episode says of its end; those of which a cut row has a reward."""
+        """Collect the end flags of trimmed episodes; return the episodes that lose a reward."""
         table = read_table(file, ["episode_index", "frame_index", *END_MARKS, REWARD])
         own = table.column_names[2:]
         if not own:

@@ -21,8 +21,3 @@ def format_percent(share: float) -> str:
     if 0.995 < share < 1:
         return ">99 %"
     return f"{100 * share:.0f} %"
-
-
-def format_count(size: int, noun: str) -> str:
-    """``1 step``, ``2,000 steps``."""
-    return f"{size:,} {noun}{'' if size == 1 else 's'}"

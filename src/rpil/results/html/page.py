@@ -14,8 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
-from rpil.results.html.number_format import format_count, format_number, format_percent
-from rpil.results.text import printable
+from rpil.data.text import counted, printable
+from rpil.results.html.number_format import format_number, format_percent
 from rpil.results.view import View
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
@@ -39,11 +39,11 @@ def html_environment(package: str, folder: str) -> Environment:
         loader=loader,
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+        finalize=lambda value: value if isinstance(value, Markup) else printable(value, kept="\n\t"),
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"number": format_number, "percent": format_percent, "count": format_count, "hash": _csp_hash}
+    jinja.filters |= {"number": format_number, "percent": format_percent, "count": counted, "hash": _csp_hash}
     jinja.filters |= {"data": _as_data, "plain": _plain}
     # Scripts and styles are no templates: braces mean something else there.
     jinja.globals["asset"] = lambda name: Markup(loader.get_source(jinja, name)[0])

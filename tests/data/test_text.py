@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpil.results.text import listed, printable
+from rpil.data.text import counted, listed, one_line, printable
 
 
 @pytest.mark.parametrize(
@@ -12,7 +12,7 @@ from rpil.results.text import listed, printable
     [
         (7, "7"),
         ("naïve 漢字", "naïve 漢字"),
-        ("two\nlines\tand a tab", "two\nlines\tand a tab"),
+        ("two\nlines\tand a tab", r"two\nlines\tand a tab"),
         ("\x1b[31mred", r"\x1b[31mred"),
         ("right \u202e left", r"right \u202e left"),
         ("half \ud800", r"half \ud800"),
@@ -23,7 +23,14 @@ def test_invisible_characters_are_escaped(name, shown):
     printable(name).encode("utf-8")
 
 
+def test_lines_may_stay_or_become_spaces():
+    assert printable("a\n\tb\x1b", kept="\n\t") == "a\n\tb\\x1b"
+    assert one_line(" a\n\tb ") == "a b"
+
+
 def test_five_names_are_listed_and_the_others_counted():
     assert listed(["a"]) == "a"
     assert listed([1, "b\x1b", 3]) == r"1, b\x1b and 3"
     assert listed(range(1005)) == "0, 1, 2, 3, 4 and 1,000 more"
+    assert listed(["a", ""], last=", ") == "a, no name"
+    assert (counted(1, "step"), counted(2_000, "step")) == ("1 step", "2,000 steps")

@@ -10,7 +10,7 @@ import lerobot_folders as folders
 import rpil
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.metadata import fill
+from rpil.formats.meta_folder import fill
 from samples import lerobot
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"

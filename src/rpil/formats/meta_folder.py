@@ -1,11 +1,10 @@
-"""LeRobot's ``meta`` folder beside the data: frames a second, names of joints, tasks, lengths."""
+"""LeRobot's ``meta`` folder, which may lie beside Parquet files: frames a second, names of joints, tasks, lengths."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -15,61 +14,14 @@ from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
-from rpil.formats.columns import SPLITS
+from rpil.formats.metadata import SIZES, Metadata
 from rpil.formats.parquet_pages import input_file, read_table
 
 if TYPE_CHECKING:
     from pyarrow import fs
 
 
-_SIZES = "total_episodes", "total_frames"
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
-_BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
-_GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
-
-
-@dataclass(frozen=True)
-class Metadata:
-    """What ``meta`` says of the data; empty where there is none."""
-
-    version: str = ""
-    fps: float | None = None
-    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
-    tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
-    videos: tuple[str, ...] = ()  # observations that lie beside the table
-    n_cameras: int = 0  # of videos and of images
-    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
-    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
-    lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
-    unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
-    splits: Mapping[str, tuple[range, ...]] = field(default_factory=dict)  # lists of demonstrations by their numbers
-
-    @property
-    def split_outcomes(self) -> tuple[str, ...]:
-        """The lists whose names say that their demonstrations are good, or, with a minus before it, bad."""
-        bad = (f"-{SPLITS}{name}" for name in self.splits if _BAD_SPLIT.fullmatch(name.lower()))
-        good = (f"{SPLITS}{name}" for name in self.splits if _GOOD_SPLIT.fullmatch(name.lower()))
-        return (*bad, *good)
-
-    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
-        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
-        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
-        unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        n, were, them = self.n_cameras, *(("s were", "them") if self.n_cameras > 1 else (" was", "it"))
-        unseen = f"{n} camera{were} not used: where the object lies may be in {them} alone."
-        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
-        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
-        return tuple(text for text, holds in said if holds) + tuple(
-            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
-            for name, (n, what) in found.items()
-            if self.sizes.get(name, n) != n
-        )
-
-
-def format_name(metadata: Metadata, n_files: int) -> str:
-    """The format and version of a data set, and how many files it has."""
-    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
 def read_info(text: str | bytes, folder: str) -> dict[str, Parsed]:
@@ -128,7 +80,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     except FileNotFoundError:
         return Metadata()
     info, unusable = read_info(text, data.parent.name), []
-    info |= {name: _number(info[name]) for name in ("fps", *_SIZES) if name in info}
+    info |= {name: _number(info[name]) for name in ("fps", *SIZES) if name in info}
     fps = frame_rate(info.get("fps"))
     if fps != info.get("fps"):
         unusable.append(f"fps = {str(info['fps'])[:40]!r}")
@@ -137,8 +89,8 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     if features != given:
         wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
         unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
-    sizes: dict[str, float] = {name: info[name] for name in _SIZES if _is_size(info.get(name))}
-    unusable += [name for name in _SIZES if name in info and name not in sizes]
+    sizes: dict[str, float] = {name: info[name] for name in SIZES if _is_size(info.get(name))}
+    unusable += [name for name in SIZES if name in info and name not in sizes]
     unusable += ["chunks_size"] * (chunk_size(info) is None)
     lengths = _lengths(filesystem, meta)
     strays, are_all = _strays(filesystem, data, info, lengths, paths)

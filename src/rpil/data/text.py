@@ -1,0 +1,39 @@
+"""Names that come from data, and numbers of things, as text that can be shown."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable
+
+MAX_LISTED_NAMES = 5
+"""Names in one sentence."""
+
+
+def printable(name: object, kept: str = "") -> str:
+    """The text of a name, with escapes in the place of characters that cannot be seen, such as control characters,
+    marks that reverse the direction of writing, and lone surrogates, which no file can hold; those in `kept` stay."""
+    text = str(name)
+    return text if text.isprintable() else "".join(_visible(character, kept) for character in text)
+
+
+def one_line(name: object) -> str:
+    """The `printable` text of a name with spaces in the place of lines and tabs."""
+    return " ".join(printable(name, kept="\n\t").split())
+
+
+def listed(names: Iterable[object], most: int = MAX_LISTED_NAMES, last: str = " and ") -> str:
+    """Up to `most` of the names in one line, with `last` before the last one, and how many more there are."""
+    texts = [printable(name) or "no name" for name in names]
+    if len(texts) > most:
+        return f"{', '.join(texts[:most])} and {len(texts) - most:,} more"
+    return last.join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
+
+
+def counted(size: int, noun: str) -> str:
+    """``1 step``, ``2,000 steps``."""
+    return f"{size:,} {noun}{'' if size == 1 else 's'}"
+
+
+def _visible(character: str, kept: str) -> str:
+    is_invisible = unicodedata.category(character).startswith("C") and character not in kept
+    return character.encode("unicode_escape").decode("ascii") if is_invisible else character

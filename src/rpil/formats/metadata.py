@@ -1,0 +1,53 @@
+"""What a recording says of itself beside its rows: frames a second, names of joints, tasks, lengths."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rpil.data.arrays import Id
+from rpil.data.names import quoted
+from rpil.formats.columns import SPLITS
+
+SIZES = "total_episodes", "total_frames"
+_BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
+_GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a recording says of itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
+
+    version: str = ""
+    fps: float | None = None
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
+    tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
+    videos: tuple[str, ...] = ()  # observations that lie beside the table
+    n_cameras: int = 0  # of videos and of images
+    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
+    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
+    lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
+    unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
+    splits: Mapping[str, tuple[range, ...]] = field(default_factory=dict)  # lists of demonstrations by their numbers
+
+    @property
+    def split_outcomes(self) -> tuple[str, ...]:
+        """The lists whose names say that their demonstrations are good, or, with a minus before it, bad."""
+        bad = (f"-{SPLITS}{name}" for name in self.splits if _BAD_SPLIT.fullmatch(name.lower()))
+        good = (f"{SPLITS}{name}" for name in self.splits if _GOOD_SPLIT.fullmatch(name.lower()))
+        return (*bad, *good)
+
+    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
+        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
+        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
+        unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
+        n, were, them = self.n_cameras, *(("s were", "them") if self.n_cameras > 1 else (" was", "it"))
+        unseen = f"{n} camera{were} not used: where the object lies may be in {them} alone."
+        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
+        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0)
+        return tuple(text for text, holds in said if holds) + tuple(
+            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
+            for name, (n, what) in found.items()
+            if self.sizes.get(name, n) != n
+        )
