@@ -32,7 +32,8 @@ called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
 
 def command(prog_name):
     called()
-    time.sleep(60)
+    for _ in range(600):
+        time.sleep(0.1)
 
 rpil.cli.main.main = command
 """

@@ -199,7 +199,7 @@ def test_clone_and_parameters():
     assert clone(model).get_params() == model.get_params()
     assert model.set_params(C=2.0).C == 2.0
     assert {"features", "adversary", "C", "labels", "settings", "random_state"} <= set(RPIL().get_params())
-    assert len(RPIL().get_params()) == 12
+    assert len(RPIL().get_params()) == 11
     toy = make("random", 0)
     assert not hasattr(clone(model.fit(toy.demonstrations)), "audit_")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).log_odds_, model.log_odds_)  # noqa: S301
