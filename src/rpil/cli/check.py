@@ -6,7 +6,7 @@ import csv
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -69,12 +69,12 @@ def check(
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
 
-        fatal = _rules(fail_on)
+        columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         found = _mend(file, options["video"], options["fix"])
-        skip_bad, options["skip_bad"] = options["skip_bad"], False  # their missing values are findings
+        skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
         with allow_missing():
-            read = open_recording(file, pop_columns(options), progress, options["stream"])
+            read = open_recording(file, columns, progress, options["stream"])
             read.demonstrations  # noqa: B018  # are read here
         progress("checking")
         report = find_faults(read, fps=options["fps"], expected=suppressed, skip_bad=skip_bad)

@@ -121,18 +121,6 @@ def _faults(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) 
     return tuple(rule_name(word, param.opts[0]) for text in texts for word in text.split(","))
 
 
-def _limit_memory(ctx: click.Context, param: click.Parameter, size: str | None) -> str | None:
-    """Let data take `size` until the command ends."""
-    ctx.with_resource(limited(size))
-    return size
-
-
-def _fill_chunks(ctx: click.Context, param: click.Parameter, wanted: bool) -> bool:
-    """Read missing chunks as the fill value until the command ends, if `wanted`."""
-    ctx.with_resource(fill_chunks(wanted))
-    return wanted
-
-
 seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
 )
@@ -181,14 +169,12 @@ COLUMN_OPTIONS = (
     click.option(
         "--memory",
         metavar="SIZE",
-        callback=_limit_memory,
         help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
         "disk, others are refused.",
     ),
     click.option(
         "--fill-missing",
         is_flag=True,
-        callback=_fill_chunks,
         help="Read chunks of Zarr and HDF5 that are not there as the value that the file names, mostly 0.",
     ),
 )
@@ -274,13 +260,18 @@ def with_column_options(command: Callable[..., object]) -> Callable[..., object]
 
 
 def pop_columns(options: dict[str, Value]) -> ColumnOptions:
-    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
+    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too.
+
+    The memory that data may take, and whether missing chunks are filled, hold until the command ends.
+    """
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
     names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings", "only", "without")
     operator = options["operator"]
-    del options["memory"], options["fill_missing"]  # their callbacks have set them
+    command = click.get_current_context()
+    command.with_resource(limited(options.pop("memory")))
+    command.with_resource(fill_chunks(options.pop("fill_missing")))
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         outcome=options.pop("outcome", None),
