@@ -115,25 +115,13 @@ def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
     box = Box(np.array([0.0]), np.array([20.0]))
     actions, weight = np.array([[0.5], [0.7], [19.9]]), np.array([1.0, 0.5, 2.0])
     problem = FitData.from_steps(np.ones((3, 1)), actions, box)
-    found = MarginalBox.start(box).fit(problem, actions, weight)
+    start = MarginalBox.start(box)
+    np.testing.assert_allclose(start.log_prob(problem.features, actions, actions), -np.log(20))
+    found = start.fit(problem, actions, weight)
     counts = np.ones(20)
     counts[[0, 19]] += 1.5, 2.0
     np.testing.assert_allclose(np.exp(found.log_density[0]), counts / 23.5)  # every bin is 1 wide
     assert found.log_prior() == pytest.approx(np.log(counts / 23.5).sum())
-
-
-def test_marginal_before_a_fit_is_uniform():
-    start = MarginalBox.start(TOY.space)
-    steps = PROBLEM.features, PROBLEM.actions, PROBLEM.actions
-    np.testing.assert_allclose(start.log_prob(*steps), UniformBox(TOY.space.log_volume).log_prob(*steps))
-
-
-def test_marginal_fit_is_a_histogram():
-    found = MarginalBox.start(TOY.space).fit(PROBLEM, PROBLEM.actions, np.ones(N))
-    assert found.name == "marginal"
-    share = np.exp(found.log_density[0]) * found.width[0]
-    expected = np.histogram(TOY.actions[:, 0], 20, (TOY.space.low[0], TOY.space.high[0]))[0] + 1.0
-    np.testing.assert_allclose(share, expected / expected.sum())
 
 
 def test_fit_without_weight_has_a_finite_density():

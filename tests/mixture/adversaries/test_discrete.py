@@ -90,15 +90,6 @@ def test_log_prob_is_the_definition(name, n_actions):
     )
 
 
-@pytest.mark.parametrize("n_actions", [2, 3, 5])
-@pytest.mark.parametrize("name", ADVERSARIES["discrete"])
-def test_probabilities_sum_to_their_known_total(name, n_actions):
-    """All but two are distributions: the constant sums to K, the paper's complement to K - 1."""
-    features, log_policy, _ = steps(n_actions)
-    total = {"constant": n_actions, "complement": n_actions - 1}.get(name, 1)
-    np.testing.assert_allclose(by_action(fitted(name, n_actions), features, log_policy).sum(axis=1), total)
-
-
 @pytest.mark.parametrize("normalised", [False, True])
 def test_complement_is_exact_where_the_policy_is_all_but_certain(normalised):
     log_policy = log_softmax(np.array([[0.0, -700.0, -700.0], [0.0, -2000.0, -3000.0]]), axis=1)

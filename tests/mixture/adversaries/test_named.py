@@ -33,9 +33,13 @@ def test_names_are_those_of_adversaries():
 
 @pytest.mark.parametrize("name", ["complement", "confusion", "constant", "evil"])
 def test_unknown_names(name):
-    with pytest.raises(DataError, match=f"'{name}' for continuous actions; choose auto, uniform, marginal") as error:
-        adversary(name, PROBLEM.space, fresh())
-    assert ". " not in str(error.value)
+    for wrong, space, words in (
+        (name, PROBLEM.space, "continuous actions; choose auto, uniform, marginal"),
+        ("evil", Discrete(3), "discrete actions; choose auto, constant, uniform"),
+    ):
+        with pytest.raises(DataError, match=f"'{wrong}' for {words}") as error:
+            adversary(wrong, space, fresh())
+        assert ". " not in str(error.value)
 
 
 def test_adversary_instance_is_unchanged():
@@ -43,11 +47,6 @@ def test_adversary_instance_is_unchanged():
     assert adversary(given, PROBLEM.space, fresh()) is given
     assert adversary(Uniform(), Discrete(2), fresh()) == Uniform()
     assert replace(given, log_volume=2.0).log_prob(PROBLEM.features, TOY.actions, TOY.actions)[0] == -2.0
-
-
-def test_unknown_name_for_discrete_actions():
-    with pytest.raises(DataError, match="'evil' for discrete actions; choose auto, constant, uniform"):
-        adversary("evil", Discrete(3), fresh())
 
 
 def test_given_confusion_must_have_the_actions_of_the_data():
