@@ -15,22 +15,22 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (3191, 29),
+    "cli": (2966, 27),
     "data": (3453, 50),
     "estimators": (2356, 15),
     "faults": (2287, 81),
-    "formats": (9544, 124),
+    "formats": (9527, 124),
     "inference": (2780, 93),
     "mixture": (828, 24),
     "numerics": (616, 14),
     "policies": (1978, 69),
-    "results": (4066, 71),
+    "results": (4025, 70),
     "scale": (805, 26),
     "simulation": (982, 23),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 17, 14, 5
+TYPES, FILES, CONTEXT_VARIABLES = 18, 14, 5
 """Names of types and of files with two meanings, and context variables, at most."""
 
 FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 820, 135

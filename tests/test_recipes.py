@@ -176,11 +176,11 @@ def test_format_in_commands_recipe(package, monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
     toy, path = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations, tmp_path / "toy.jsonl"
     rpil.write(tmp_path / "toy.csv", toy)
-    (tmp_path / "labels.csv").write_text("id,label\nd2,good\n")
+    (tmp_path / "labels.csv").write_text("id,label\nd0,bad\nd1,bad\nd3,bad\n")
     ok("convert", tmp_path / "toy.csv", "-o", path)
     assert "JSON lines" in ok("info", path).stdout
     assert "4 demonstrations" in ok("check", path).stdout
-    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv", "--only-named")
+    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv")
     assert formats.read(tmp_path / "kept.jsonl").ids == ("d2",)
 
 

@@ -169,8 +169,6 @@ def test_faults_that_are_named_are_rejected():
         printed = ok(*call_of, "k.npz", *words).stdout
         assert "1 by your labels, 3 with a fault that was named." in printed
         assert kept_in("k.npz") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
-    ok(*call_of, "k.npz", "--without-faults", "jump", "--only-named")
-    assert kept_in("k.npz") == {4}
     ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "--yes", "-q")
     assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
     refused("there is no rule 'jumps'; the rules are missing values,", *call_of, "n.npz", "--without-faults", "jumps")

@@ -124,21 +124,6 @@ def test_one_episode_has_no_interval(folder):
     assert "in one episode" in ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 1).stdout
 
 
-def test_cloning_trusts_all_demonstrations(folder):
-    result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "cloning", "--features", "nystroem")
-    assert "were trusted alike" in result.stdout
-    model = load("p")
-    assert (type(model).__name__, model.features) == ("BehavioralCloning", "nystroem")
-
-
-def test_rment_trusts_the_given_number(folder):
-    result = ok("fit", folder / "good.parquet", "-o", "p", "--method", "rment", "--trusted", 6, "--seed", 3)
-    assert "6 of 12 demonstrations" in result.stdout
-    model = load("p")
-    assert (type(model).__name__, model.random_state) == ("RMEnt", 3)
-    assert model.weights_.tolist() == [1] * 6 + [0] * 6  # the good ones come first
-
-
 class FakeDemo:
     """Stands for the real one, which takes a minute and has tests of its own."""
 

@@ -6,12 +6,12 @@ import re
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from command_line import npz
-from rpil.cli import progress
-from rpil.cli.progress import ProgressTiming, show_count, show_stages
+from rpil.cli.progress import ProgressTiming, show_progress
 
 OFTEN = ProgressTiming(first=0.01, interval=0.01)
 
@@ -29,10 +29,8 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     for quiet in (True, False):
-        with show_stages(quiet, ProgressTiming()) as show:
+        with show_progress(quiet, ProgressTiming()) as show:
             show(f"stage [{quiet}]")
-        with show_count("playing", quiet, ProgressTiming()) as count:
-            count(1, 2)
     err = capsys.readouterr().err
     assert "stage [True]" not in err
     assert "stage [False]" in err
@@ -42,55 +40,39 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
 def test_secrets_of_an_address_are_not_shown(monkeypatch, capsys, is_terminal):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal, raising=False)
-    with show_stages(False, OFTEN) as show:
+    with show_progress(False, OFTEN) as show:
         show("reading s3://KEY:HIDDEN@bucket/a.csv")
         err = printed_at_last(capsys, "@bucket")
     assert "s3://***@bucket/a.csv" in err
     assert "HIDDEN" not in err
 
 
-def test_pipe_gets_the_number_of_finished_items(capsys):
-    with show_count("playing", False, OFTEN) as count:
-        count(1, 2)
-        assert "playing, 1 of 2, about " in printed_at_last(capsys, " of 2, ")
+def test_pipe_gets_ever_rarer_lines(capsys, monkeypatch):
+    times = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: times[0])
 
+    class Finished:
+        """An event that is set after ten seconds; to wait takes no time."""
 
-def test_time_left_is_that_of_the_unfinished_items(monkeypatch):
-    monkeypatch.setattr("time.monotonic", lambda: 130.0)
-    assert progress._time_left(100.0, 3, 12) == ", about 90 s left"
-    assert progress._time_left(100.0, 0, 12) == ""
+        set = staticmethod(lambda: None)
 
+        def wait(self, seconds):
+            times[0] += seconds
+            return times[0] > 10
 
-def printed(capsys, timing, stages, until):
-    """The lines of stages, of which each begins at a time, in seconds."""
-    printer = progress.lines(timing)
-    elapsed = next(printer)
-    while elapsed <= until:
-        elapsed += printer.send((elapsed, next(stage for begin, stage in reversed(stages) if begin <= elapsed)))
-    return capsys.readouterr().err.splitlines()
-
-
-def test_pipe_gets_ever_rarer_lines(capsys):
-    timing = ProgressTiming(first=2, interval=1, elapsed_share=1.0, unchanged=1)
-    stages = [(0, "never seen"), (1, "reading"), (3, "learning")]
-    assert printed(capsys, timing, stages, 10) == [
-        "rpil: 2 s: reading",
-        "rpil: 4 s: learning",
-        "rpil: 8 s: learning",
-    ]  # each time that went by doubles the wait
-
-
-def test_a_stage_is_named_once_and_again_where_it_is_long(capsys):
-    timing = ProgressTiming(first=1, interval=1, elapsed_share=0.0, unchanged=10)
-    said = printed(capsys, timing, [(0, "loading"), (5, "reading")], 20)
-    assert said == ["rpil: 1 s: loading", "rpil: 5 s: reading", "rpil: 15 s: reading"]
+    monkeypatch.setattr("threading.Event", Finished)
+    monkeypatch.setattr("threading.Thread", lambda target, daemon: SimpleNamespace(start=target, join=lambda: None))
+    with show_progress(False, ProgressTiming(first=2, interval=1, elapsed_share=1.0)):
+        pass
+    lines = [f"rpil: {seconds} s: loading the libraries" for seconds in (2, 4, 8)]
+    assert capsys.readouterr().err.splitlines() == lines  # each time that went by doubles the wait
 
 
 def test_nothing_is_printed_of_what_is_over_at_once_or_quiet(capsys):
-    with show_stages(True, OFTEN) as show:
+    with show_progress(True, OFTEN) as show:
         show("not to be seen")
         time.sleep(0.1)
-    with show_stages(False, ProgressTiming(first=3600)) as show:
+    with show_progress(False, ProgressTiming(first=3600)) as show:
         show("over at once")
     assert capsys.readouterr() == ("", "")
 

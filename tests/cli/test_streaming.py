@@ -40,8 +40,7 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     assert "</html>" in (tmp_path / "r.html").read_text()
     command("audit", folder, "--weights", tmp_path / "w.csv", "--features", "raw")
     assert len((tmp_path / "w.csv").read_text().splitlines()) == data.n_steps + 1
-    for options in (["--no-stream"], ["--method", "cloning"]):
-        command("fit", folder, "-o", tmp_path / "policy", "--features", "raw", *options)
+    command("fit", folder, "-o", tmp_path / "policy", "--features", "raw", "--no-stream")
 
 
 def test_a_large_file_is_read_block_by_block(tmp_path):
@@ -76,7 +75,6 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
         (["audit", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
         (["check", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
         (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
-        (["fit", "a.parquet", "-o", "p", "--method", "cloning", "--stream"], "needs all data in memory: leave out"),
     ],
 )
 def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, arguments, message):

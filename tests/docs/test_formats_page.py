@@ -22,7 +22,6 @@ def row(one: Format) -> str:
     can = {
         f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
         "`rpil keep --trim`": one.trim,
-        "`rpil keep --in-place`": one.mask,
         "`rpil check` compares the folder with itself": one.find_defects,
         "patterns and addresses": one.read_address,
     }

@@ -22,8 +22,6 @@ def test_what_is_left_out_cannot_be_done(tmp_path):
     path = tmp_path / "a.toy"
     path.write_text("x")
     bare = Found(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
-    with pytest.raises(DataError, match="only HDF5 of robomimic can list"):
-        bare.mask([0])
     assert bare.commands_to_keep([0, 1], [1]) == []
     assert bare.format.notes_on_weights == ()
     assert not bare.format.stays_on_disk(path)

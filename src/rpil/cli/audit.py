@@ -11,17 +11,18 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.check import audit_fault_lines
-from rpil.cli.commands import CommandSettings, audit_data, check_paths, look_for_faults, read_data
+from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data, show_stages
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
+    CHOICE_OPTIONS,
+    JUDGE_OPTIONS,
     OutputFile,
     RunOptions,
     Value,
     WordLimit,
     command_words,
     json_option,
-    with_choice_options,
-    with_judge_options,
+    with_options,
 )
 from rpil.cli.outputs import (
     OUTPUTS,
@@ -31,7 +32,6 @@ from rpil.cli.outputs import (
     tell_if_too_many,
     write_outputs,
 )
-from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -76,8 +76,7 @@ N_LABELS = 3
 @click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
-@with_choice_options
-@with_judge_options
+@with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -96,7 +95,7 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     wanted = ChoiceOptions.of(options, outputs["keep"])
-    with show_stages(bool(options["quiet"]), CommandSettings.current().timing) as progress:
+    with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options)
         check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
         recording, reference = read_data(file, given, progress)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shlex
 import sys
 from collections.abc import Sequence
@@ -12,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import CommandSettings, check_paths, open_recording
-from rpil.cli.options import OutputFile, json_option, pop_columns, quiet_option, with_column_options
-from rpil.cli.progress import show_stages
-from rpil.data.files import replacing
+from rpil.cli.commands import check_paths, open_recording, show_stages
+from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, with_options
 from rpil.data.text import counted, printable
 
 if TYPE_CHECKING:
@@ -34,9 +31,6 @@ MAX_REASONS = 10
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option(
-    "-o", "--output", type=OutputFile(".csv", ".json"), metavar="OUT.csv|OUT.json", help="Also write all findings."
-)
-@click.option(
     "--expected",
     type=click.Path(),
     metavar="FILE",
@@ -49,10 +43,9 @@ MAX_REASONS = 10
 @click.option("--fix", is_flag=True, help="Write wrong times, totals and statistics of LeRobot again, after a backup.")
 @json_option
 @quiet_option
-@with_column_options
+@with_options(*COLUMN_OPTIONS)
 def check(
     file: str,
-    output: str | None,
     expected: str | None,
     fail_on: str | None,
     json_wanted: bool,
@@ -63,15 +56,15 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_paths((file, expected), output)
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
+    check_paths((file, expected))
+    with show_stages(quiet) as progress:
         from rpil.data.missing import allow_missing
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
 
         columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        found = _mend(file, options["video"], options["fix"])
+        folder = _mend(file, options["video"], options["fix"])
         skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
         with allow_missing():
             read = open_recording(file, columns, progress, options["stream"])
@@ -79,32 +72,24 @@ def check(
         progress("checking")
         report = find_faults(read, fps=options["fps"], expected=suppressed, skip_bad=skip_bad)
         progress("looking at the videos" if options["video"] else "checking the files")
-        defects = found.find_defects(options["video"]) if found.has_defects else []
-    if output:
-        write_findings(output, report, defects)
+        defects = folder.find_defects(options["video"]) if folder.has_defects else []
     lines = [*fault_lines(report), *defect_lines(defects)]
-    click.echo(terminal.to_json(_as_dict(report, defects)) if json_wanted else "\n".join(lines))
-    if output:
-        click.echo(f"Findings: {output}", err=json_wanted)
+    findings = report.to_dict() | {"folder": [asdict(one) for one in defects]}
+    click.echo(terminal.to_json(findings) if json_wanted else "\n".join(lines))
     if fatal & set(report.counts) or (defects and fail_on == "any"):
         sys.exit(1)
-
-
-def _as_dict(report: FaultReport, defects: Sequence[Defect]) -> dict[str, object]:
-    """All findings, as plain numbers and text."""
-    return report.to_dict() | {"folder": [asdict(one) for one in defects]}
 
 
 def _mend(file: str, look: bool, fix: bool) -> Found:
     """What is at `file`, a folder of LeRobot mended where that is wanted; other formats have neither of the options."""
     from rpil.formats.registry import find
 
-    found = find(file)
-    if (look or fix) and not found.has_defects:
+    folder = find(file)
+    if (look or fix) and not folder.has_defects:
         raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
-    for line in found.mend() if fix else ():
+    for line in folder.mend() if fix else ():
         click.echo(line, err=True)
-    return found
+    return folder
 
 
 def defect_lines(defects: Sequence[Defect]) -> list[str]:
@@ -140,26 +125,10 @@ def _rules(fail_on: str | None) -> set[str]:
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
 
 
-def write_findings(path: str, report: FaultReport, defects: Sequence[Defect] = ()) -> None:
-    """Write all findings as a table, or the whole report as JSON."""
-    from rpil.data.cells import to_cell
-
-    with replacing(path) as temporary:
-        if str(path).lower().endswith(".json"):
-            temporary.write_text(terminal.to_json(_as_dict(report, defects)) + "\n", encoding="utf-8")
-            return
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            names = ("id", "rule", "first", "last", "column", "value", "threshold", "severity", "sentence")
-            writer = csv.DictWriter(file, names)
-            writer.writeheader()
-            for found in report.findings:
-                writer.writerow({name: to_cell(value) for name, value in found.to_dict().items()})
-
-
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
     size = f"{counted(report.n_demonstrations, 'demonstration')} ({report.n_steps:,} steps)"
-    n, concerned = len(report.findings), len({found.id for found in report.findings} - report.absent)
+    n, concerned = len(report.findings), len({fault.id for fault in report.findings} - report.absent)
     if not n:
         lines = [f"No recording faults found in {size}."]
     else:
@@ -169,11 +138,11 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
         lines += [f"  {count:>6,}  {rule}" for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])]
     shown = report.findings[:n_findings]
     if shown:
-        width = max(len(printable(found.id)) for found in shown)
+        width = max(len(printable(fault.id)) for fault in shown)
         lines += ["", "The worst first:" if n > 1 else "It is:"]
         lines += [f"  {printable(f.id):<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
     if n > len(shown):
-        lines.append(f"  ... and {n - len(shown):,} more; -o FILE.csv writes all")
+        lines.append(f"  ... and {n - len(shown):,} more; --json prints all")
     if report.set_aside:
         lines += ["", f"Set aside, because values are missing: {terminal.join_ids(report.set_aside)}."]
     if report.n_expected:

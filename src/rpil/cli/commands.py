@@ -8,7 +8,7 @@ import re
 import shlex
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -17,7 +17,7 @@ import click
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import RunOptions, command_words
-from rpil.cli.progress import LOADING, ProgressTiming, StageProgress
+from rpil.cli.progress import LOADING, ProgressTiming, StageProgress, show_progress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
@@ -52,6 +52,11 @@ class CommandSettings:
     @classmethod
     def current(cls) -> CommandSettings:
         return click.get_current_context().ensure_object(cls)
+
+
+def show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
+    """A function that shows the current stage on stderr; it shows nothing if `quiet`."""
+    return show_progress(quiet, CommandSettings.current().timing)
 
 
 class Commands(click.Group):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from importlib.resources import as_file, files
 
 import numpy as np
-from scipy.stats import spearmanr
+from scipy.stats import bootstrap, spearmanr
 
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -113,7 +113,9 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
 
     people = fitted("Overcooked", load_demonstrations(OVERCOOKED), "raw").audit_
     is_better = load_truth(OVERCOOKED, "is_good")
-    low, high = np.quantile(_bootstrap_auroc(people.log_odds, is_better, seed), [0.025, 0.975])
+    sides = people.log_odds[is_better == 1], people.log_odds[is_better == 0]
+    rng = np.random.default_rng(seed)
+    interval = bootstrap(sides, auroc, n_resamples=N_RESAMPLES, method="percentile", random_state=rng)
     data = load_demonstrations(LUNARLANDER)
     model = fitted("LunarLander", data, LANDER_FEATURES)
     is_good = load_truth(LUNARLANDER, "is_good") == 1
@@ -134,14 +136,14 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
             )
     except MissingExtraError as error:
         not_played = str(error)
-    sides = np.array([SIDES[verdict] for verdict in model.audit_.verdicts])
+    verdicts = np.array([SIDES[verdict] for verdict in model.audit_.verdicts])
     return DemoResult(
         people=people,
-        auroc=float(_pair_order(people.log_odds, is_better).mean()),
-        auroc_ci95=(float(low), float(high)),
+        auroc=float(auroc(*sides)),
+        auroc_ci95=(float(interval.confidence_interval.low), float(interval.confidence_interval.high)),
         spearman=float(spearmanr(people.log_odds, load_truth(OVERCOOKED, "episode_quality")).statistic),
         lander=model.audit_,
-        wrong_verdicts=int((sides != np.where(is_good, "upper", "lower")).sum()),
+        wrong_verdicts=int((verdicts != np.where(is_good, "upper", "lower")).sum()),
         returns=returns,
         not_played=not_played,
     )
@@ -163,14 +165,7 @@ def load_truth(name: str, column: str) -> Shaped[Array, " M"]:
         return np.asarray(arrays[column])
 
 
-def _pair_order(score: Array, is_good: Array) -> Float[Array, "good bad"]:
-    """1 where a good demonstration has a higher score than a bad one, 1/2 for equal scores; the mean is the AUROC."""
-    good, bad = score[is_good == 1, None], score[None, is_good == 0]
-    return np.asarray((good > bad) + 0.5 * (good == bad))
-
-
-def _bootstrap_auroc(score: Array, is_good: Array, seed: int) -> Float[Array, " samples"]:
-    """The AUROC of bootstrap samples, drawn separately from the good and from the bad demonstrations."""
-    order, rng = _pair_order(score, is_good), np.random.default_rng(seed)
-    rows, columns = (rng.integers(n, size=(N_RESAMPLES, n)) for n in order.shape)
-    return np.asarray(order[rows[:, :, None], columns[:, None, :]].mean(axis=(1, 2)))
+def auroc(good: Array, bad: Array, axis: int = -1) -> Float[Array, " *samples"]:
+    """The share of pairs in which the good demonstration has the higher score, equal scores half; the last axis of
+    `good` and `bad` is that of the demonstrations."""
+    return np.asarray((0.5 + 0.5 * np.sign(good[..., :, None] - bad[..., None, :])).mean(axis=(-2, -1)))

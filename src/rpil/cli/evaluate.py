@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli.commands import CommandSettings
+from rpil.cli.commands import show_stages
 from rpil.cli.options import json_option, quiet_option, seed_option
-from rpil.cli.progress import show_count
 from rpil.cli.terminal import to_json
 
 if TYPE_CHECKING:
@@ -30,11 +29,14 @@ if TYPE_CHECKING:
 @quiet_option
 def evaluate(policy: str, env: str, episodes: int, json_wanted: bool, seed: int, quiet: bool) -> None:
     """Play a POLICY that rpil fit saved: its mean return, and its successes where the environment reports them."""
-    with show_count(f"playing {env}", quiet, CommandSettings.current().timing) as progress:
+    with show_stages(quiet) as progress:
         from rpil.estimators.persistence import load
         from rpil.simulation.rollouts import rollout
 
-        played = rollout(load(policy), env, n_episodes=episodes, seed=seed, progress=progress)
+        def count(done: int, total: int) -> None:
+            progress(f"playing {env}, {done} of {total}")
+
+        played = rollout(load(policy), env, n_episodes=episodes, seed=seed, progress=count)
     click.echo(to_json(values(played)) if json_wanted else "\n".join(sentences(played, env)))
 
 

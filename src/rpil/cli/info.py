@@ -10,13 +10,14 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import open_recording
 from rpil.cli.options import (
+    COLUMN_OPTIONS,
     command_words,
     json_option,
     outcome_option,
     pop_columns,
     session_option,
     stream_option,
-    with_column_options,
+    with_options,
 )
 
 
@@ -26,7 +27,7 @@ from rpil.cli.options import (
 @stream_option
 @outcome_option
 @session_option
-@with_column_options
+@with_options(*COLUMN_OPTIONS)
 @click.pass_context
 def info(ctx: click.Context, /, file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli.commands import (
-    CommandSettings,
     audit_data,
     check_paths,
     load_into_memory,
@@ -17,19 +16,21 @@ from rpil.cli.commands import (
     lost_without,
     open_recording,
     read_data,
+    show_stages,
     tell_of_set_aside,
 )
 from rpil.cli.options import (
+    CHOICE_OPTIONS,
+    COLUMN_OPTIONS,
+    JUDGE_OPTIONS,
     DataFile,
     RunOptions,
     pop_columns,
     quiet_option,
-    with_choice_options,
-    with_column_options,
-    with_judge_options,
+    with_options,
 )
 from rpil.cli.outputs import ChoiceOptions, deciding_lines
-from rpil.cli.progress import StageProgress, show_stages
+from rpil.cli.progress import StageProgress
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.held import holding
@@ -38,15 +39,13 @@ from rpil.data.text import counted
 if TYPE_CHECKING:
     from rpil.data.arrays import Id
     from rpil.formats.recording import Recording
-    from rpil.formats.registry import Found
     from rpil.results.choice import Asked, Choice, Table
     from rpil.results.record import Audit
 
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", type=click.Path(), metavar="NEW", help="A new file, or folder.")
-@click.option("--in-place", is_flag=True, help="Only list them in FILE itself, as mask/rpil_kept: HDF5 of robomimic.")
+@click.option("-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file, or folder.")
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
 @click.option(
     "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
@@ -57,14 +56,12 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
-@click.option("--only-named", is_flag=True, help="Keep nothing that the FILE of --verdicts does not name.")
 @click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
-@with_choice_options
-@with_judge_options
+@with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @holding()
 def keep(
     file: str,
-    output: str | None,
+    output: str,
     share: float | None,
     at_least: float | None,
     verdicts: str | None,
@@ -76,15 +73,15 @@ def keep(
     All others are kept, unless --share or --at-least says otherwise. Without two answers no more than a fifth is
     rejected as unlike; where more are, all of these are kept, and the exit code is 3.
     """
-    only_named = options.pop("only_named")
-    _check_rules(share, at_least, verdicts, only_named)
-    wanted = ChoiceOptions.of(options, output or file)
+    if share is not None and at_least is not None:
+        raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    wanted = ChoiceOptions.of(options, output)
     from rpil.formats.registry import find
 
-    found = find(file)
-    _check_output(found, output, options.pop("in_place"), trim)
+    source = find(file)
+    source.check_output(output, trim)
     given = RunOptions.of(options)
-    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+    with show_stages(given.quiet) as progress:
         if verdicts is None:
             read, table, audit = _judged(file, given, progress)
         else:
@@ -92,46 +89,35 @@ def keep(
             table = _verdicts_on(read, verdicts)
         faults = look_for_faults(read, progress, skip_bad=True) if trim or wanted.faults else None
         asked = wanted.asked(faults, share, at_least)
-        choice, n_unnamed = _choice(read, table, asked, only_named)
-        _check_left(choice, file, verdicts, table, only_named)
+        choice, n_unnamed = _choice(read, table, asked)
+        _check_left(choice, file, verdicts, table)
         lost = () if given.quiet else lost_without(read.demonstrations, choice.kept)
         trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
-        progress(f"writing {output or file}")
-        if output is None:
-            found.mask(choice.kept)
-        else:
-            found.keep(output, choice.kept, given.columns, trims)
+        progress(f"writing {output}")
+        source.keep(output, choice.kept, given.columns, trims)
     tell_of_set_aside(read)
-    _print_kept(read, choice.kept, output or file, trims if trim else None)
+    _print_kept(read, choice.kept, output, trims if trim else None)
     if n_unnamed:
-        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only-named leaves them out.")
+        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}.")
     print_lines(choice.lines())
     if not given.quiet:
         deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
-        print_lines([*deciding, *lost, *found.commands_to_keep(read.ids, choice.kept, output or "")])
+        print_lines([*deciding, *lost, *source.commands_to_keep(read.ids, choice.kept, output)])
     return wanted.exit_code(choice)
 
 
-def _check_rules(share: float | None, at_least: float | None, verdicts: str | None, only_named: bool) -> None:
-    """Refuse, before any work, rules that exclude each other."""
-    if share is not None and at_least is not None:
-        raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    if only_named and verdicts is None:
-        raise click.UsageError("--only-named needs the file that names them: give --verdicts FILE")
-
-
-def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table, only_named: bool) -> None:
+def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
     """A `DataError` where nothing is left to keep."""
     if not choice.kept:
         source = f"the verdicts of {verdicts}" if verdicts else "the audit"
         is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
-        ways = ["choose with --share"] * is_graded + ["leave out --only-named"] * only_named + ["change labels"]
+        ways = ["choose with --share"] * is_graded + ["change labels"]
         raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 
-def _choice(read: Recording, table: Table, asked: Asked, only_named: bool) -> tuple[Choice, int]:
+def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
     """The choice among all that is read, and how many are kept although the table does not name them: all without a
-    named fault, and none with `only_named`. Ids are compared as text."""
+    named fault. Ids are compared as text."""
     from rpil.results.choice import Asked, choose
     from rpil.results.settings import KeepSettings
 
@@ -139,12 +125,13 @@ def _choice(read: Recording, table: Table, asked: Asked, only_named: bool) -> tu
     others = [name for name in ids if str(name) not in named]
     choice = choose(table, KeepSettings(), asked)
     rest = choose({"id": others, "verdict": ["open"] * len(others)}, KeepSettings(), Asked(faulty=asked.faulty))
-    rejected = dict(choice.rejected)
-    for rule, names in (*rest.rejected.items(), *((("unnamed", rest.kept),) if only_named and rest.kept else ())):
-        rejected[rule] = (*rejected.get(rule, ()), *names)
-    wanted = {*map(str, choice.kept), *(() if only_named else map(str, rest.kept))}
+    rejected = {
+        rule: (*choice.rejected.get(rule, ()), *rest.rejected.get(rule, ()))
+        for rule in {**choice.rejected, **rest.rejected}
+    }
+    wanted = {*map(str, (*choice.kept, *rest.kept))}
     kept = tuple(name for name in ids if str(name) in wanted)
-    return replace(choice, kept=kept, rejected=rejected), 0 if only_named else len(rest.kept)
+    return replace(choice, kept=kept, rejected=rejected), len(rest.kept)
 
 
 def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
@@ -169,18 +156,6 @@ def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Reco
     from rpil.results.verdict_table import deciding_columns
 
     return read, deciding_columns(audit), audit
-
-
-def _check_output(found: Found, output: str | None, in_place: bool, trim: bool) -> None:
-    """Refuse, before any work, an output that cannot be written."""
-    if in_place == (output is not None):
-        raise click.UsageError("--output NEW or --in-place says where they are written: give one of them")
-    if trim and in_place:
-        raise click.UsageError("--trim changes demonstrations: write them to a new folder with -o")
-    if output is None:
-        found.check_mask()
-    else:
-        found.check_output(output, trim)
 
 
 def _read_all(file: str, given: RunOptions, progress: StageProgress) -> Recording:
@@ -214,7 +189,7 @@ def _verdicts_on(read: Recording, path: str) -> Table:
     help="The file to write.",
 )
 @quiet_option
-@with_column_options
+@with_options(*COLUMN_OPTIONS)
 def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
@@ -223,7 +198,7 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
     check_paths((file, options["operator"]), output)
     operator = options["operator"]
     columns = pop_columns(options)
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
+    with show_stages(quiet) as progress:
         from rpil import formats
 
         recording = open_recording(file, columns, progress)

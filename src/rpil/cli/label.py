@@ -14,15 +14,14 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import (
     AuditRun,
-    CommandSettings,
     audit_data,
     check_paths,
     read_data,
+    show_stages,
     tell_if_interrupted,
     tell_of_set_aside,
 )
-from rpil.cli.options import RunOptions, Value, command_words, with_label_options
-from rpil.cli.progress import show_stages
+from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
 from rpil.data.text import counted
@@ -56,7 +55,7 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
         raise DataError(f"{path}: it is a link that leads to nothing; remove it, or give another file of labels.")
     before = Path(path).read_bytes() if Path(path).exists() else None
     given = replace(given, labels=path if before is not None else None)
-    with show_stages(given.quiet, CommandSettings.current().timing) as progress:
+    with show_stages(given.quiet) as progress:
         recording, _ = read_data(file, given, progress)
         run = audit_data(file, recording, None, given, progress)
     if not run.audit.columns.size:
@@ -68,7 +67,7 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
 
 @click.command()
 @click.argument("file", type=click.Path())
-@with_label_options
+@with_options(*LABEL_OPTIONS)
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     """Ask the questions whose answers would say most, four to eight, and write the answers to a file of labels.
@@ -92,31 +91,30 @@ def command_with_labels(ctx: click.Context, path: str) -> str:
 def last_lines(session: Session, command: str) -> Iterator[str]:
     """What was answered in a run that ends, and the command to run then."""
     yield ""
-    if not session.asking.rows and session.before is None:
+    if not session.rows and session.before is None:
         yield "No answer was given, and nothing was written."
         return
     if not session.is_as_written:
         yield f"Another program has changed or removed {session.path}; look whether your answers are in it."
         return
-    n = len(session.asking.rows)
-    yield f"{counted(n, 'answer')} of this run in {session.path}."
+    yield f"{counted(len(session.rows), 'answer')} of this run in {session.path}."
     yield f"Then run: {command}"
 
 
 def ask(session: Session, fps: float | None) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import contradiction_lines, fact_lines, question_sentence
+    from rpil.cli.questions.session import contradiction_lines, count_asked, fact_lines, question_sentence
 
     click.echo("Ranks are from 0, the least of all demonstrations, to 1, the most.")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
-        number = f"Question {session.asking.n_asked + 1} of {MAX_QUESTIONS} at most."
+        number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."
         terminal.print_lines(["", f"{number} {question_sentence(session.audit, question, fps)}"])
         terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
         key = _read_key(_KEYS_OF_PAIR if len(question) == 2 else _KEYS_OF_ONE)
         if key == "q":
             break
-        if key == "z" and not session.can_undo:
+        if key == "z" and not session.given:
             click.echo("There is nothing to undo.")
             continue
         if key not in "us":

@@ -5,40 +5,31 @@ from __future__ import annotations
 
 import shlex
 import warnings
-from contextlib import AbstractContextManager
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, print_next_steps, report
 from rpil.cli.check import check
-from rpil.cli.commands import Commands, CommandSettings, check_paths
+from rpil.cli.commands import Commands, check_paths, show_stages
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
 from rpil.cli.label import label
 from rpil.cli.options import (
     ERROR_CHOICE,
+    FIT_OPTIONS,
     OutputFile,
     RunOptions,
     json_option,
     quiet_option,
     seed_option,
-    with_fit_options,
+    with_options,
 )
-from rpil.cli.progress import LOADING, StageProgress, show_stages
+from rpil.cli.progress import LOADING
 from rpil.cli.review import review
-
-if TYPE_CHECKING:
-    from rpil.estimators.rpil import RPIL
-    from rpil.formats.recording import Recording
-
-
-def _show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
-    return show_stages(quiet, CommandSettings.current().timing)
 
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,81 +55,33 @@ for command in (audit, report, check, info, label, review, keep, convert, evalua
 @click.option(
     "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
 )
-@click.option(
-    "--method",
-    type=click.Choice(("rpil", "cloning", "rment")),
-    default="rpil",
-    show_default=True,
-    help="Trust the demonstrations as audited, trust all, or trust the N that one policy explains best.",
-)
-@click.option("--trusted", metavar="N", type=click.IntRange(1), help="Number of demonstrations for --method rment.")
-@with_fit_options
+@with_options(*FIT_OPTIONS)
 @click.pass_context
-def fit(ctx: click.Context, /, file: str, output: str, method: str, trusted: int | None, **options: Any) -> None:
+def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
-    if method != "rpil":
-        _refuse_rpil_options(ctx, method)
-    if (method == "rment") != (trusted is not None):
-        raise click.UsageError("--method rment and --trusted N need each other: give both or neither", ctx)
     run = RunOptions.of(options)
     check_paths((file, run.labels, run.operator), output)
-    with _show_stages(run.quiet) as progress:
+    with show_stages(run.quiet) as progress:
         recording, _ = commands.read_data(file, run, progress)
-        demonstrations = recording.demonstrations
         progress(LOADING)
-        from rpil.estimators.cloning import BehavioralCloning
         from rpil.estimators.persistence import save
-        from rpil.estimators.rment import RMEnt
         from rpil.estimators.rpil import RPIL
+        from rpil.estimators.within_tasks import Statements
 
-        model: BehavioralCloning | RMEnt | RPIL
-        if method == "rpil":
-            model = _fit_as_one_task(file, recording, run, progress)
-        else:
-            progress("learning")
-            if trusted is None:
-                model = BehavioralCloning(features=run.features)
-            else:
-                model = RMEnt(trusted, run.features, random_state=run.seed)
-            model.fit(commands.load_into_memory(demonstrations))
+        n_tasks = len({*recording.tasks.values()})
+        if n_tasks > 1:
+            message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
+            warnings.warn(message, stacklevel=1)
+        stated = Statements.of(recording, run.labels, run.operator)
+        with commands.fitting(run, recording, progress) as chosen:
+            given = {field.name: getattr(chosen, field.name) for field in fields(chosen)}
+            model = RPIL(**given).fit_stated(recording.demonstrations, stated)
         save(model, output)
     commands.tell_of_set_aside(recording)
-    size = f"{len(demonstrations):,} demonstrations ({demonstrations.n_steps:,} steps)"
-    if isinstance(model, RPIL):
-        terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])
-        print_next_steps(ctx, model.audit_, run.quiet)
-    elif trusted is None:
-        click.echo(f"All of {size} were trusted alike.")
-    else:
-        click.echo(f"{trusted:,} of {size} were trusted: those that one policy explains best.")
+    terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])
+    print_next_steps(ctx, model.audit_, run.quiet)
     play = shlex.join(["rpil", "evaluate", output, "--env"])
     click.echo(f"Policy: {output}" if run.quiet else f"Policy: {output}; to play it: {play} ID")
-
-
-def _fit_as_one_task(file: str, recording: Recording, run: RunOptions, progress: StageProgress) -> RPIL:
-    from rpil.estimators.rpil import RPIL
-    from rpil.estimators.within_tasks import Statements
-
-    n_tasks = len({*recording.tasks.values()})
-    if n_tasks > 1:
-        message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
-        warnings.warn(message, stacklevel=1)
-    stated = Statements.of(recording, run.labels, run.operator)
-    with commands.fitting(run, recording, progress) as options:
-        given = {field.name: getattr(options, field.name) for field in fields(options)}
-        return RPIL(**given).fit_stated(recording.demonstrations, stated)
-
-
-def _refuse_rpil_options(ctx: click.Context, method: str) -> None:
-    """Refuse options that only --method rpil has."""
-    names = "labels", "operator", "outcome", "adversary"
-    given = [name for name in names if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-    if given:
-        message = f"--{min(given)} has no effect with --method {method}: leave it out, or use --method rpil"
-        raise click.UsageError(message, ctx)
-    for name in ("scheduler", "stream"):
-        if ctx.params[name]:
-            raise click.UsageError(f"--method {method} needs all data in memory: leave out --{name}", ctx)
 
 
 @main.command()
@@ -157,7 +100,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
     Good and bad are in a random order. The columns is_good and episode_return hold the truth, which no method reads.
     """
     check_paths((), output)
-    with _show_stages(quiet) as progress:
+    with show_stages(quiet) as progress:
         from rpil import formats
 
         formats.check_format(output)
@@ -195,7 +138,7 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
     One is of people who play a cooking game, the other of a lunar lander.
     """
     check_paths((), output)
-    with _show_stages(quiet) as progress:
+    with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 
         result = run(episodes=episodes, seed=seed, progress=progress)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 Value = Any
 """What an option holds: click has no types for it."""
 
+Option = Callable[[Callable[..., Value]], Callable[..., Value]]
+"""Gives a command an option."""
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -206,12 +209,8 @@ FIT_OPTIONS = (
     seed_option,
     quiet_option,
 )
-
-
-LABEL_OPTIONS = (
-    *FIT_OPTIONS,
-    session_option,
-)
+LABEL_OPTIONS = (*FIT_OPTIONS, session_option)
+"""Those of an audit but --reference, which has no effect once answers are learned."""
 JUDGE_OPTIONS = (
     *LABEL_OPTIONS,
     click.option(
@@ -221,7 +220,6 @@ JUDGE_OPTIONS = (
         help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
     ),
 )
-
 
 CHOICE_RULES = ("labels", "answers", "unlike", "adversary")
 """Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
@@ -236,27 +234,9 @@ CHOICE_OPTIONS = (
 CHOICE_NAMES = ("ignore", "without_faults", "yes")
 
 
-def with_choice_options(command: Callable[..., object]) -> Callable[..., object]:
-    """What is kept, beside the words of an audit."""
-    return reduce(lambda wrapped, option: option(wrapped), reversed(CHOICE_OPTIONS), command)
-
-
-def with_judge_options(command: Callable[..., object]) -> Callable[..., object]:
-    """Those of a fit, and how to judge without a policy."""
-    return reduce(lambda wrapped, option: option(wrapped), reversed(JUDGE_OPTIONS), command)
-
-
-def with_label_options(command: Callable[..., object]) -> Callable[..., object]:
-    """Audit options without --reference, which has no effect once answers are learned."""
-    return reduce(lambda wrapped, option: option(wrapped), reversed(LABEL_OPTIONS), command)
-
-
-def with_fit_options(command: Callable[..., object]) -> Callable[..., object]:
-    return reduce(lambda wrapped, option: option(wrapped), reversed(FIT_OPTIONS), command)
-
-
-def with_column_options(command: Callable[..., object]) -> Callable[..., object]:
-    return reduce(lambda wrapped, option: option(wrapped), reversed(COLUMN_OPTIONS), command)
+def with_options(*options: Option) -> Option:
+    """Give a command all of these options, in the order in which its help shows them."""
+    return lambda command: reduce(lambda wrapped, option: option(wrapped), reversed(options), command)
 
 
 def pop_columns(options: dict[str, Value]) -> ColumnOptions:

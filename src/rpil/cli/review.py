@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, CommandSettings, check_paths, look_for_faults
+from rpil.cli.commands import AuditRun, check_paths, look_for_faults, show_stages
 from rpil.cli.label import audit_with_answers, command_with_labels, last_lines
-from rpil.cli.options import Value, with_label_options
+from rpil.cli.options import LABEL_OPTIONS, Value, with_options
 from rpil.cli.outputs import OUTPUTS, about, lines_after_output, write_outputs
-from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
     help="The port of the page on this computer; by default one that is free.",
 )
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or print its address alone.")
-@with_label_options
+@with_options(*LABEL_OPTIONS)
 @click.pass_context
 def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
     """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
@@ -74,7 +73,7 @@ def _review(ctx: click.Context, run: AuditRun, labels: str, before: bytes | None
     from rpil.cli.questions.session import Session
     from rpil.cli.questions.videos import EpisodeVideos
 
-    with show_stages(quiet, CommandSettings.current().timing) as progress:
+    with show_stages(quiet) as progress:
         run = replace(run, faults=look_for_faults(run.recording, progress))
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.

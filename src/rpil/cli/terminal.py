@@ -168,39 +168,23 @@ def _print_table(columns: Cells, dispensable: Sequence[str], n_rows: int, what: 
     """Print a table, and how many of `n_rows` rows are not in it.
 
     Where a terminal is too narrow the `dispensable` columns are left out, one after the other, and then names in the
-    first column lose their middle; no cell is wrapped. In a pipe or a file nothing is cut or coloured.
+    first column go on in the next line. In a pipe or a file nothing is wrapped or coloured.
     """
-    from rich.cells import cell_len
     from rich.console import Console
     from rich.measure import Measurement
 
-    terminal = sys.stdout.isatty()
-    width = None if terminal else PIPE_WIDTH
-    console = Console(highlight=False, markup=False, emoji=False, force_terminal=terminal, width=width)
-    table = _table(columns)
-    at_will = console.options.update_width(PIPE_WIDTH)
+    is_terminal = sys.stdout.isatty()
+    width = None if is_terminal else PIPE_WIDTH
+    console = Console(highlight=False, markup=False, emoji=False, force_terminal=is_terminal, width=width)
+    table, without_limit = _table(columns), console.options.update_width(PIPE_WIDTH)
     for title in dispensable:
-        if Measurement.get(console, at_will, table).maximum <= console.width:
+        if Measurement.get(console, without_limit, table).maximum <= console.width:
             break
         columns = {name: cells for name, cells in columns.items() if name != title}
         table = _table(columns)
-    excess, first = Measurement.get(console, at_will, table).maximum - console.width, next(iter(columns))
-    if excess > 0:
-        names = list(map(str, columns[first]))
-        room = max(map(cell_len, names)) - excess
-        table = _table(columns | {first: [_without_middle(name, room) for name in names]})
     console.print(table)
     if n_rows > table.row_count:
         click.echo(f"... and {n_rows - table.row_count:,} more {what}: --all prints them.")
-
-
-def _without_middle(name: str, room: int) -> str:
-    """A name in `room` cells of a terminal, with dots in the place of its middle where it needs more."""
-    from rich.cells import cell_len, set_cell_size
-
-    head, tail = max(room - 2, 0) // 2, max(room - 3, 0) // 2
-    cut = f"{set_cell_size(name, head).rstrip()}...{set_cell_size(name[::-1], tail)[::-1].lstrip()}"
-    return name if cell_len(name) <= room else cut
 
 
 def _table(columns: Cells) -> Table:
@@ -210,8 +194,8 @@ def _table(columns: Cells) -> Table:
 
     lines = box.SIMPLE_HEAD if sys.stdout.isatty() else box.Box(str(box.SIMPLE_HEAD).replace("\u2500", "-"), ascii=True)
     table = Table(box=lines, show_edge=False, pad_edge=False)
-    for title in columns:
-        table.add_column(title, justify="left" if title in LEFT else "right", no_wrap=True)
+    for k, title in enumerate(columns):
+        table.add_column(title, justify="left" if title in LEFT else "right", no_wrap=k > 0, overflow="fold")
     for row in zip(*columns.values(), strict=True):
         table.add_row(*row)
     return table

@@ -183,7 +183,7 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         description, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = "give no session" if options.session else f"exclude the column {description.task_column!r}"
+        remedy = "leave out the session" if options.session else f"exclude the column {description.task_column!r}"
         warnings.warn(
             f"{description.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge "
             f"all {what}s as one, {remedy}.",

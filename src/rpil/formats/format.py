@@ -89,8 +89,6 @@ class Format:
         What beside the demonstrations does not agree with them (with True, in videos too), and mending what is safe.
     shots : function of a path, optional
         Where in video files each demonstration is seen; files need not be there.
-    mask : function of a path and ids, optional
-        Lists some demonstrations in the file itself.
     commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
         Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
     notes_on_weights : tuple of str
@@ -113,7 +111,6 @@ class Format:
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     mend: Callable[[Path], Iterable[str]] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
-    mask: Callable[[Path, Sequence[Id]], None] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
     notes_on_weights: tuple[str, ...] = ()
     read_address: Callable[[StrPath, ColumnOptions], Recording] | None = None

@@ -147,19 +147,6 @@ class Found:
         """Mend what is safe; sentences on what was done."""
         return self.format.mend(Path(self.path)) if self.format.mend is not None else ()
 
-    def check_mask(self) -> None:
-        """A `DataError` where the format has no place for a list of demonstrations."""
-        if self.format.mask is None:
-            able = " and ".join(one.name for one in FORMATS if one.mask is not None)
-            raise DataError(f"{self.path}: only {able} can list demonstrations to keep; write a new file with -o.")
-
-    def mask(self, ids: Sequence[Id]) -> None:
-        """List some demonstrations in the file itself."""
-        self.check_mask()
-        assert self.format.mask is not None
-        with guarded(str(self.path)):
-            self.format.mask(Path(self.path), ids)
-
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
 

@@ -224,5 +224,4 @@ FORMAT = Format(
     read=read,
     keep=keep_by_own_ids(keep),
     check_output=hdf5.check_output,
-    mask=lambda path, ids: write_mask(path, path, ids),
 )

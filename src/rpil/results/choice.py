@@ -40,7 +40,6 @@ KEEP_RULES = {
     "unlike": "unlike",
     "adversary": "like the adversary that was named",
     "threshold": "below --share or --at-least",
-    "unnamed": "not named in the file of verdicts",
 }
 """The rules by which demonstrations are rejected, in words that follow a number."""
 

@@ -12,11 +12,11 @@ import pytest
 
 from asked import BAD
 from rpil.cli.questions.session import (
-    Asking,
     Session,
     change_lines,
     contradiction_lines,
     fact_lines,
+    next_question,
     question_sentence,
     rows_of,
 )
@@ -47,15 +47,19 @@ def test_keys_as_answers(key, answer):
 
 
 def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(audit):
-    assert Asking(audit, 8, n_asked=3).question(audit) == audit.pair
-    assert Asking(audit, 8, n_asked=4).question(audit) == audit.pair  # nothing was answered
+    def asked(now, n, most=8, pair=False):
+        given = [(audit.pair, "u")] * pair + [((1,), "s")] + [((2,), "g")] * (n - pair)
+        return next_question(audit, now, given, most)
+
+    assert asked(audit, 3) == audit.pair
+    assert asked(audit, 4) == audit.pair  # nothing was answered
     sure = replace(audit, verdicts=("good",) * 23 + ("bad",))
-    assert Asking(audit, 8, n_asked=3).question(sure) == audit.pair
-    assert Asking(audit, 8, n_asked=4).question(sure) == ()
+    assert asked(sure, 3) == audit.pair
+    assert asked(sure, 4) == ()
     doubtful = audit.answered({0: "good"})
-    assert len(Asking(audit, 8, n_asked=4, pair_passed=True).question(doubtful)) == 1
-    assert Asking(audit, 8, n_asked=8).question(doubtful) == ()
-    assert Asking(audit, None, n_asked=800, pair_passed=True).question(doubtful)
+    assert len(asked(doubtful, 4, pair=True)) == 1
+    assert asked(doubtful, 8) == ()
+    assert asked(doubtful, 800, None, pair=True)
 
 
 def test_an_answer_that_looks_wrong_is_named_once(audit):
@@ -78,7 +82,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     lines = session.answer(audit.pair, "1")
     assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
     assert lines[0] == "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad."
-    assert session.version == session.asking.n_asked == 1
+    assert session.version == len(session.given) == 1
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts
     assert session.question == answered.suggest_labels(1)
@@ -94,7 +98,7 @@ def test_undo_goes_back_to_the_first_question(audit):
     assert rows() == ["id,label", "1,good"]
     assert session.undo()
     assert not Path("labels.csv").exists()
-    assert (session.question, session.audit.verdicts, session.can_undo) == (audit.pair, audit.verdicts, False)
+    assert (session.question, session.audit.verdicts, session.given) == (audit.pair, audit.verdicts, ())
     assert session.version == 4
 
 
@@ -136,7 +140,7 @@ def test_what_cannot_be_written_changes_nothing(audit):
     Path("labels.csv").write_text("id,label\n1,better than 3\n5,bad\n")
     with pytest.raises(DataError, match="another program has changed it"):
         session.answer((3,), "b")
-    assert (session.version, session.asking.rows, session.can_undo) == (0, (), False)
+    assert (session.version, session.rows, session.given) == (0, (), ())
     assert rows()[-1] == "5,bad"
 
 
@@ -157,7 +161,7 @@ def test_a_file_that_another_program_replaced_is_left_alone(audit, now):
         with pytest.raises(DataError, match=r"labels\.csv: another program has changed it; end this run, and start"):
             change()
     assert not session.is_as_written
-    assert session.asking.rows == (("1", "good"),)
+    assert session.rows == (("1", "good"),)
     assert [file.name for file in Path().iterdir()] == ["labels.csv"] * (now != "gone")
 
 

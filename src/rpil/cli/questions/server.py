@@ -71,8 +71,8 @@ class Review:
             "version": session.version,
             "asked": asked,
             "lines": session.lines,
-            "n_answers": len(session.asking.rows),
-            "can_undo": session.can_undo,
+            "n_answers": len(session.rows),
+            "can_undo": bool(session.given),
             "path": session.path,
         }
 

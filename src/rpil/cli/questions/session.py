@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +28,9 @@ MAX_CHANGED = 20
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
+Given = tuple[Question, str]
+"""A question, and the key that was given as its answer, one of `ANSWER_KEYS`."""
+
 AnswerRows = tuple[tuple[str, str], ...]
 """Answers as a file of labels has them: ids as text, and words."""
 
@@ -36,50 +38,25 @@ ANSWER_KEYS = {1: "gbus", 2: "12345us"}
 """The keys that answer a question about so many demonstrations."""
 
 
-@dataclass(frozen=True, eq=False)
-class Asking:
-    """Where a run of questions is; each answer makes a new one."""
+def count_asked(given: Sequence[Given]) -> int:
+    """The number of questions that were answered, also by "cannot tell"."""
+    return sum(key != "s" for _, key in given)
 
-    start: Audit
-    """Judged with the answers that were there before."""
-    most: int | None
-    """Questions that the run asks at most."""
-    rows: AnswerRows = ()
-    """The answers of this run."""
-    passed: frozenset[Hashable] = field(default=frozenset())
-    """Demonstrations about which this run asks no more, because nobody can tell or they were skipped."""
-    pair_passed: bool = False
-    n_asked: int = 0
-    """Questions that were answered, also by "cannot tell"."""
 
-    def audit(self) -> Audit:
-        """The audit with all answers; no policy is fitted again."""
-        start = self.start
-        return start.answered(*parse_answers(self.rows, "the answers", start.ids)) if self.rows else start
+def next_question(start: Audit, audit: Audit, given: Sequence[Given], most: int | None) -> Question:
+    """What to ask after the keys `given` in this run, which began with `start` and made `audit` of it.
 
-    def question(self, audit: Audit) -> Question:
-        """What to ask next."""
-        is_done = self.n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
-        if is_done or (self.most is not None and self.n_asked >= self.most):
-            return ()
-        if self.start.question is not None and not self.pair_passed:
-            return self.start.pair
-        suggested = audit.suggest_labels(len(self.passed) + 1)
-        return tuple(name for name in suggested if name not in self.passed)[:1]
-
-    def after(self, question: Question, key: str) -> Asking:
-        """The state after the question was answered with a key; an answer replaces an earlier one of this run."""
-        is_pair = len(question) == 2
-        passed = frozenset() if is_pair or key not in "us" else frozenset(question)
-        new = rows_of(question, key)
-        asked = {same_question(*row) for row in new}
-        return replace(
-            self,
-            rows=(*(row for row in self.rows if same_question(*row) not in asked), *new),
-            passed=self.passed | passed,
-            pair_passed=self.pair_passed or is_pair,
-            n_asked=self.n_asked + (key != "s"),
-        )
+    It asks `most` questions at most, and no more about what was skipped, or what nobody can tell.
+    """
+    n_asked = count_asked(given)
+    is_done = n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
+    if is_done or (most is not None and n_asked >= most):
+        return ()
+    if start.question is not None and not any(len(question) == 2 for question, _ in given):
+        return start.pair
+    passed = {question[0] for question, key in given if len(question) == 1 and key in "us"}
+    suggested = audit.suggest_labels(len(passed) + 1)
+    return tuple(name for name in suggested if name not in passed)[:1]
 
 
 def rows_of(question: Question, key: str) -> AnswerRows:
@@ -100,15 +77,12 @@ class Session:
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
-        self.path, self.before, self.audit = path, before, start
+        self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
-        self.asking = Asking(start, most)
-        self.question = self.asking.question(start)
-        self._written, self._earlier = before, list[Asking]()
-
-    @property
-    def can_undo(self) -> bool:
-        return bool(self._earlier)
+        self.given: tuple[Given, ...] = ()
+        self.rows: AnswerRows = ()
+        self.question = next_question(start, start, (), most)
+        self._most, self._written = most, before
 
     @property
     def is_as_written(self) -> bool:
@@ -122,27 +96,25 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        last = self.asking
-        self._go_to(last.after(question, key))
-        self._earlier.append(last)
-        return self.lines
+        return self._go_to((*self.given, (question, key)))
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
-        if not self._earlier:
-            return []
-        self._go_to(self._earlier[-1])
-        del self._earlier[-1]
-        return self.lines
+        return self._go_to(self.given[:-1]) if self.given else []
 
-    def _go_to(self, asking: Asking) -> None:
-        audit, lines = self.audit, list[str]()
-        if asking.rows != self.asking.rows:
-            audit = asking.audit()
+    def _go_to(self, given: tuple[Given, ...]) -> list[str]:
+        by_question: dict[frozenset[str], tuple[str, str]] = {}
+        for row in (row for question, key in given for row in rows_of(question, key)):
+            by_question.pop(same_question(*row), None)  # a later answer replaces an earlier one
+            by_question[same_question(*row)] = row
+        audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
+        if rows != self.rows:
+            audit = self.start.answered(*parse_answers(rows, "the answers", self.start.ids)) if rows else self.start
             lines = list(change_lines(self.audit, audit))
-            self._write(asking.rows)
-        self.question = asking.question(audit)
-        self.audit, self.lines, self.asking, self.version = audit, lines, asking, self.version + 1
+            self._write(rows)
+        self.question = next_question(self.start, audit, given, self._most)
+        self.audit, self.lines, self.given, self.rows, self.version = audit, lines, given, rows, self.version + 1
+        return lines
 
     def _write(self, rows: AnswerRows) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
