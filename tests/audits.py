@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.inference.answers import Answers
 from rpil.results.record import Audit, Interval
+from rpil.results.settings import AuditSettings
 from rpil.results.traces import TracedPart, Traces
 from rpil.results.words import SIDES, Verdict
 
@@ -75,6 +76,7 @@ def make_audit(
         "claimed": np.zeros(size, dtype=np.int64),
         "copy_of": np.arange(size),
         "adversary": "uniform",
+        "settings": AuditSettings(),
         "history": -2 + 0.9 * (1 - np.exp(-np.arange(5.0))),
         "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
     }

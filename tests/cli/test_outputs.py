@@ -24,6 +24,8 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.formats.recording import from_demonstrations
+from rpil.results.record import Audit
+from rpil.results.saved import read_audit
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):
@@ -92,16 +94,16 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "ann"))
     monkeypatch.chdir(work)
     (work / "who.csv").write_text("id,demonstrator\n0,a\n1,a\n2,b\n")
-    files = {"report": "r.html", "save": "run.json", "keep": "k.json", "verdicts": "v.parquet"}
+    files = {"report": "r.html", "save": "run.rpil", "keep": "k.json", "verdicts": "v.parquet"}
     outputs = [word for name, path in files.items() for word in (f"--{name}", str(work / path))]
     ok("audit", data, "--operator", work / "who.csv", *outputs, "-q", "--yes", "--ignore", "answers")
     for path in files.values():
         assert str(tmp_path).encode() not in Path(path).read_bytes(), path
-    shared = json.loads(Path("run.json").read_text())
-    assert shared["command"] == "rpil audit ~/sets/d.parquet --operator who.csv", "what --keep lists is no part of it"
-    assert shared["provenance"]["command"].startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
-    assert [file["path"] for file in shared["provenance"]["files"]] == ["~/sets/d.parquet", "who.csv"]
-    ok("report", "run.json", "-o", "again.html")
+    audit, view = read_audit("run.rpil", Audit)
+    assert view["command"] == "rpil audit ~/sets/d.parquet --operator who.csv", "what --keep lists is no part of it"
+    assert audit.provenance.command.startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
+    assert [file["path"] for file in audit.provenance.files] == ["~/sets/d.parquet", "who.csv"]
+    ok("report", "run.rpil", "-o", "again.html")
     assert Path("again.html").read_bytes() == Path("r.html").read_bytes()
 
 
@@ -182,7 +184,7 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
 
 def test_every_output_has_a_writer(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
-    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.json"}
+    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.rpil"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
     recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy.special import expit
@@ -22,7 +20,7 @@ from rpil.inference.settings import AnswerSettings, JudgeSettings
 from rpil.inference.trust import columns_within, judge
 from rpil.policies.cross_fitted import CrossFitSettings, cross_fitted_policy
 from rpil.results.record import Audit
-from rpil.results.subset import select
+from rpil.results.tasks import select
 
 SETTINGS, JUDGE = AnswerSettings(), JudgeSettings()
 N, STEPS = 40, 40
@@ -102,7 +100,8 @@ def test_one_answer_after_the_other_and_labels_at_a_fit_say_the_same(audit, data
 def test_the_columns_are_kept(model, audit, tmp_path):
     once = audit.answered(labelled("good"))
     save(model, tmp_path / "model")
-    again = Audit.from_dict(json.loads(json.dumps(audit.to_dict(arrays=True))))
+    audit.save(tmp_path / "audit")
+    again = Audit.load(tmp_path / "audit")
     for kept in (load(tmp_path / "model").audit_, again):
         np.testing.assert_array_equal(kept.columns_within, audit.columns_within)
         np.testing.assert_array_equal(kept.answered(labelled("good")).log_odds, once.log_odds)

@@ -1,11 +1,8 @@
-"""The sentences about the assumptions, and the warnings of a fit."""
+"""The sentences about the assumptions."""
 
 from __future__ import annotations
 
-import warnings
-
 import pytest
-from sklearn.exceptions import ConvergenceWarning
 
 from audits import make_audit
 from rpil.inference.findings import FINDINGS
@@ -26,8 +23,7 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(fin
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"policy": assumptions.linear_policy("nystroem")}, "nystroem"),
-        ({"policy": assumptions.custom_policy("TorchPolicy")}, "TorchPolicy"),
+        ({"policy": "The policy is linear."}, "linear"),
         ({"p_two_groups": 0.256}, "0.26"),
         ({"expert_share": 0.75}, "0.75"),
         ({"demonstrators": "Ann gave all."}, "Ann gave all."),
@@ -44,19 +40,6 @@ def test_labels_and_whole_demonstrations_are_assumptions_too():
     sentences = assumptions.assumption_sentences(audit)
     assert "A demonstration is good or bad as a whole." in sentences
     assert "3 labels were taken as certain." in sentences
-
-
-def test_good_fit_gives_no_warning():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        assumptions.warn_if_not_converged(True)
-    assert caught == []
-
-
-def test_warnings_name_the_remedy_and_point_at_the_caller():
-    with pytest.warns(ConvergenceWarning, match="raise max_iter or tol") as caught:
-        assumptions.warn_if_not_converged(False)
-    assert {record.filename for record in caught} == {__file__}
 
 
 def test_answers_and_doubts_are_told_in_the_place_of_what_was_not_used():

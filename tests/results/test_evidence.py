@@ -160,11 +160,14 @@ def test_what_is_as_the_median_typical_one_has_no_traces() -> None:
     assert rpil.RPIL().fit(given).audit_.traces == {}
 
 
-def test_answers_change_no_trace_and_files_hold_none(audit: Audit, tmp_path) -> None:
+def test_answers_change_no_trace_and_files_hold_them(audit: Audit, tmp_path) -> None:
     assert audit.answered({0: "good", 19: "bad"}).traces is audit.traces
     model = rpil.RPIL().fit(demonstrations())
     rpil.save(model, tmp_path / "model.rpil")
-    assert rpil.load(tmp_path / "model.rpil").audit_.traces == {}
+    again = rpil.load(tmp_path / "model.rpil").audit_.traces
+    for name, own in model.audit_.traces.items():
+        for one, other in zip(again[name].parts, own.parts, strict=True):
+            np.testing.assert_array_equal([one.value, one.low, one.high], [other.value, other.low, other.high])
 
 
 def test_the_lowest_word_is_drawn_first_then_what_is_in_question_then_the_least_trusted() -> None:

@@ -15,8 +15,7 @@ from problems import make
 from rpil.data.errors import DataError
 from rpil.estimators.rpil import RPIL
 from rpil.results.record import Audit, Demonstrator, Interval
-from rpil.results.subset import select
-from rpil.results.tasks import join_audits
+from rpil.results.tasks import join_audits, select
 
 
 def test_a_frame_has_the_demonstrations_in_the_order_of_the_data():

@@ -63,9 +63,9 @@ N_LABELS = 3
 )
 @click.option(
     "--save",
-    type=OutputFile(".json"),
-    metavar="RUN.json",
-    help="Also write all that the report shows, from which rpil report makes it again.",
+    type=OutputFile(".rpil"),
+    metavar="RUN.rpil",
+    help="Also write the audit, from which rpil report makes its report again.",
 )
 @click.option(
     "--fail-on",
@@ -137,9 +137,10 @@ def report(run: str, output: str) -> None:
     """Write the report of an audit again, from the RUN that rpil audit --save wrote."""
     check_paths((run,), output)
     from rpil.results.html.page import Article, write_page
-    from rpil.results.run_file import read_run
+    from rpil.results.record import Audit
+    from rpil.results.saved import read_audit
 
-    write_page(output, [Article(read_run(run))])
+    write_page(output, [Article(read_audit(run, Audit)[1])])
     click.echo(f"Report: {output}")
 
 

@@ -7,7 +7,6 @@ import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,13 +37,12 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         return
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
-    from rpil.results.run_file import write_run
+    from rpil.results.saved import write_audit
     from rpil.results.step_weights import why_equal
     from rpil.results.verdict_table import write_kept, write_verdicts
     from rpil.results.view import make_view
 
     audit = run.audit
-    view = cache(lambda: make_view(audit, about(run, seconds)))
 
     def write_keep(path: str) -> None:
         write_kept(path, audit, run.choice)
@@ -63,8 +61,8 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
             path, audit, run.demonstrators, run.faults.findings if run.faults else (), run.recording.tasks
         ),
         "keep": write_keep,
-        "report": lambda path: write_page(path, [Article(view())]),
-        "save": lambda path: write_run(path, view()),
+        "report": lambda path: write_page(path, [Article(make_view(audit, about(run, seconds)))]),
+        "save": lambda path: write_audit(path, audit, about(run, seconds)),
     }
     for title in OUTPUTS:
         path = paths[title]
@@ -77,16 +75,16 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
 def about(run: AuditRun, seconds: float | None = None) -> About:
     """What the report shows beside the audit, which the command made in so many `seconds`."""
     from rpil.data.privacy import for_others, without_secrets
-    from rpil.results.run_file import NOT_IN_A_RUN
+    from rpil.results.saved import NOT_SHARED
     from rpil.results.view import About
 
-    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_IN_A_RUN, *CHOICE_NAMES))
+    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_SHARED, *CHOICE_NAMES))
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
     return About(
         title=f"Audit of {Path(source).name}",
         source=source,
-        read=list(map(for_others, read.short())),
+        read=tuple(map(for_others, read.short())),
         lost=run.lost,
         faults=run.faults,
         tasks=run.recording.tasks,

@@ -2,18 +2,19 @@
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
 archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
-registered classes only, and checks the type and the shape of every array against the declaration of its class.
+registered classes only, and checks the type of every field, and the shape of every array, against the class.
 """
 
 from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -25,16 +26,10 @@ from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
-VERSION = 8
+VERSION = 9
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"
-_STEP_TYPES = (np.float64, np.float32)  # single precision where there are very many steps
-_INTEGERS = dict.fromkeys(("offsets", "labels", "pairs", "tied", "claimed", "copy_of"), (np.int64,))
-_TYPES = {**_INTEGERS, **dict.fromkeys(("step_log_ratio", "step_share", "step_weight"), _STEP_TYPES)}
-"""Types of array fields by their names; all others are float64."""
-_MAY_BE_MISSING = ("outcome",)
-"""Array fields in which NaN stands for a value that is not known; no other array holds NaN."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 Header = dict[str, Any]
@@ -47,11 +42,25 @@ NOT_STORED = {"stored": False}
 
 
 @dataclass(frozen=True)
+class ArrayField:
+    """What an array in a field of a dataclass is: its axes, as in `stored`, its types, and whether it may hold NaN."""
+
+    axes: str
+    types: tuple[type, ...] = (np.float64,)
+    missing: bool = False
+
+
+def array_field(axes: str, *types: type, missing: bool = False) -> dict[str, object]:
+    """Metadata of a dataclass field that holds an array, by default in double precision."""
+    return {"array": ArrayField(axes, types or (np.float64,), missing)}
+
+
+@dataclass(frozen=True)
 class Stored:
-    """A dataclass whose objects an archive may hold, with the `axes` and `renews` of `stored`."""
+    """A dataclass whose objects an archive may hold, its array fields by name, and the `renews` of `stored`."""
 
     kind: type
-    axes: dict[str, str]
+    arrays: dict[str, ArrayField]
     renews: tuple[str, ...]
 
 
@@ -69,13 +78,15 @@ def stored(*, name: str | None = None, renews: tuple[str, ...] = (), **axes: str
     renews : tuple of str
         Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
     **axes : str
-        The axes of each array field: numbers, or letters, each of which means one size in the whole file, perhaps plus
-        one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins, M demonstrations, N steps, Q
-        quantiles.
+        The axes of each array field in double precision; `array_field` declares others. Axes are numbers, or letters,
+        each of which means one size in the whole file, perhaps plus one ("F+1 K"). D observations, F features, K
+        actions or A parts of one, B bins, M demonstrations, N steps, P points, Q quantiles.
     """
 
     def register(kind: Class) -> Class:
-        CLASSES[name or kind.__name__] = Stored(kind, axes, renews)
+        declared = {f.name: f.metadata["array"] for f in fields(kind) if "array" in f.metadata}
+        arrays = declared | {field: ArrayField(letters) for field, letters in axes.items()}
+        CLASSES[name or kind.__name__] = Stored(kind, arrays, renews)
         return kind
 
     return register
@@ -107,7 +118,8 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     if isinstance(value, tuple | list):
         return [encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
     if isinstance(value, Mapping):
-        return {"pairs": [[encode(part, name, arrays) for part in pair] for pair in value.items()]}
+        pairs = enumerate(value.items())
+        return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
     class_name = stored_name(value)
     if class_name is None:
         raise TypeError(type(value).__name__)
@@ -125,19 +137,39 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def check_shape(array: Array, axes: str, sizes: dict[str, int], missing: bool = False) -> None:
-    """A `ValueError` where an array has not the `axes`, as in `stored`, of the `sizes` so far, to which new ones are
-    added; or, unless values may be `missing`, holds NaN."""
-    letters = axes.split()
-    if array.ndim != len(letters):
-        raise ValueError(axes)
-    for size, letter in zip(array.shape, letters, strict=True):
+def check_array(value: object, kind: ArrayField, sizes: dict[str, int]) -> None:
+    """A `ValueError` where a value is not an array of this kind, of the `sizes` so far, to which new ones are added."""
+    letters = kind.axes.split()
+    if not isinstance(value, np.ndarray) or value.dtype not in kind.types or value.ndim != len(letters):
+        raise ValueError(kind)
+    for size, letter in zip(value.shape, letters, strict=True):
         letter, _, more = letter.partition("+")
         expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
         if size != expected + int(more or 0):
-            raise ValueError(axes)
-    if not missing and array.dtype.kind == "f" and np.isnan(array).any():
-        raise ValueError(axes)
+            raise ValueError(kind)
+    if not kind.missing and value.dtype.kind == "f" and np.isnan(value).any():
+        raise ValueError(kind)
+
+
+def is_of_type(value: object, hint: Any) -> bool:
+    """Whether a value that is no array is of the type that a record declares; any array is one."""
+    origin, args = get_origin(hint), get_args(hint)
+    if isinstance(value, np.ndarray):
+        return True
+    if origin in (Union, UnionType):
+        return any(is_of_type(value, one) for one in args)
+    if origin is Literal:
+        return value in args
+    if origin is tuple and isinstance(value, tuple):
+        kinds = args[:1] * len(value) if args[-1] is ... else args
+        return len(kinds) == len(value) and all(map(is_of_type, value, kinds))
+    if isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, dict):
+        return all(is_of_type(key, args[0]) and is_of_type(one, args[1]) for key, one in value.items())
+    if hint is Hashable:
+        return isinstance(value, str | int | float)
+    if hint in (int, float):
+        return isinstance(value, int | hint) and not isinstance(value, bool)
+    return hint is Any or (isinstance(hint, type) and (getattr(hint, "_is_protocol", False) or isinstance(value, hint)))
 
 
 class Decoder:
@@ -147,20 +179,17 @@ class Decoder:
         self.arrays = dict(arrays)
         self.sizes: dict[str, int] = {}
 
-    def array(self, node: Any, axes: str, *dtypes: type, missing: bool = False) -> Array:
-        """The array that `node` names; axes as in `stored`.
-
-        A `ValueError` or `KeyError` where it is missing, has another shape or type, or, unless values may be `missing`,
-        holds NaN.
-        """
+    def array(self, node: Any, kind: ArrayField) -> Array:
+        """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or of another kind."""
         array = self.arrays.pop(node["array"])
-        if dtypes and array.dtype not in dtypes:
-            raise ValueError(node)
-        check_shape(array, axes, self.sizes, missing)
+        check_array(array, kind, self.sizes)
         return array
 
     def value(self, node: object) -> Any:
-        """The value that `encode` made the `node` from; lists come back as tuples."""
+        """The value that `encode` made the `node` from; lists come back as tuples.
+
+        An error of some type where a part of it is not what its class declares.
+        """
         if isinstance(node, list):
             return tuple(self.value(item) for item in node)
         if not isinstance(node, dict):
@@ -171,25 +200,29 @@ class Decoder:
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
         self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
-        values = {}
+        values, hints = {}, get_type_hints(entry.kind)
         for name, part in content.items():
-            axes, types = entry.axes.get(name), _TYPES.get(name, (np.float64,))
-            missing = name in _MAY_BE_MISSING
-            values[name] = self.value(part) if axes is None else self.array(part, axes, *types, missing=missing)
+            is_array = name in entry.arrays and part is not None
+            values[name] = self.array(part, entry.arrays[name]) if is_array else self.value(part)
+            if not is_of_type(values[name], hints[name]):
+                raise TypeError(name)
         return entry.kind(**values)
 
 
-def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[str, Array]]:
+def read_archive(
+    path: Path, schema: str, otherwise: str, remedy: str = "fit and save it again"
+) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
     A `DataError` where the file is damaged, of another version, compressed, too large for the memory, or, saying
-    `otherwise`, of another `schema`. Arrays that the header does not name are refused, and never decoded.
+    `otherwise`, of another `schema`; the `remedy` is to write it again. Arrays that the header does not name are
+    refused, and never decoded.
     """
     foreign = f"{path}: {otherwise}."
     with check_exists(path).open("rb") as file:
         if file.read(2) != b"PK" and not zipfile.is_zipfile(file):
             raise DataError(foreign)
-    with guarded(path, "it is damaged or truncated", "fit and save it again"), zipfile.ZipFile(path) as archive:
+    with guarded(path, "it is damaged or truncated", remedy), zipfile.ZipFile(path) as archive:
         members = archive.namelist()
         if _HEADER in members:
             _check_sizes(archive, path)
@@ -200,10 +233,10 @@ def read_archive(path: Path, schema: str, otherwise: str) -> tuple[Header, dict[
             who, saved = (str(header.get(name))[:20] for name in ("rpil", "version"))
             made = f"rpil {who} saved it in version {saved} of the format"
             here = f"rpil {rpil_version()} reads version {VERSION}"
-            raise DataError(f"{path}: {made}, but {here}; use that rpil, or fit and save again.")
+            raise DataError(f"{path}: {made}, but {here}; use that rpil, or {remedy}.")
         named = {f"{name}.npy": name for name in _array_names(header)}
         if not set(members) <= {_HEADER, *named} or len(set(members)) < len(members):
-            raise DataError(f"{path}: its parts do not belong together; fit and save it again.")
+            raise DataError(f"{path}: its parts do not belong together; {remedy}.")
         members.remove(_HEADER)
         names = [named[member] for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))

@@ -6,6 +6,7 @@ Nothing here needs scikit-learn, whose import takes longer than to judge a small
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Unpack, cast
@@ -13,7 +14,7 @@ from typing import Unpack, cast
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, user_stack_level
 from rpil.data.facts import Outcome
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
@@ -26,7 +27,7 @@ from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording, from_demonstrations
-from rpil.results import assumptions
+from rpil.results.assumptions import assumption_sentences
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 from rpil.scale.sample import is_large
@@ -144,17 +145,21 @@ def fit_task(task: Task, options: FitOptions) -> FitResult:
         result = fit(stages, options)
     decision, prior = result.decision, options.settings.mixture.prior
     audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
-    linear = options.policy is None
-    sentences = assumptions.assumption_sentences(
+    own = type(options.policy).__name__
+    sentences = assumption_sentences(
         audit,
-        assumptions.linear_policy(result.features.kind)
-        if linear
-        else assumptions.custom_policy(type(options.policy).__name__),
+        f"The policy is linear in {result.features.kind} features."
+        if options.policy is None
+        else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
         p_two_groups=None if decision.judge is None else decision.judge.groups.p_two,
         expert_share=prior if isinstance(prior, float) else None,
         demonstrators=task.demonstrators.note,
     )
-    assumptions.warn_if_not_converged(decision.converged)
+    if not decision.converged:
+        from sklearn.exceptions import ConvergenceWarning
+
+        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
+        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
     return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
 
 

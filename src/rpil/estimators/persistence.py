@@ -6,23 +6,30 @@ The file is an archive of `rpil.data.archive`.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, stored_name, write_archive
+from rpil.data.archive import (
+    VERSION,
+    ArrayField,
+    Decoder,
+    encode,
+    read_archive,
+    rpil_version,
+    stored_name,
+    write_archive,
+)
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.estimators.settings import Settings
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-from rpil.results.restored import check_sound
+from rpil.results.saved import check_sound
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
@@ -37,7 +44,7 @@ FITTED = {
 }
 """The attributes of each estimator that a file holds."""
 
-FITTED_ARRAYS = {"weights_": "M", "log_likelihood_": "M"}
+FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), ArrayField("M"))
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
@@ -146,19 +153,18 @@ def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, An
 
 def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     kind = header["class"]
-    classes = decoder.array(header["classes"], "K")
+    classes = decoder.arrays.pop(header["classes"]["array"])  # of any type
+    (decoder.sizes["K"],) = classes.shape
     params = {name: decoder.value(node) for name, node in header["params"].items()}
     estimator: SavedEstimator = ESTIMATORS[kind](**params)
     estimator.classes_ = classes
     if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
     for name, node in header["fitted"].items():
-        axes = FITTED_ARRAYS.get(name)
-        setattr(estimator, name, decoder.array(node, axes, np.float64) if axes else decoder.value(node))
+        array = FITTED_ARRAYS.get(name)
+        setattr(estimator, name, decoder.array(node, array) if array else decoder.value(node))
     if isinstance(estimator, RPIL):
         estimator.state_ = decoder.value(header["state"])
-        settings = params.get("settings") or Settings()
-        estimator.audit_ = replace(estimator.audit_, settings=settings.audit.of(settings.judge))
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:

@@ -23,8 +23,7 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
-from rpil.results.subset import select
-from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, split_by_task, with_labels_alone
+from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
 
 
 @dataclass(frozen=True, eq=False)

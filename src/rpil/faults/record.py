@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 
+from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import Id
 
 DIFFER = "demonstrations differ too much in this to know what is usual"
@@ -74,6 +75,7 @@ RULES = {
 """Every rule."""
 
 
+@stored()
 @dataclass(frozen=True)
 class Finding:
     """A fault of one demonstration, the worst of its kind there.
@@ -111,6 +113,7 @@ class Finding:
         return asdict(self) | {"severity": self.severity if math.isfinite(self.severity) else None}
 
 
+@stored()
 @dataclass(frozen=True)
 class FaultReport:
     """What was found in M demonstrations.
@@ -144,7 +147,7 @@ class FaultReport:
     n_steps: int
     set_aside: tuple[Id, ...] = ()
     n_expected: int = 0
-    counts: Mapping[str, int] = field(init=False)
+    counts: Mapping[str, int] = field(init=False, metadata=NOT_STORED)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: -found.severity)))

@@ -27,7 +27,7 @@ from itertools import product
 import numpy as np
 from scipy.special import expit, logit, logsumexp
 
-from rpil.data.archive import stored
+from rpil.data.archive import array_field, stored
 from rpil.data.errors import DataError
 from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
@@ -40,18 +40,20 @@ MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
 """Iterations at most, the gain in nats at which they stop, and the least share of a step."""
 
 
-@stored(labels="M", pairs="compared 2", outcome="M", tied="tied 2")
+@stored()
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What is known of M demonstrations."""
 
-    labels: Int[Array, " M"]
+    labels: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
     """1 good, -1 bad, 0 unknown."""
-    pairs: Int[Array, "P 2"]
+    pairs: Int[Array, "P 2"] = field(metadata=array_field("compared 2", np.int64))
     """The better and the worse demonstration of each pair that was compared."""
-    outcome: Float[Array, " M"]
+    outcome: Float[Array, " M"] = field(metadata=array_field("M", missing=True))
     """Higher is better; NaN where it is unknown."""
-    tied: Int[Array, "T 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    tied: Int[Array, "T 2"] = field(
+        default_factory=lambda: np.empty((0, 2), dtype=np.int64), metadata=array_field("tied 2", np.int64)
+    )
     """The two demonstrations of each pair without a difference."""
     _flag: bool | None = None
     """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""

@@ -69,7 +69,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id,
     words = found.words * (np.sign(log_odds) == found.words)
     proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
     is_decided = found.count >= audit.settings.keep.min_answers
-    answered = replace(  # type: ignore[type-var]  # every audit is a dataclass
+    answered = replace(
         audit,
         finding="answered",
         anchor="answers",
@@ -89,7 +89,7 @@ def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id,
         notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
         assumptions=_assumptions(audit, known, is_decided),
     )
-    return replace(answered, step_weight=weights_of(answered))  # type: ignore[type-var]
+    return replace(answered, step_weight=weights_of(answered))
 
 
 def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:

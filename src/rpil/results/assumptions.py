@@ -1,10 +1,7 @@
-"""The assumptions of an audit, one sentence each, and the warnings that a fit gives to its user."""
+"""The assumptions of an audit, one sentence each."""
 
 from __future__ import annotations
 
-import warnings
-
-from rpil.data.errors import user_stack_level
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NOT_USED, sentence_of
 from rpil.results.record import Audit
@@ -12,16 +9,6 @@ from rpil.results.record import Audit
 IN_SAMPLE_POLICY = (
     "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
 )
-
-
-def linear_policy(feature_kind: str) -> str:
-    """The assumption of the policy of `rpil.policies.linear`, with features of this kind."""
-    return f"The policy is linear in {feature_kind} features."
-
-
-def custom_policy(type_name: str) -> str:
-    """The assumption of a policy that the user gave."""
-    return f"The policy is a {type_name}; each demonstration was scored by a copy that was fitted without it."
 
 
 def assumption_sentences(
@@ -53,12 +40,3 @@ def assumption_sentences(
         demonstrators,
     )
     return tuple(filter(None, sentences))
-
-
-def warn_if_not_converged(converged: bool) -> None:
-    """Warn of a fit that ended before it converged."""
-    if not converged:
-        from sklearn.exceptions import ConvergenceWarning
-
-        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
-        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())

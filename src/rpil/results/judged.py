@@ -1,79 +1,125 @@
-"""What answers and weights read of an audit, which holds more."""
+"""The fields of an audit, each declared once: its type, its axis, and what it is of a demonstration that is not judged.
+
+What selects, joins, saves and checks audits (`rpil.results.tasks`, `rpil.results.saved`) is a loop over these fields.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from typing import Protocol
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any
 
+import numpy as np
+
+from rpil.data.archive import array_field
+from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.demonstrators import Demonstrator
+from rpil.results.demonstrators import Demonstrator, Interval
+from rpil.results.provenance import Provenance
 from rpil.results.settings import AuditSettings
-from rpil.results.words import Words
+from rpil.results.traces import Traces
+from rpil.results.words import WORDS, Anchor, Verdict, Words
+
+ALONE = "Not judged: it is the only demonstration of its task or session."
+"""The reason for a verdict that is open for want of other demonstrations."""
+
+SHARE = (0.0, 1.0)
+"""Limits of a probability or a share."""
 
 
-class Judged(Protocol):
-    """What answers and weights read of an audit (`rpil.results.record.Audit`)."""
+def of_demonstration(
+    axes: str = "M", nothing: object = 0.0, limits: tuple[float, float] | None = None, type: Any = np.float64
+) -> dict[str, object]:
+    """Metadata of an array with a row for each demonstration; a row of one that is not judged is `nothing`."""
+    return {"axis": "M", "nothing": type(nothing), "limits": limits, **array_field(axes, type)}
+
+
+def of_step(nothing: float = 0.0, limits: tuple[float, float] | None = None) -> dict[str, object]:
+    """Metadata of an array with a number for each step, in single precision where there are very many steps."""
+    return {"axis": "N", "nothing": nothing, "limits": limits, **array_field("N", np.float64, np.float32)}
+
+
+PROBABILITY = of_demonstration(nothing=0.5, limits=SHARE)
+TEXT = {"axis": "M", "nothing": ""}
+"""Metadata of a probability, and of a tuple with a text for each demonstration, or of none where none is known."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Judged:
+    """The fields of `rpil.results.record.Audit`, which describes them."""
+
+    ids: tuple[Hashable, ...]
+    offsets: Int[Array, " _"] = field(metadata=array_field("M+1", np.int64))
+    finding: str
+    log_odds: Float[Array, " M"] = field(metadata=of_demonstration())
+    from_actions: Float[Array, " M"] = field(metadata=of_demonstration())
+    from_demonstrator: Float[Array, " M"] = field(metadata=of_demonstration())
+    from_label: Float[Array, " M"] = field(metadata=of_demonstration())
+    expert_proba: Float[Array, " M"] = field(metadata=PROBABILITY)
+    reliability: Float[Array, " M"] = field(metadata=PROBABILITY)
+    reliability_interval: Float[Array, "M 2"] = field(metadata=of_demonstration("M 2", SHARE, SHARE))
+    verdicts: tuple[Verdict, ...] = field(metadata=TEXT | {"nothing": "open"})
+    step_log_ratio: Float[Array, " N"] = field(metadata=of_step())
+    step_share: Float[Array, " N"] = field(metadata=of_step(0.5, SHARE))
+    step_weight: Float[Array, " N"] = field(metadata=of_step(1.0))
+    prior: Interval
+    adversary: str
+    history: Float[Array, " T"] = field(metadata=array_field("T"))
+    columns: Float[Array, "M D"] = field(metadata=of_demonstration("M channels"))
+    columns_within: Float[Array, "M W"] = field(metadata=of_demonstration("M within"))
+    claimed: Int[Array, " M"] = field(metadata=of_demonstration(type=np.int64))
+    copy_of: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
+    settings: AuditSettings
+    identifiable: bool = True
+    competing: tuple[tuple[Hashable, ...], ...] = ()
+    pair: tuple[Hashable, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    demonstrators: tuple[Demonstrator, ...] = ()
+    answers: Answers = field(default_factory=Answers.none)
+    contradicting: tuple[Hashable, ...] = ()
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    deviations: tuple[str, ...] = field(default=(), metadata=TEXT)
+    anchor: Anchor = "none"
+    sessions: tuple[str, ...] = field(default=(), metadata=TEXT)
+    order: Float[Array, " M"] | None = field(default=None, metadata=of_demonstration())
+    traces: dict[Hashable, Traces] = field(default_factory=dict)
+    own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
+    within: str = ""
+    provenance: Provenance | None = None
+    max_unlike_of_parts: float | None = None
 
     @property
-    def ids(self) -> tuple[Hashable, ...]: ...
+    def words(self) -> Words:
+        """The words of the verdicts, and the name and the meaning of `expert_proba`."""
+        return WORDS[self.anchor]
+
     @property
-    def offsets(self) -> Int[Array, " _"]: ...
-    @property
-    def anchor(self) -> str: ...
-    @property
-    def finding(self) -> str: ...
-    @property
-    def reliability(self) -> Float[Array, " M"]: ...
-    @property
-    def pair(self) -> tuple[Hashable, ...]: ...
-    @property
-    def answers(self) -> Answers: ...
-    @property
-    def columns(self) -> Float[Array, "M D"]: ...
-    @property
-    def columns_within(self) -> Float[Array, "M W"]: ...
-    @property
-    def claimed(self) -> Int[Array, " M"]: ...
-    @property
-    def copy_of(self) -> Int[Array, " M"]: ...
-    @property
-    def log_odds(self) -> Float[Array, " M"]: ...
-    @property
-    def from_actions(self) -> Float[Array, " M"]: ...
-    @property
-    def from_demonstrator(self) -> Float[Array, " M"]: ...
-    @property
-    def demonstrators(self) -> tuple[Demonstrator, ...]: ...
-    @property
-    def expert_proba(self) -> Float[Array, " M"]: ...
-    @property
-    def lengths(self) -> Int[Array, " M"]: ...
-    @property
-    def step_log_ratio(self) -> Float[Array, " N"]: ...
-    @property
-    def step_weight(self) -> Float[Array, " N"]: ...
-    @property
-    def step_share(self) -> Float[Array, " N"]: ...
-    @property
-    def identifiable(self) -> bool: ...
-    @property
-    def contradicting(self) -> tuple[Hashable, ...]: ...
-    @property
-    def deviations(self) -> tuple[str, ...]: ...
-    @property
-    def competing(self) -> tuple[tuple[Hashable, ...], ...]: ...
-    @property
-    def verdicts(self) -> Sequence[str]: ...
-    @property
-    def words(self) -> Words: ...
-    @property
-    def doubts(self) -> tuple[str, ...]: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-    @property
-    def assumptions(self) -> tuple[str, ...]: ...
-    @property
-    def settings(self) -> AuditSettings: ...
-    def steps(self, index: int) -> slice: ...
-    def index(self, demonstration: Hashable) -> int: ...
+    def lengths(self) -> Int[Array, " M"]:
+        """Steps of each demonstration."""
+        return np.diff(self.offsets)
+
+    def index(self, demonstration: Hashable) -> int:
+        """Index of the demonstration with this id.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        if demonstration not in self.ids:
+            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
+            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
+        return self.ids.index(demonstration)
+
+    def steps(self, index: int) -> slice:
+        """The rows of demonstration `index`."""
+        return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
+
+
+def table_fields(kind: type[Judged]) -> Iterator[tuple[str, str, Any]]:
+    """The columns of an audit: the name of each field with an axis, the axis, M or N, and what stands for nothing."""
+    for one in fields(kind):
+        if "axis" in one.metadata:
+            yield one.name, one.metadata["axis"], one.metadata["nothing"]

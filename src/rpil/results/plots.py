@@ -174,8 +174,8 @@ class EvidenceDisplay(_AuditDisplay):
         name = audit.ids[index]
         if name not in audit.traces:
             raise DataError(
-                f"Demonstration {printable(name)} has no traces: the {len(audit.traces)} most worth a look have, until "
-                "the audit is saved to a file; choose one of them, or fit again."
+                f"Demonstration {printable(name)} has no traces: the {len(audit.traces)} most worth a look have them; "
+                "choose one of these."
             )
         own, trust = audit.traces[name], audit.step_trust(index)
         starts = bin_starts(len(trust))

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from rpil.data.archive import rpil_version
+from rpil.data.archive import rpil_version, stored
 from rpil.data.files import StrPath
 from rpil.data.folders import is_hidden
 from rpil.data.privacy import for_others
@@ -25,6 +25,7 @@ _MOST_DIGESTED, _MOST_FILES, _END = 256 * 2**20, 10_000, 64 * 2**10
 """Bytes of a file that are all read for a digest, files of a folder that are opened, and bytes at the end of each."""
 
 
+@stored()
 @dataclass(frozen=True)
 class Provenance:
     """How a result was made; `settings` are those that are not the defaults, `files` the data and then other files."""

@@ -36,11 +36,6 @@ class Stretch(NamedTuple):
     last: int
     nats: float
 
-    @property
-    def steps(self) -> str:
-        """The subject of a sentence, and its verb."""
-        return f"step {self.first} is" if self.first == self.last else f"steps {self.first} to {self.last} are"
-
 
 def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
     """The stretch with the lowest sum of log-ratios; None where that is above -`MIN_STRETCH`."""
@@ -70,7 +65,9 @@ def reasons_of(audit: Judged, answers: Answers) -> Iterator[str]:
         reason = reason or _by_evidence(audit, m, float(score[m]), trusted_score)
         stretch = worst_stretch(log_ratio[audit.steps(m)])
         if stretch is not None and audit.finding != "nothing could be learned":
-            reason += f"; {stretch.steps} least like {audit.words.upper} ones ({stretch.nats:+.1f} nats)"
+            first, last = stretch.first, stretch.last
+            subject = f"step {first} is" if first == last else f"steps {first} to {last} are"
+            reason += f"; {subject} least like {audit.words.upper} ones ({stretch.nats:+.1f} nats)"
             reason += f": {audit.deviations[m]}" if audit.deviations and audit.deviations[m] else ""
         yield f"{reason}."
 

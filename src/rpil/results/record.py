@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,34 +11,19 @@ from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.choice import Choice
 from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.overview import overview_text
-from rpil.results.restored import restored
 from rpil.results.result import AuditResult
 from rpil.results.verdict_table import choice_of, verdict_columns
 
 if TYPE_CHECKING:
     from rpil.results.plots import AuditPlots
 
+TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
+"""The title of a page, and the name of data that have no other."""
+
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
 
-@stored(
-    offsets="M+1",
-    log_odds="M",
-    from_actions="M",
-    from_demonstrator="M",
-    from_label="M",
-    expert_proba="M",
-    reliability="M",
-    reliability_interval="M 2",
-    step_log_ratio="N",
-    step_share="N",
-    step_weight="N",
-    history="iterations",
-    columns="M channels",
-    columns_within="M within",
-    claimed="M",
-    copy_of="M",
-)
+@stored()
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
@@ -176,18 +160,33 @@ class Audit(AuditResult):
             columns["session"] = self.sessions
         return data_frame(columns, backend)
 
-    @classmethod
-    def from_dict(cls, found: Mapping[str, object]) -> Audit:
-        """The audit that ``to_dict(arrays=True)`` gave, bit for bit, also after it was written as JSON and read.
+    def save(self, path: StrPath) -> None:
+        """Write the audit to a file of any name; `load` reads it, and ``rpil report`` makes its page.
 
         Raises
         ------
         DataError
-            If there are no arrays in it, or its parts do not belong together.
+            If the path cannot be written.
         """
-        return restored(found, cls)
+        from rpil.results.saved import write_audit
+        from rpil.results.view import About
 
-    def to_html(self, path: StrPath, title: str = "Audit of demonstrations") -> None:
+        write_audit(path, self, About(TITLE, IN_MEMORY))
+
+    @classmethod
+    def load(cls, path: StrPath) -> Audit:
+        """The audit that `save` or ``rpil audit --save`` wrote, bit for bit.
+
+        Raises
+        ------
+        DataError
+            If the file is no such audit, or its parts do not belong together.
+        """
+        from rpil.results.saved import read_audit
+
+        return read_audit(path, cls)[0]
+
+    def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 
         It tells nothing of recording faults, which an audit does not know.
@@ -200,7 +199,7 @@ class Audit(AuditResult):
         from rpil.results.html.page import Article, write_page
         from rpil.results.view import About, make_view
 
-        write_page(path, [Article(make_view(self, About(title, "in memory")))])
+        write_page(path, [Article(make_view(self, About(title, IN_MEMORY)))])
 
     def __repr__(self) -> str:
         return overview_text(self)

@@ -6,16 +6,13 @@ Pictures and tables read it from here; `rpil.results.record.Audit` is what users
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.archive import NOT_STORED
-from rpil.data.errors import DataError
-from rpil.data.plain import to_plain
 from rpil.data.run import run_id
 from rpil.inference.answers import Answers
 from rpil.inference.groups import expert_share_interval
@@ -25,60 +22,17 @@ from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.facts import Fact, known_facts, style_in_words
-from rpil.results.provenance import Provenance
+from rpil.results.judged import Judged
 from rpil.results.reasons import GivenLabel, bounded, reasons_of
-from rpil.results.settings import AuditSettings
-from rpil.results.traces import Traces
-from rpil.results.words import SIDES, WORDS, Verdict, Words
+from rpil.results.words import SIDES
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AuditResult:
-    """The fields of `rpil.results.record.Audit`, which describes them, and what follows from them."""
-
-    ids: tuple[Hashable, ...]
-    offsets: Int[Array, " _"]
-    finding: str
-    log_odds: Float[Array, " M"]
-    from_actions: Float[Array, " M"]
-    from_demonstrator: Float[Array, " M"]
-    from_label: Float[Array, " M"]
-    expert_proba: Float[Array, " M"]
-    reliability: Float[Array, " M"]
-    reliability_interval: Float[Array, "M 2"]
-    verdicts: tuple[Verdict, ...]
-    step_log_ratio: Float[Array, " N"]
-    step_share: Float[Array, " N"]
-    step_weight: Float[Array, " N"]
-    prior: Interval
-    adversary: str
-    history: Float[Array, " T"]
-    identifiable: bool = True
-    competing: tuple[tuple[Hashable, ...], ...] = ()
-    pair: tuple[Hashable, ...] = ()
-    assumptions: tuple[str, ...] = ()
-    demonstrators: tuple[Demonstrator, ...] = ()
-    answers: Answers = field(default_factory=Answers.none)
-    contradicting: tuple[Hashable, ...] = ()
-    doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    columns: Float[Array, "M D"] = field(default_factory=lambda: np.empty((0, 0)))
-    columns_within: Float[Array, "M W"] = field(default_factory=lambda: np.empty((0, 0)))
-    claimed: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    copy_of: Int[Array, " M"] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    deviations: tuple[str, ...] = ()
-    anchor: str = "none"
-    sessions: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
-    order: Float[Array, " M"] | None = field(default=None, metadata=NOT_STORED)
-    traces: dict[Hashable, Traces] = field(default_factory=dict, metadata=NOT_STORED)
-    settings: AuditSettings = field(default=AuditSettings(), metadata=NOT_STORED)  # files hold the estimator's
-    own_reasons: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
-    within: str = field(default="", metadata=NOT_STORED)
-    provenance: Provenance | None = field(default=None, metadata=NOT_STORED)
-    max_unlike_of_parts: float | None = field(default=None, metadata=NOT_STORED)
+class AuditResult(Judged):
+    """The fields of an audit, and what follows from them."""
 
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
@@ -125,11 +79,6 @@ class AuditResult:
         """The `competing` groups by their names, A and B."""
         return dict(zip("AB", self.competing, strict=False))
 
-    @property
-    def words(self) -> Words:
-        """The words of the verdicts, and the name and the meaning of `expert_proba`."""
-        return WORDS[self.anchor]
-
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each word: of all, or of those called `ids`."""
         verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
@@ -137,11 +86,6 @@ class AuditResult:
         own = (self.words.upper, "open", self.words.lower)
         # Where tasks are judged by themselves, some may have an anchor and others none.
         return {word: verdicts.count(word) for word in SIDES if word in own or word in self.verdicts}
-
-    @property
-    def lengths(self) -> Int[Array, " M"]:
-        """Steps of each demonstration."""
-        return np.diff(self.offsets)
 
     def ranking(self) -> Int[Array, " M"]:
         """Indices of the demonstrations, the most trusted first."""
@@ -218,34 +162,13 @@ class AuditResult:
         one = slice(index, index + 1)
         return step_proba(self.reliability[one], log_ratio, self.lengths[one], self.settings.steps)
 
-    def index(self, demonstration: Hashable) -> int:
-        """Index of the demonstration with this id.
-
-        Raises
-        ------
-        DataError
-            If there is none.
-        """
-        if demonstration not in self.ids:
-            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
-            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
-        return self.ids.index(demonstration)
-
-    def steps(self, index: int) -> slice:
-        """The rows of demonstration `index`."""
-        return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
-
     @property
     def run_id(self) -> str:
         """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
-    def to_dict(self, arrays: bool = False) -> dict[str, object]:
-        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first.
-
-        With `arrays`, "audit" holds all fields too, also those of the steps, from which `Audit.from_dict` makes the
-        audit again.
-        """
+    def to_dict(self) -> dict[str, object]:
+        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
         facts, labels, ranks = self.facts, self.labels, self.ranks
         return {
             "n_demonstrations": len(self.ids),
@@ -286,5 +209,4 @@ class AuditResult:
                 for who in self.demonstrators
             ],
             **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
-            **({"audit": to_plain(self)} if arrays else {}),
         }

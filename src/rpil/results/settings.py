@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from rpil.data.archive import NOT_STORED, stored
+from rpil.data.archive import stored
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
 from rpil.mixture.settings import DemonstratorSettings
 
 
+@stored()
 @dataclass(frozen=True)
 class KeepSettings:
     """How far demonstrations are rejected because they are unlike the others; all three are chosen by hand."""
@@ -35,11 +36,11 @@ class AuditSettings:
     """Of answers to an audit; a fit puts those of the judge here."""
     steps: StepSettings = StepSettings()
     """Of the steps of an audit after answers; a fit puts those of the judge here."""
-    claims: ClaimSettings = field(default=ClaimSettings(), metadata=NOT_STORED)
+    claims: ClaimSettings = ClaimSettings()
     """Of words without answers; a fit puts those of the judge here."""
-    demonstrators: DemonstratorSettings = field(default=DemonstratorSettings(), metadata=NOT_STORED)
+    demonstrators: DemonstratorSettings = DemonstratorSettings()
     """Of demonstrators after answers; a fit puts those of the judge here."""
-    keep: KeepSettings = field(default=KeepSettings(), metadata=NOT_STORED)
+    keep: KeepSettings = KeepSettings()
     """Of what is kept."""
 
     def min_proba(self, anchor: str) -> float:

@@ -1,9 +1,10 @@
-"""Several tasks or sessions in one set of data: each is judged by itself, and the audits become one."""
+"""Parts of an audit: that of some demonstrations, and the one of several tasks or sessions, each judged by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.special import expit, logit
@@ -12,16 +13,18 @@ from rpil.data.text import listed
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Int
 from rpil.results.demonstrators import Interval
+from rpil.results.judged import table_fields
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
-from rpil.results.words import Verdict
 
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, and a user is warned."""
 
-ALONE = "Not judged: it is the only demonstration of its task or session."
+_NOT_OF_TASKS = "columns_within", "order"
+"""Columns whose numbers have another meaning in each task."""
+
 _FINDINGS = tuple(FINDINGS)
 
 
@@ -36,6 +39,51 @@ def split_by_task(
         group = f"{task or 'no task'}, {sessions[m]}" if sessions and several else sessions[m] if sessions else task
         places.setdefault(group, []).append(m)
     return places
+
+
+def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> Audit:
+    """The audit of the demonstrations at `indices` alone, in that order, as they were judged among all.
+
+    `ids` are new names for them. What concerns all, as the finding and the share of experts, stays.
+    """
+    chosen = np.asarray(indices, dtype=np.int64)
+    rows = {"M": chosen, "N": _steps_of(audit.offsets, chosen)}
+    with_reasons = replace(audit, own_reasons=audit.reasons)
+    columns = {name: _taken(getattr(with_reasons, name), rows[axis]) for name, axis, _ in table_fields(Audit)}
+    _, first, place = np.unique(audit.copy_of[chosen], return_index=True, return_inverse=True)
+    names = dict(zip((audit.ids[m] for m in chosen.tolist()), ids or _taken(audit.ids, chosen), strict=True))
+
+    def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
+        return tuple(names[name] for name in old if name in names)
+
+    return replace(
+        audit,
+        **columns,
+        ids=tuple(names.values()),
+        offsets=np.concatenate([[0], np.cumsum(audit.lengths[chosen])]),
+        competing=tuple(map(named, audit.competing)),
+        pair=pair if len(pair := named(audit.pair)) == 2 else (),
+        demonstrators=tuple(
+            replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
+        ),
+        answers=audit.answers.select(chosen.tolist()),
+        max_unlike_of_parts=audit.max_unlike,
+        copy_of=first[place],
+        contradicting=named(audit.contradicting),
+        traces={names[name]: own for name, own in audit.traces.items() if name in names},
+    )
+
+
+def _steps_of(offsets: Int[Array, " _"], rows: Int[Array, " R"]) -> Int[Array, " S"]:
+    """The numbers of the steps of some demonstrations."""
+    return np.concatenate([np.arange(0), *(np.arange(offsets[m], offsets[m + 1]) for m in rows.tolist())])
+
+
+def _taken(column: Any, rows: Int[Array, " R"]) -> Any:
+    """Some rows of a column; one that is not known stays so."""
+    if isinstance(column, np.ndarray):
+        return column[rows]
+    return tuple(column[m] for m in rows.tolist()) if column else column
 
 
 def join_audits(
@@ -56,25 +104,24 @@ def join_audits(
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
     """
-    n = len(ids)
-    columns, steps, interval = _gathered(audits, places, offsets)
-    verdicts: list[Verdict] = ["open"] * n
-    reasons, deviations = [ALONE] * n, [""] * n
-    for task, audit in audits.items():
-        for k, m in enumerate(places[task]):
-            verdicts[m], reasons[m] = audit.verdicts[k], audit.reasons[k]
-            deviations[m] = audit.deviations[k] if audit.deviations else ""
-    parts = list(audits.values())
+    parts = [replace(audit, own_reasons=audit.reasons, columns=_shared_columns(audit)) for audit in audits.values()]
+    rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
+    numbers = {"M": rows, "N": [_steps_of(offsets, own) for own in rows]}
+    sizes = {"M": len(ids), "N": int(offsets[-1])}
+    columns = {
+        name: _joined([getattr(part, name) for part in parts], numbers[axis], sizes[axis], nothing)
+        for name, axis, nothing in table_fields(Audit)
+        if name not in _NOT_OF_TASKS
+    }
+    if not parts:
+        columns["columns"] = np.empty((len(ids), 0))
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     return Audit(
+        **columns,
         ids=tuple(ids),
         offsets=offsets,
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
-        **columns,
-        reliability_interval=interval,
-        verdicts=tuple(verdicts),
-        **steps,
         prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
         history=np.empty(0),
@@ -83,23 +130,38 @@ def join_audits(
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        answers=_joined_answers(audits, places, n),
+        answers=_joined_answers(audits, places, len(ids)),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
-        columns=_joined_columns(audits, places, n),
-        copy_of=_joined_copies(audits, places, n),
+        columns_within=np.empty((len(ids), 0)),
+        copy_of=_joined_copies(audits, places, len(ids)),
         traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
-        deviations=tuple(deviations) if any(deviations) else (),
-        sessions=(),
         settings=parts[0].settings if parts else AuditSettings(),
-        provenance=None,
         within=what,
-        own_reasons=tuple(reasons),
         max_unlike_of_parts=min((audit.max_unlike for audit in parts if "unlike" in audit.verdicts), default=None),
     )
+
+
+def _shared_columns(audit: Audit) -> Array:
+    """The columns of a task without the components, which have another meaning in each task."""
+    return np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1)
+
+
+def _joined(columns: Sequence[Any], numbers: Sequence[Array], size: int, nothing: Any) -> Any:
+    """One column of all tasks: the values of each of the `columns` at its `numbers`, and `nothing` elsewhere."""
+    if isinstance(nothing, str):
+        texts = [nothing] * size
+        for column, places in zip(columns, numbers, strict=True):
+            for m, text in zip(places.tolist(), column, strict=False):  # a task may know none
+                texts[m] = text
+        return tuple(texts) if any(texts) else ()
+    joined = np.full((size, *(columns[0].shape[1:] if columns else np.shape(nothing))), nothing)
+    for column, places in zip(columns, numbers, strict=True):
+        joined[places] = column
+    return joined
 
 
 def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Array) -> Audit:
@@ -125,26 +187,6 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Array) -> Audi
     )
 
 
-def _gathered(
-    audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], offsets: Array
-) -> tuple[dict[str, Array], dict[str, Array], Array]:
-    """Numbers of demonstrations and of steps by their names, and the intervals of reliability."""
-    n, n_steps = len(offsets) - 1, int(offsets[-1])
-    columns = {name: np.zeros(n) for name in ("log_odds", "from_actions", "from_demonstrator", "from_label")}
-    columns |= {name: np.full(n, 0.5) for name in ("expert_proba", "reliability")}
-    columns |= {"claimed": np.zeros(n, dtype=np.int64)}
-    steps = {"step_log_ratio": np.zeros(n_steps), "step_share": np.full(n_steps, 0.5), "step_weight": np.ones(n_steps)}
-    interval = np.tile([0.0, 1.0], (n, 1))
-    for task, audit in audits.items():
-        rows = np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in places[task]])
-        for name, column in columns.items():
-            column[places[task]] = getattr(audit, name)
-        for name, column in steps.items():
-            column[rows] = getattr(audit, name)
-        interval[places[task]] = audit.reliability_interval
-    return columns | {"columns_within": np.empty((n, 0))}, steps, interval
-
-
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
     """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
     joined = Answers.of_labels(np.zeros(n, dtype=np.int64))
@@ -155,16 +197,6 @@ def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[i
         pairs.append(rows[own.pairs])
         tied.append(rows[own.tied])
     return replace(joined, pairs=np.concatenate(pairs), tied=np.concatenate(tied))
-
-
-def _joined_columns(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
-    """The columns of all tasks, which are ranks within each; 0 for a demonstration that is not judged. The components
-    have another meaning in each task, and are left out."""
-    of_each = {task: np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1) for task, audit in audits.items()}
-    columns = np.zeros((n, next((own.shape[1] for own in of_each.values()), 0)))
-    for task, own in of_each.items():
-        columns[places[task]] = own
-    return columns
 
 
 def _joined_copies(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:

