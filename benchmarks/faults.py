@@ -23,7 +23,7 @@ from provenance import line, provenance
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
-from rpil.faults.record import RULES, FaultReport
+from rpil.faults.report import RULES, FaultReport
 from rpil.simulation.simulate import simulate
 from tables import table
 from worlds.recorded import npz_files, read

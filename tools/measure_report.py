@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from audits import make_audit
 from browser import Browser, browsing
-from rpil.faults.record import FaultReport, Finding
+from rpil.faults.report import FaultReport, Fault
 from rpil.results.evidence import MAX_DRAWN
 from rpil.results.html.page import Article, write_page
 from rpil.results.record import Audit
@@ -59,7 +59,7 @@ def audit_of(size: int) -> tuple[Audit, About]:
         parts = (TracedPart(f"joint {j}.pos", 0.3, -9.0, own, own - 1, own + 1) for j in range(3))
         traces[m] = Traces(tuple(parts))
     findings = tuple(
-        Finding(rule, int(m), 3, 9, "x", 1.0, 0.5, 2.0, f"x leaps by {m / 7:.3f} from one step to the next")
+        Fault(rule, int(m), 3, 9, "x", 1.0, 0.5, 2.0, f"x leaps by {m / 7:.3f} from one step to the next")
         for rule in ("jump", "lag", "saturation")
         for m in rng.choice(size, size // 10, replace=False)
     )

@@ -9,7 +9,7 @@ from problems import make
 from recordings import changed, demonstrations, recording
 from rpil import Demonstrations, formats, open_dataset
 from rpil.faults.checking import check
-from rpil.faults.record import RULES
+from rpil.faults.report import RULES
 
 
 def test_codes_are_no_measurements():

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from recordings import recording
-from rpil.faults.maps import OF_ROWS, Frame, Tried, gains, maps_of, misfit, undo
+from rpil.faults.maps import OF_ROWS, Tried, Window, gains, maps_of, misfit, undo
 from rpil.faults.naming import Level, Namer
 from rpil.faults.settings import FaultSettings
 
 ROWS = [np.concatenate(pair, axis=1) for pair in recording(6)]
-FRAME = Frame(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)
+FRAME = Window(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)
 
 
 @pytest.mark.parametrize("kind", OF_ROWS)

@@ -8,7 +8,7 @@ import pytest
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
-from rpil.faults.record import RULES, explain
+from rpil.faults.report import RULES, explain
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault

@@ -12,7 +12,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, keep_one_file
-from rpil.formats.registry import Found
+from rpil.formats.registry import ClaimedPath
 from samples import SAMPLES
 
 TOY = Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1]), ([[3.0]], [1])])
@@ -21,7 +21,7 @@ TOY = Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1]), ([[3.0]], [1])])
 def test_what_is_left_out_cannot_be_done(tmp_path):
     path = tmp_path / "a.toy"
     path.write_text("x")
-    bare = Found(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
+    bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
     assert bare.commands_to_keep([0, 1], [1]) == []
     assert bare.format.notes_on_weights == ()
     assert not bare.format.stays_on_disk(path)

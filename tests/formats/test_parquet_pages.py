@@ -14,8 +14,8 @@ from hostile import write_long_list
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.formats.lerobot.check import find_defects
-from rpil.formats.parquet_pages import Stored, page_sizes
+from rpil.formats.lerobot.defects import find_defects
+from rpil.formats.parquet_pages import OpenParquet, page_sizes
 from rpil.formats.store import opened
 
 ROWS = 500
@@ -94,7 +94,7 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
         path.write_bytes(bad)
         try:
             with fs.LocalFileSystem().open_input_file(str(path)) as stream:
-                groups = page_sizes(Stored(file, stream, path.name), ["state.pos", "text"])
+                groups = page_sizes(OpenParquet(file, stream, path.name), ["state.pos", "text"])
         except DataError as error:
             assert "x.parquet" in str(error)  # noqa: PT017
         else:

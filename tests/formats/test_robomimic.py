@@ -10,8 +10,8 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.parts import NO_STEPS
 from rpil.formats.robomimic import write_mask
+from rpil.formats.step_arrays import NO_STEPS
 
 
 def contents(path):

@@ -28,7 +28,7 @@ from rpil.formats.spool import spool
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
     monkeypatch.setattr(rows, "BATCH_ROWS", 7)
-    monkeypatch.setattr("rpil.formats.parts.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.step_arrays.BATCH_ROWS", 7)
 
 
 def both(path, options=ColumnOptions()):

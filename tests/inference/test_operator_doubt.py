@@ -10,7 +10,7 @@ import pytest
 from hand_made import same_actions, scores_of, scoring_of
 from problems import make
 from rpil import RPIL, Demonstrations
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.inference.claims import claim, doubts_of_operators
 from rpil.inference.settings import JudgeSettings
 

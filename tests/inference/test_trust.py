@@ -11,7 +11,7 @@ from sklearn.metrics import roc_auc_score
 
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.inference.answered import answer, columns_of
 from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from audits import make_audit
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.results.demonstrators import Demonstrator, Interval, known_demonstrators, rank_demonstrators
 
 IDS = ("first", "second", "third", "fourth", "fifth")

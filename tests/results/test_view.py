@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from audits import make_audit
-from rpil.faults.record import FaultReport, Finding
+from rpil.faults.report import Fault, FaultReport
 from rpil.inference.answers import Answers
 from rpil.results.answering import stretch_of
 from rpil.results.groups import TWO_GROUPS
@@ -82,7 +82,7 @@ def test_facts_beside_the_audit_are_those_of_each_demonstration():
 
 def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
     def fault(rule, name, severity):
-        return Finding(rule, name, 3, 5, "x", 1.0, 0.5, severity, "x leaps")
+        return Fault(rule, name, 3, 5, "x", 1.0, 0.5, severity, "x leaps")
 
     findings = (fault("jump", "b", 2.0), fault("jump", "a", 9.0), fault("lag", "b", 5.0), fault("jump", "gone", 1.0))
     reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}

@@ -16,9 +16,9 @@ from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_opt
 from rpil.data.text import counted, printable
 
 if TYPE_CHECKING:
-    from rpil.faults.record import FaultReport
+    from rpil.faults.report import FaultReport
     from rpil.formats.format import Defect
-    from rpil.formats.registry import Found
+    from rpil.formats.registry import ClaimedPath
     from rpil.results.record import Audit
 
 MAX_FINDINGS = 30
@@ -80,7 +80,7 @@ def check(
         sys.exit(1)
 
 
-def _mend(file: str, look: bool, fix: bool) -> Found:
+def _mend(file: str, look: bool, fix: bool) -> ClaimedPath:
     """What is at `file`, a folder of LeRobot mended where that is wanted; other formats have neither of the options."""
     from rpil.formats.registry import find
 
@@ -102,7 +102,7 @@ def defect_lines(defects: Sequence[Defect]) -> list[str]:
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
     """The recording faults beside an audit: how many, and those that may explain low trust."""
-    from rpil.faults.record import explain
+    from rpil.faults.report import explain
     from rpil.results.words import SIDES
 
     if not report.findings:
@@ -119,7 +119,7 @@ def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]
 def _rules(fail_on: str | None) -> set[str]:
     """The rules that --fail-on names."""
     from rpil.faults.expected import rule_name
-    from rpil.faults.record import RULES
+    from rpil.faults.report import RULES
 
     words = [word for word in (fail_on or "").split(",") if word.strip()]
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
-    from rpil.faults.record import FaultReport
+    from rpil.faults.report import FaultReport
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
@@ -179,7 +179,7 @@ def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[
 
 def tell_of_set_aside(recording: Recording) -> None:
     """Name the demonstrations that --skip-bad left out, for commands that do not print what was read."""
-    from rpil.formats.selection import set_aside_lines
+    from rpil.formats.chosen import set_aside_lines
 
     for line in set_aside_lines(recording.set_aside):
         click.echo(line, err=True)

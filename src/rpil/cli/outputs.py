@@ -19,7 +19,7 @@ from rpil.cli.progress import StageProgress
 from rpil.data.text import printable
 
 if TYPE_CHECKING:
-    from rpil.faults.record import FaultReport
+    from rpil.faults.report import FaultReport
     from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.results.view import About

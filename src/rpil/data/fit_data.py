@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 

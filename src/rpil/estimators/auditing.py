@@ -14,10 +14,15 @@ from typing import Unpack, cast
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
+<<<<<<< HEAD
 from rpil.data.errors import DataError, user_stack_level
 from rpil.data.facts import Outcome
+=======
+from rpil.data.errors import DataError
+>>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
+from rpil.data.recorded_facts import Outcome
 from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels, Task

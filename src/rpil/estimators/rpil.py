@@ -13,8 +13,8 @@ from sklearn.utils.validation import check_is_fitted
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Outcome, given_outcome
 from rpil.data.fit_data import FitData
+from rpil.data.recorded_facts import Outcome, given_outcome
 from rpil.estimators.auditing import fit_task, fit_within_tasks
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn

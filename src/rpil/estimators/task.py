@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
+from rpil.data.demonstrator_groups import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
-from rpil.data.facts import given_order, tells
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, match_pairs, parse_labels, read_answers
+from rpil.data.recorded_facts import given_order, tells
 from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers

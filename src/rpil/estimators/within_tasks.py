@@ -11,9 +11,9 @@ import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Outcome, check_outcome, check_sessions, given_order, given_outcome
 from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
+from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order, given_outcome
 from rpil.data.reference import with_reference
 from rpil.estimators.task import ActionBox, DemonstratorNames, Labels, Task, answers_of
 from rpil.formats import read_demonstrators

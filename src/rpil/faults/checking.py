@@ -13,16 +13,16 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
-from rpil.faults.columns import column_labels, describe_columns, pilot
 from rpil.faults.duplicates import find_duplicates
 from rpil.faults.expected import leave_out
-from rpil.faults.frames import find_frame_counts, find_frame_times, frame_time, recorded_time
+from rpil.faults.frame_times import find_frame_counts, find_frame_times, frame_time, recorded_time
 from rpil.faults.lag import find_lag
 from rpil.faults.maprules import MAP_COMPARISONS
 from rpil.faults.measure import Learned, measure
+from rpil.faults.measured_columns import column_labels, describe_columns, pilot
 from rpil.faults.naming import learn
-from rpil.faults.record import RULES, FaultReport, Finding, Rule
-from rpil.faults.rules import COMPARISONS, Evidence, is_lag_known
+from rpil.faults.report import RULES, Fault, FaultReport, Rule
+from rpil.faults.rules import COMPARISONS, Measurements, is_lag_known
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import learn_ends
 from rpil.formats.dataset import Dataset
@@ -34,7 +34,7 @@ FAULT_SETTINGS = FaultSettings()
 
 CODES = "no {} measures something: they are constant, codes or pixels"
 HELD = ("frozen sensor", "frozen action", "saturation")
-NEEDS: dict[str, Callable[[Evidence], str | None]] = {
+NEEDS: dict[str, Callable[[Measurements], str | None]] = {
     "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
     "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
     "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
@@ -102,7 +102,7 @@ def check(
         why |= dict.fromkeys(others, "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad")
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        seen = Evidence(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
+        seen = Measurements(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
         why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
         found += find_duplicates(seen)
         compared, unknown = _compare(seen, why)
@@ -123,12 +123,12 @@ def check(
     )
 
 
-def _compare(seen: Evidence, why: dict[str, str]) -> tuple[list[Finding], dict[str, tuple[str, ...]]]:
+def _compare(seen: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:
     """The findings of the rules that compare demonstrations, and the columns in which nothing is known of a rule.
 
     Rules in `why` do not apply; one that knows nothing in any column is added to them.
     """
-    found: list[Finding] = []
+    found: list[Fault] = []
     known: dict[str, bool] = defaultdict(bool)
     unknown: dict[str, tuple[str, ...]] = {}
     for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
@@ -150,10 +150,10 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
             return recording.load()
 
 
-def without_consequences(found: Iterable[Finding]) -> list[Finding]:
+def without_consequences(found: Iterable[Fault]) -> list[Fault]:
     """The worst finding of each rule and demonstration, without what follows from another: jumps at the ends of frozen
     and saturated stretches and where two episodes meet, and lags and lengths that a change of time explains."""
-    worst: dict[tuple[str, Id], Finding] = {}
+    worst: dict[tuple[str, Id], Fault] = {}
     for f in sorted(found, key=lambda f: -f.severity):
         worst.setdefault((f.rule, f.id), f)
     found = list(worst.values())
@@ -173,7 +173,7 @@ def without_consequences(found: Iterable[Finding]) -> list[Finding]:
     ]
 
 
-def _trims(seen: Evidence) -> dict[Id, tuple[int, int]]:
+def _trims(seen: Measurements) -> dict[Id, tuple[int, int]]:
     """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
     head, tail, least = seen.measured.head, seen.measured.tail, seen.settings.min_idle
     first, end = np.where(head >= least, head, 0), seen.lengths - np.where(tail >= least, tail, 0)
@@ -191,17 +191,17 @@ def _no_times(times: Times) -> dict[str, str]:
     return why
 
 
-def _reason(rule: Rule, seen: Evidence) -> str | None:
+def _reason(rule: Rule, seen: Measurements) -> str | None:
     """Why a rule does not apply to such data."""
     return next((reason for need in rule.needs if (reason := NEEDS[need](seen))), None)
 
 
-def _too_few(seen: Evidence) -> str | None:
+def _too_few(seen: Measurements) -> str | None:
     least = seen.settings.min_demonstrations
     return f"it takes {least} demonstrations to know what is usual" if len(seen.ids) < least else None
 
 
-def _usual(seen: Evidence, recorded: float | None) -> dict[str, str]:
+def _usual(seen: Measurements, recorded: float | None) -> dict[str, str]:
     """What is usual in these data, with a frame every `recorded` seconds by their timestamps."""
     usual = {}
     names = seen.columns.names

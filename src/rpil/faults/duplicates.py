@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rpil.faults.record import Finding
-from rpil.faults.rules import Evidence
+from rpil.faults.report import Fault
+from rpil.faults.rules import Measurements
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
@@ -15,7 +15,7 @@ NEIGHBOUR_ROWS = 1_024
 """Points whose distances to all others are in memory together."""
 
 
-def find_duplicates(seen: Evidence) -> Iterator[Finding]:
+def find_duplicates(seen: Measurements) -> Iterator[Fault]:
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
     exact = _exact(seen)
     for m, twin in exact.items():
@@ -57,13 +57,13 @@ def near_limit(distance: Array, settings: FaultSettings) -> float:
     return middle * float(np.clip((settings.near_share / np.log(2.0)) ** power, *settings.near_duplicate))
 
 
-def _finding(seen: Evidence, m: int, twin: int, value: float, limit: float, words: str) -> Finding:
+def _finding(seen: Measurements, m: int, twin: int, value: float, limit: float, words: str) -> Fault:
     severity = min(limit / value, 1e3) if value else 1e3
     last = int(seen.lengths[m]) - 1
-    return Finding("duplicate", seen.ids[m], 0, last, "", value, limit, severity, f"{words} {seen.ids[twin]!r}")
+    return Fault("duplicate", seen.ids[m], 0, last, "", value, limit, severity, f"{words} {seen.ids[twin]!r}")
 
 
-def _exact(seen: Evidence) -> dict[int, int]:
+def _exact(seen: Measurements) -> dict[int, int]:
     """Number of each demonstration with an equal earlier one, to the number of the first of these."""
     first: dict[bytes, int] = {}
     found = {}

@@ -8,7 +8,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json, read_toml
-from rpil.faults.record import RULES, Finding
+from rpil.faults.report import RULES, Fault
 
 ALL = "all"
 """Stands for all demonstrations."""
@@ -47,7 +47,7 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     return expected
 
 
-def leave_out(found: Iterable[Finding], expected: Mapping[str, Collection[str]]) -> tuple[list[Finding], int]:
+def leave_out(found: Iterable[Fault], expected: Mapping[str, Collection[str]]) -> tuple[list[Fault], int]:
     """The findings that are not expected, and the number of those that are."""
     found = list(found)
     kept = [f for f in found if not {str(f.id), ALL} & set(expected.get(f.rule, ()))]

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.faults import segments
-from rpil.faults.columns import Columns
+from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """An action and the state column that is best aligned with it; both are numbers of `Columns`.
+    """An action and the state column that is best aligned with it; both are numbers of `MeasuredColumns`.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Lag:
     """The pairs, the most correlated first, and the largest correlation of each action with each state, (A, S)."""
 
     pairs: tuple[Pair, ...]
-    columns: Columns
+    columns: MeasuredColumns
     related: Float[Array, "A S"]
 
     @property
@@ -61,7 +61,9 @@ class Lag:
         return action[np.argsort(of_action, kind="stable")], state[np.argsort(of_state, kind="stable")]
 
 
-def find_lag(values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: Columns, settings: FaultSettings) -> Lag:
+def find_lag(
+    values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: MeasuredColumns, settings: FaultSettings
+) -> Lag:
     """The state column that is best aligned with each action, for the actions that have one.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are

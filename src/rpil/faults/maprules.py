@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from rpil.faults.rules import Comparison, Evidence
+from rpil.faults.rules import AppliedRule, Measurements
 from rpil.numerics.types import Array
 
 TRIED = {
@@ -38,13 +38,13 @@ FEW, MOST_STILL = (4, 0.1), 0.25
 """Demonstrations, or share of them, in which a column may never move before that is usual; and the share at most."""
 
 
-def compare_maps(seen: Evidence) -> Iterator[Comparison]:
+def compare_maps(seen: Measurements) -> Iterator[AppliedRule]:
     """Demonstrations that fit the map between states and actions of the others once a fault is undone."""
     namer, by = seen.learned.namer, seen.measured
     if namer is None:
         return
     tried, every = namer.tried, np.array(seen.columns.names)
-    names, outside = every[namer.frame.column], np.delete(every, namer.frame.column)
+    names, outside = every[namer.window.column], np.delete(every, namer.window.column)
     for rule, kinds in TRIED.items():
         own = np.flatnonzero(np.isin(tried.kind, kinds))
         if not len(own):
@@ -59,17 +59,17 @@ def compare_maps(seen: Evidence) -> Iterator[Comparison]:
         def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
             return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
 
-        yield Comparison.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+        yield AppliedRule.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
-def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
+def compare_boundaries(seen: Measurements) -> Iterator[AppliedRule]:
     """Demonstrations that hold an end and then a beginning."""
     ends, by = seen.learned.ends, seen.measured
     limit = np.nan if ends is None else ends.limit
     step = by.boundary[:, 1].astype(int)
     unlike, m = by.boundary[:, :1], len(by.boundary)
     severity = np.where(unlike < limit, 1.0 + (limit - unlike), 0.0) if np.isfinite(limit) else np.full((m, 1), np.nan)
-    yield Comparison(
+    yield AppliedRule(
         "two episodes",
         ("",),
         unlike,
@@ -80,13 +80,13 @@ def compare_boundaries(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
+def compare_next_states(seen: Measurements) -> Iterator[AppliedRule]:
     """Demonstrations whose actions are the next state, where those of others are not."""
     moves, same = seen.measured.next_state.sum(axis=1).T
     share = same / np.maximum(moves, 1.0)
     usual = float(np.median(share))
     limit = (1.0 + usual) / 2 if usual < USUAL_NEXT_STATE else np.inf
-    yield Comparison.above(
+    yield AppliedRule.above(
         "next state",
         ("",),
         share,
@@ -96,8 +96,8 @@ def compare_next_states(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
-    """Columns that move in the others, about as far in each, and never in this one."""
+def compare_ranges(seen: Measurements) -> Iterator[AppliedRule]:
+    """MeasuredColumns that move in the others, about as far in each, and never in this one."""
     by, s, names = seen.measured, seen.settings, seen.columns.names
     ranges = by.high - by.low
     usual = np.median(ranges, axis=0)
@@ -105,7 +105,7 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
     few = still.sum(axis=0) <= min(max(FEW[0], FEW[1] * len(still)), MOST_STILL * len(still))
     is_known = few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
-    yield Comparison.above(
+    yield AppliedRule.above(
         "never moves",
         names,
         still.astype(float),
@@ -115,7 +115,7 @@ def compare_ranges(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-MAP_COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+MAP_COMPARISONS: tuple[Callable[[Measurements], Iterator[AppliedRule]], ...] = (
     compare_maps,
     compare_boundaries,
     compare_next_states,

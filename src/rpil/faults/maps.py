@@ -36,13 +36,13 @@ OF_ROWS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Window:
     """Which columns the window holds: S states, then A actions, C in all.
 
     Attributes
     ----------
     column : (C,) int array
-        Numbers of `Columns`.
+        Numbers of `MeasuredColumns`.
     n_states : int
     lag : int
         Steps after which the states follow the actions.
@@ -66,7 +66,7 @@ class Frame:
         return np.concatenate([states, WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
 
     def moments(self, values: Float[Array, "T C"]) -> Float[Array, "D D"] | None:
-        """G of a demonstration, whose columns are those of the frame; None where it is too short."""
+        """G of a demonstration, whose columns are those of the window; None where it is too short."""
         n, size = self.n_states, len(values) - abs(self.lag) - WIDTH + 1
         if size < 2 * WIDTH:
             return None
@@ -80,11 +80,11 @@ class Frame:
         return np.asarray(window.T @ window / (len(window) * np.outer(scale, scale)))
 
 
-def maps_of(mean: Float[Array, "D D"], frame: Frame, ridge: float) -> Float[Array, "K D"]:
+def maps_of(mean: Float[Array, "D D"], window: Window, ridge: float) -> Float[Array, "K D"]:
     """B, from the mean of G over demonstrations; K = A + S."""
-    n = frame.n_states
-    before, now, after = frame.places().T
-    out = np.zeros((len(frame.column), len(mean)))
+    n = window.n_states
+    before, now, after = window.places().T
+    out = np.zeros((len(window.column), len(mean)))
     n_actions = len(now) - n
     for rows, x, y in (
         (slice(0, n_actions), [*before[:n], *now[:n], *after[:n]], mean[:, now[n:]]),
@@ -109,7 +109,7 @@ def others(fold: Int[Array, " M"], own: int, among: Array | bool = True) -> Arra
     return rows if rows.any() else fold >= 0
 
 
-def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Frame, s: FaultSettings) -> Array:
+def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Window, s: FaultSettings) -> Array:
     """B for each fold of the demonstrations, of the others, (F, K, D).
 
     Those that are fitted worst are left out, so that faults do not shape the maps. A map that tells nothing is 0.
@@ -117,12 +117,12 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], frame: Fram
     n_folds, usual = int(fold.max()) + 1, np.ones(len(fold), dtype=bool)
     for _ in range(3):
         own = [others(fold, f, usual) for f in range(n_folds)]
-        maps = np.stack([maps_of(moments[rows].mean(axis=0), frame, s.map_ridge) for rows in own])
+        maps = np.stack([maps_of(moments[rows].mean(axis=0), window, s.map_ridge) for rows in own])
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
         off = (left - np.median(left, axis=0)).mean(axis=1)
         usual = off <= np.quantile(off, s.map_trim)
-    mean, n = moments[usual].mean(axis=0), frame.n_states
-    _, now, after = frame.places().T
+    mean, n = moments[usual].mean(axis=0), window.n_states
+    _, now, after = window.places().T
     step = mean[after[:n], after[:n]] + mean[now[:n], now[:n]] - 2 * mean[now[:n], after[:n]]
     power = np.concatenate([mean[now[n:], now[n:]], step])
     return maps * (np.median(np.exp(left), axis=0) < s.map_unknown * power)[:, None]
@@ -144,53 +144,53 @@ def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, 
 @dataclass(frozen=True, eq=False)
 class Tried:
     """The faults that are tried, H of them: `n_linear` signs and exchanged columns, `OF_ROWS`, and offsets. `columns`
-    are positions in the frame, -1 where none is meant."""
+    are positions in the window, -1 where none is meant."""
 
     kind: Array
     columns: Int[Array, "H 2"]
     n_linear: int
 
     @classmethod
-    def of(cls, frame: Frame) -> Tried:
-        """All faults of the columns of a frame: each sign, pairs of states or of actions, and those of all columns."""
-        width, n = len(frame.column), frame.n_states
+    def of(cls, window: Window) -> Tried:
+        """All faults of the columns of a window: each sign, pairs of states or of actions, and those of all columns."""
+        width, n = len(window.column), window.n_states
         pairs = [(i, j) for low, high in ((0, n), (n, width)) for i in range(low, high) for j in range(i + 1, high)]
         alone = [(c, -1) for c in range(width)]
         kind = ["sign"] * width + ["exchanged"] * len(pairs) + list(OF_ROWS) + ["offset"] * width
         return cls(np.array(kind), np.array(alone + pairs + [(-1, -1)] * len(OF_ROWS) + alone), len(alone + pairs))
 
-    def changes(self, maps: Float[Array, "K D"], frame: Frame) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
+    def changes(self, maps: Float[Array, "K D"], window: Window) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
         """How undoing the linear faults, Q of them, changes B, and at which entries of a window."""
-        at, first = frame.places(), self.columns[: self.n_linear, 0]
+        at, first = window.places(), self.columns[: self.n_linear, 0]
         second = np.where(self.columns[: len(first), 1] < 0, first, self.columns[: len(first), 1])
         own, other = maps[:, at[first]], maps[:, at[second]]
-        ratio = (frame.spread[first] / frame.spread[second])[:, None]
+        ratio = (window.spread[first] / window.spread[second])[:, None]
         is_sign = (first == second)[:, None]
         change = np.where(is_sign, -2 * own, other * ratio - own), np.where(is_sign, 0.0, own / ratio - other)
         return np.concatenate(change, axis=2).transpose(1, 0, 2), np.concatenate([at[first], at[second]], axis=1)
 
 
-def gains(values: Float[Array, "T C"], moments: Array, maps: Array, frame: Frame, tried: Tried) -> Float[Array, " H"]:
+def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Window, tried: Tried) -> Float[Array, " H"]:
     """What undoing each fault but offsets gains in a demonstration."""
-    change, place = tried.changes(maps, frame)
+    change, place = tried.changes(maps, window)
     seen, left = maps @ moments, misfit(maps, moments)
     first = (change * seen[:, place].transpose(1, 0, 2)).sum(axis=2)
     second = (np.matmul(change, moments[place[:, :, None], place[:, None, :]]) * change).sum(axis=2)
     gain = np.log(left / np.maximum(left + 2 * first + second, FLOOR)).sum(axis=1) / 2
-    return np.append(gain, [left_over(undo(k, values, frame.n_states), maps, frame, left) for k in OF_ROWS])
+    return np.append(gain, [left_over(undo(k, values, window.n_states), maps, window, left) for k in OF_ROWS])
 
 
-def left_over(values: Float[Array, "T C"], maps: Array, frame: Frame, before: Float[Array, " K"]) -> float:
+def left_over(values: Float[Array, "T C"], maps: Array, window: Window, before: Float[Array, " K"]) -> float:
     """What a demonstration gains over mean squares `before`, 0 where it is too short."""
-    moments = frame.moments(values)
+    moments = window.moments(values)
     return 0.0 if moments is None else float(np.log(before / misfit(maps, moments)).sum() / 2)
 
 
-def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], frame: Frame) -> Float[Array, " K"]:
+def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], window: Window) -> Float[Array, " K"]:
     """What the maps leave over of the mean of a demonstration."""
-    return np.asarray(per_column(maps, frame) @ ((values.mean(axis=0) - frame.centre) / frame.spread))
+    return np.asarray(per_column(maps, window) @ ((values.mean(axis=0) - window.centre) / window.spread))
 
 
-def per_column(maps: Float[Array, "... K D"], frame: Frame) -> Float[Array, "... K C"]:
+def per_column(maps: Float[Array, "... K D"], window: Window) -> Float[Array, "... K C"]:
     """What the maps leave over of a constant in a column."""
-    return np.asarray(maps[..., frame.places()].sum(axis=-1))
+    return np.asarray(maps[..., window.places()].sum(axis=-1))

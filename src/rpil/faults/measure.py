@@ -10,11 +10,11 @@ import numpy as np
 from rpil.data.copies import digests
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
-from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag, shifts
-from rpil.faults.missing import set_aside
+from rpil.faults.measured_columns import MeasuredColumns
+from rpil.faults.missing_values import set_aside
 from rpil.faults.naming import Namer, name_block
-from rpil.faults.record import Finding
+from rpil.faults.report import Fault
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import Ends, next_state
 from rpil.formats.dataset import Dataset
@@ -72,10 +72,10 @@ class Measured:
 
 def measure(
     demonstrations: Demonstrations | Dataset,
-    columns: Columns,
+    columns: MeasuredColumns,
     learned: Learned,
     settings: FaultSettings,
-) -> tuple[Measured | None, Bool[Array, " M"], list[Finding]]:
+) -> tuple[Measured | None, Bool[Array, " M"], list[Fault]]:
     """What was measured of the demonstrations without missing values, block by block; None where none is.
 
     Also a mask of these demonstrations, and the findings in the others.
@@ -98,7 +98,7 @@ def measure(
 def _measure_block(
     block: Block,
     numbers: Array,
-    columns: Columns,
+    columns: MeasuredColumns,
     learned: Learned,
     directions: Array,
     settings: FaultSettings,

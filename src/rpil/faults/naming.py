@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.demonstrations import Block
-from rpil.faults.columns import Columns
 from rpil.faults.lag import Lag
-from rpil.faults.maps import FLOOR, OF_ROWS, Frame, Tried, fit_maps, gains, levels, misfit, others, per_column
+from rpil.faults.maps import FLOOR, OF_ROWS, Tried, Window, fit_maps, gains, levels, misfit, others, per_column
+from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
@@ -72,7 +72,7 @@ class Namer:
         The same, from which on faults other than offsets are tried.
     """
 
-    frame: Frame
+    window: Window
     tried: Tried
     maps: Float[Array, "F K D"]
     usual: Float[Array, " K"]
@@ -84,25 +84,25 @@ class Namer:
 
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
         """The fault tried that a demonstration has, or -1, and what undoing it gains."""
-        maps, moments = self.maps[number % len(self.maps)], self.frame.moments(values)
+        maps, moments = self.maps[number % len(self.maps)], self.window.moments(values)
         if moments is None:
             return -1, 0.0
-        gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.frame.column)
+        gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.window.column)
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
         within = self._within(moments, self.reach[number % len(self.maps)])
         if excess > self.screen:
-            gain[:n] = gains(values, moments, maps, self.frame, self.tried)
+            gain[:n] = gains(values, moments, maps, self.window, self.tried)
             gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED) & within[:n]
         if not gain.any() and excess <= self.rest and within[n]:  # an offset changes the level alone
-            level = levels(values, maps, self.frame)
-            off = self.level.gains(level, per_column(maps, self.frame))
+            level = levels(values, maps, self.window)
+            off = self.level.gains(level, per_column(maps, self.window))
             gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
         best = int(np.argmax(gain))
         return (best, float(gain[best])) if gain[best] > 0 else (-1, 0.0)
 
     def _within(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> Array:
         """Whether no column, once a fault is undone, moves farther than where the maps are known, (H,)."""
-        wide = moments.diagonal()[self.frame.places()[:, 1]] * self.frame.spread**2
+        wide = moments.diagonal()[self.window.places()[:, 1]] * self.window.spread**2
         first, second = self.tried.columns.T
         second, far = np.where(second < 0, first, second), wide > reach
         own = far[first].astype(int) + np.where(first == second, 0, far[second])
@@ -114,14 +114,14 @@ def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, n
     """`Namer.name` of each demonstration of a block, (M,) and (M,)."""
     found = np.tile([-1.0, 0.0], (len(numbers), 1))
     if namer is not None:
-        rows = values[namer.frame.column].T
+        rows = values[namer.window.column].T
         for m, (number, first, end) in enumerate(zip(numbers, block.offsets, block.offsets[1:], strict=False)):
             found[m] = namer.name(int(number), rows[first:end])
     return found[:, 0].astype(int), found[:, 1]
 
 
 def learn(
-    sample: Block, numbers: Int[Array, " M"], columns: Columns, lag: Lag, n_all: int, s: FaultSettings
+    sample: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, lag: Lag, n_all: int, s: FaultSettings
 ) -> Namer | None:
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
     action, state = (chosen[: s.map_columns] for chosen in lag.most_related)
@@ -135,44 +135,46 @@ def learn(
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):
-        frame = Frame(own, len(state), steps, centre, np.where(spread > 0, spread, 1.0), s.map_rows)
-        namer = _namer(rows, numbers, frame, n_all, s)
+        window = Window(own, len(state), steps, centre, np.where(spread > 0, spread, 1.0), s.map_rows)
+        namer = _namer(rows, numbers, window, n_all, s)
         found += [] if namer is None else [namer]
     return max(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _namer(rows: list[Array], numbers: Array, frame: Frame, n_all: int, s: FaultSettings) -> tuple[float, Namer] | None:
-    """How much faults of all columns would be seen with a frame, and what names them; None where no map tells
+def _namer(
+    rows: list[Array], numbers: Array, window: Window, n_all: int, s: FaultSettings
+) -> tuple[float, Namer] | None:
+    """How much faults of all columns would be seen with a window, and what names them; None where no map tells
     anything."""
-    seen = [frame.moments(x) for x in rows]
+    seen = [window.moments(x) for x in rows]
     kept = [m for m, g in enumerate(seen) if g is not None]
     if len(kept) < s.min_demonstrations:
         return None
     fold, moments = numbers[kept] % s.map_folds, np.stack([g for g in seen if g is not None])
-    maps = fit_maps(moments, fold, frame, s)
+    maps = fit_maps(moments, fold, window, s)
     if not maps.any():
         return None
     left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
     usual = np.median(left, axis=0)
     excess = (left - usual).sum(axis=1) / 2
     share = max(1.0 - s.map_tested / n_all, 0.0)
-    tried, some = Tried.of(frame), np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
-    gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], frame, tried) for k in some])
-    offs = np.array([levels(rows[m], maps[f], frame) for m, f in zip(kept, fold, strict=True)])
-    level, column = Level.of(offs, s), per_column(maps, frame)
+    tried, some = Tried.of(window), np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
+    gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], window, tried) for k in some])
+    offs = np.array([levels(rows[m], maps[f], window) for m, f in zip(kept, fold, strict=True)])
+    level, column = Level.of(offs, s), per_column(maps, window)
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
     rest, screen = float(_above(excess, s.map_rest)), float(np.quantile(excess, share)) if share else -np.inf
     limit = np.maximum(_above(gain, s.map_tail), s.least_gain)
-    middle = frame.places()[:, 1]
+    middle = window.places()[:, 1]
     reach = [
-        s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * frame.spread**2 for f in range(len(maps))
+        s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * window.spread**2 for f in range(len(maps))
     ]
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
     usual_ones = excess[some] <= np.quantile(excess, s.map_power)
     power = np.append(_planted(gain[usual_ones], s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
-    return apart, Namer(frame, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)
+    return apart, Namer(window, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)
 
 
 def _planted(gain: Float[Array, "M H"], s: FaultSettings) -> Float[Array, " H"]:

@@ -9,19 +9,19 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.text import counted
-from rpil.faults.columns import Columns
 from rpil.faults.measure import Learned, Measured
-from rpil.faults.record import Finding
+from rpil.faults.measured_columns import MeasuredColumns
+from rpil.faults.report import Fault
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Measurements:
     """What the rules compare."""
 
     measured: Measured
-    columns: Columns
+    columns: MeasuredColumns
     learned: Learned
     ids: tuple[Id, ...]
     lengths: Array
@@ -35,7 +35,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class AppliedRule:
     """A rule applied to M demonstrations and the columns `names`, which are one, "", for the demonstration as a whole.
 
     Where nothing can be known about a column, because it differs too much between demonstrations that are clean or
@@ -59,7 +59,7 @@ class Comparison:
         threshold: Array,
         steps: Callable[[int, int], tuple[int, int]],
         say: Callable[[int, int], str],
-    ) -> Comparison:
+    ) -> AppliedRule:
         """Values above their thresholds are faults; an infinite or missing threshold says that nothing is known."""
         value = np.reshape(value, (len(value), -1)).astype(float)
         threshold = np.broadcast_to(threshold, value.shape)
@@ -72,7 +72,7 @@ class Comparison:
         is_unknown: Array = np.isnan(self.severity)
         return tuple(name for name, column in zip(self.names, is_unknown.T, strict=True) if column.all())
 
-    def findings(self, ids: tuple[Id, ...]) -> Iterator[Finding]:
+    def findings(self, ids: tuple[Id, ...]) -> Iterator[Fault]:
         """For each demonstration with a fault, its worst column."""
         severity = np.nan_to_num(self.severity, nan=0.0)
         for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
@@ -81,7 +81,7 @@ class Comparison:
             also = f", and {counted(more, 'more column')}" if more else ""
             value, threshold = float(self.value[m, c]), float(self.threshold[m, c])
             at = self.steps(m, c)
-            yield Finding(
+            yield Fault(
                 self.rule, ids[m], *at, self.names[c], value, threshold, float(severity[m, c]), self.say(m, c) + also
             )
 
@@ -103,7 +103,7 @@ def two_fences(values: Array, factor: float, settings: FaultSettings) -> tuple[A
     return 1.0 / fence(1.0 / values, factor, 0.0, settings), fence(values, factor, 0.0, settings)
 
 
-def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
+def compare_leaps(seen: Measurements) -> Iterator[AppliedRule]:
     """Spikes and jumps: larger than usual, than the usual largest change, and than a share of the column's spread."""
     by, s, columns = seen.measured, seen.settings, seen.columns
     usual = s.change_factor * np.quantile(by.largest, 0.75, axis=0, method="lower")
@@ -119,10 +119,10 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
 
     limits = (np.maximum(fence(value, s.leap_factor, s.smallest * least, s), least) for value in (by.spike, by.jump))
     spikes, jumps = (np.where(columns.moving < s.least_moving, np.inf, limit) for limit in limits)
-    yield Comparison.above(
+    yield AppliedRule.above(
         "spike", columns.names, by.spike, spikes, lambda m, c: (int(by.spike_step[m, c]),) * 2, describe_spike
     )
-    yield Comparison.above(
+    yield AppliedRule.above(
         "jump",
         columns.names,
         by.jump,
@@ -132,7 +132,7 @@ def compare_leaps(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
+def compare_constant_runs(seen: Measurements) -> Iterator[AppliedRule]:
     """Frozen sensors, frozen actions and saturation: one value for long, while others move."""
     by, s, columns = seen.measured, seen.settings, seen.columns
     limits = np.maximum(fence(by.still, s.frozen_factor, s.smallest_run, s), s.min_frozen)
@@ -162,14 +162,14 @@ def compare_constant_runs(seen: Evidence) -> Iterator[Comparison]:
             return f"{stays} from step {by.run_step[m, c]} while others move ({limits[c]:.0f} at most are usual)"
 
         names = tuple(columns.names[c] for c in own)
-        yield Comparison.above(rule, names, np.where(is_fault, by.still, 0)[:, own], limits[own], steps, say)
+        yield AppliedRule.above(rule, names, np.where(is_fault, by.still, 0)[:, own], limits[own], steps, say)
 
 
-def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
+def compare_repeated_rows(seen: Measurements) -> Iterator[AppliedRule]:
     """Rows that repeat the one before while everything moves."""
     by, s = seen.measured, seen.settings
     limit = fence(by.repeats, s.usual_factor, s.smallest_repeat, s)
-    yield Comparison.above(
+    yield AppliedRule.above(
         "repeated frames",
         ("",),
         by.repeats,
@@ -182,7 +182,7 @@ def compare_repeated_rows(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
+def compare_idle_ends(seen: Measurements) -> Iterator[AppliedRule]:
     """Idle beginnings and ends, which may be trimmed."""
     s, lengths = seen.settings, seen.lengths.astype(int)
     for rule, words, idle in (
@@ -197,16 +197,16 @@ def compare_idle_ends(seen: Evidence) -> Iterator[Comparison]:
         def say(m: int, _: int, idle: Array = idle, words: str = words, limit: float = limit) -> str:
             return f"nothing moves in the {words} {idle[m]} steps ({limit:.0f} at most are usual)"
 
-        yield Comparison.above(rule, ("",), idle, np.asarray(limit), steps, say)
+        yield AppliedRule.above(rule, ("",), idle, np.asarray(limit), steps, say)
 
 
-def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
+def compare_lengths(seen: Measurements) -> Iterator[AppliedRule]:
     """Demonstrations far longer or shorter than the others."""
     lengths = seen.lengths.astype(float)[:, None]
     low, high = two_fences(lengths, seen.settings.length_factor, seen.settings)
     severity = np.maximum(lengths / high, low / lengths)
     severity[:, ~np.isfinite(high) | (low == 0)] = np.nan
-    yield Comparison(
+    yield AppliedRule(
         "length",
         ("",),
         lengths,
@@ -217,8 +217,8 @@ def compare_lengths(seen: Evidence) -> Iterator[Comparison]:
     )
 
 
-def compare_scales(seen: Evidence) -> Iterator[Comparison]:
-    """Columns whose values and changes are both many times larger, or smaller, than elsewhere.
+def compare_scales(seen: Measurements) -> Iterator[AppliedRule]:
+    """MeasuredColumns whose values and changes are both many times larger, or smaller, than elsewhere.
 
     A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
     """
@@ -239,10 +239,10 @@ def compare_scales(seen: Evidence) -> Iterator[Comparison]:
         return f"{columns.names[c]} has {times} its usual size, and so have its changes: perhaps another unit"
 
     limits = np.where(larger > smaller, high, low) / np.median(levels, axis=0)
-    yield Comparison("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+    yield AppliedRule("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
-def compare_lags(seen: Evidence) -> Iterator[Comparison]:
+def compare_lags(seen: Measurements) -> Iterator[AppliedRule]:
     """Demonstrations whose state follows the action sooner or later than elsewhere."""
     by, s = seen.measured, seen.settings
     steps = np.abs(by.shift)
@@ -257,10 +257,10 @@ def compare_lags(seen: Evidence) -> Iterator[Comparison]:
 
     limit = np.full((len(steps), 1), float(s.min_shift))
     whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
-    yield Comparison(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+    yield AppliedRule(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
 
 
-def is_lag_known(seen: Evidence) -> bool:
+def is_lag_known(seen: Measurements) -> bool:
     """Whether most demonstrations have the same lag."""
     s, by = seen.settings, seen.measured
     agree = ((np.abs(by.shift) < s.min_shift) | (by.shift_gain < s.smallest_gain)).mean() >= s.min_agreement
@@ -269,7 +269,7 @@ def is_lag_known(seen: Evidence) -> bool:
     )
 
 
-COMPARISONS: tuple[Callable[[Evidence], Iterator[Comparison]], ...] = (
+COMPARISONS: tuple[Callable[[Measurements], Iterator[AppliedRule]], ...] = (
     compare_leaps,
     compare_constant_runs,
     compare_repeated_rows,

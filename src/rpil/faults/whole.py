@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.demonstrations import Block
-from rpil.faults.columns import Columns
+from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
@@ -66,7 +66,7 @@ class Ends:
         return float(unlike[at]), first + at
 
 
-def learn_ends(sample: Block, columns: Columns, s: FaultSettings) -> Ends | None:
+def learn_ends(sample: Block, columns: MeasuredColumns, s: FaultSettings) -> Ends | None:
     """Of a sample; the limit lies between its demonstrations and pairs of them, joined."""
     if len(sample.offsets) <= s.min_demonstrations or columns.is_action.all():
         return None

@@ -29,11 +29,11 @@ from rpil.data.memory import Size, limited
 from rpil.data.missing import fill_chunks
 from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
+from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find, writer_of
-from rpil.formats.selection import set_aside_lines
 from rpil.formats.weights import write_weights
 
 __all__ = [

@@ -20,8 +20,8 @@ from rpil.data.names import natural_key
 from rpil.formats import d4rl, hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import Closed, Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import Closed, Part, from_parts
 
 LINK_TABLE = "kept.csv"
 """The table in the kept folder that says what each file was called."""

@@ -13,10 +13,10 @@ from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
+from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_unique
 from rpil.formats.recording import Recording, from_batches
-from rpil.formats.selection import with_chosen
 from rpil.formats.table_facts import Origin
 
 if TYPE_CHECKING:

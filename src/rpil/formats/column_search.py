@@ -10,7 +10,6 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
-from rpil.data.facts import FILE_SESSION
 from rpil.data.names import (
     ABOUT_ACTION,
     ACTION,
@@ -33,6 +32,7 @@ from rpil.data.names import (
     quoted,
     short_name,
 )
+from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
 
 if TYPE_CHECKING:

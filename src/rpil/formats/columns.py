@@ -10,7 +10,7 @@ from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError
-from rpil.data.facts import FILE_SESSION
+from rpil.data.recorded_facts import FILE_SESSION
 
 Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
 """Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""

@@ -17,8 +17,8 @@ from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import NUMBERED, Part, StoredArray, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

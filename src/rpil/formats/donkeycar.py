@@ -20,8 +20,8 @@ from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, parse_lines, read
 from rpil.data.memory import check_memory
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import Part, from_parts
 from rpil.numerics.types import Array
 
 _TUB_MANIFEST, _IMAGE_FOLDER = "manifest.json", "images"

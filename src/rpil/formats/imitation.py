@@ -26,8 +26,8 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.parquet_pages import open_table
-from rpil.formats.parts import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 
 if TYPE_CHECKING:
     import h5py

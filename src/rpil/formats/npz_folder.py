@@ -19,8 +19,8 @@ from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcom
 from rpil.data.npy import opened_npz
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import Closed, Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import Closed, Part, from_parts
 from rpil.formats.store import find_files
 from rpil.numerics.types import Array
 

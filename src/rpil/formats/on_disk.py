@@ -8,10 +8,10 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guard
 from rpil.formats import parquet, spool
+from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dataset import Dataset
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.selection import with_chosen
 from rpil.formats.store import find_files
 
 

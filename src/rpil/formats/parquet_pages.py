@@ -35,7 +35,7 @@ _PACKED_BYTES, _DATA_PAGE, _DICTIONARY_PAGE = 7, 9, 11  # fields of what is said
 _DECODED_BYTES, _PAGE_BYTES, _PAGE, _PAGE_2, _N_VALUES = 2, 3, 5, 8, 1  # fields of the header of a page
 
 
-def check_pages(stored: Stored, columns: Collection[str]) -> int:
+def check_pages(stored: OpenParquet, columns: Collection[str]) -> int:
     """The bytes that `columns` take in memory.
 
     A `DataError` where the file is damaged, a page is larger than any that is written, or a row group has many numbers
@@ -45,12 +45,12 @@ def check_pages(stored: Stored, columns: Collection[str]) -> int:
     return sum(_group_bytes(stored, columns))
 
 
-def check_groups(stored: Stored) -> None:
+def check_groups(stored: OpenParquet) -> None:
     """A `DataError` as of `check_pages`, or where the columns of one row group do not fit in memory."""
     check_memory(max(_group_bytes(stored, stored.file.schema_arrow.names), default=0), stored.name)
 
 
-def _group_bytes(stored: Stored, columns: Collection[str]) -> list[int]:
+def _group_bytes(stored: OpenParquet, columns: Collection[str]) -> list[int]:
     """The bytes that `columns` take in memory in each row group; errors are those of `check_pages`."""
     name, found = stored.name, []
     for number, chunks in enumerate(page_sizes(stored, columns)):
@@ -76,24 +76,24 @@ def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractConte
 
 
 @contextmanager
-def open_table(path: PurePath | str, filesystem: fs.FileSystem | None = None) -> Iterator[Stored]:
+def open_table(path: PurePath | str, filesystem: fs.FileSystem | None = None) -> Iterator[OpenParquet]:
     """A local Parquet file, or one in a `filesystem`; errors of pyarrow are left as they are."""
     import pyarrow.parquet as pq
     from pyarrow import fs
 
     with input_file(filesystem or fs.LocalFileSystem(), path) as stream, pq.ParquetFile(stream) as file:
-        yield Stored(file, stream, PurePath(path).name)
+        yield OpenParquet(file, stream, PurePath(path).name)
 
 
 def read_table(
     path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
 ) -> pa.Table:
-    """The rows of a file that `open_table` opens; see `Stored.read`."""
+    """The rows of a file that `open_table` opens; see `OpenParquet.read`."""
     with open_table(path, filesystem) as stored:
         return stored.read(columns)
 
 
-class Stored(NamedTuple):
+class OpenParquet(NamedTuple):
     """An open Parquet file, the stream of its bytes, and its name in messages."""
 
     file: pq.ParquetFile
@@ -118,7 +118,7 @@ class Chunk(NamedTuple):
     is_list: bool
 
 
-def page_sizes(stored: Stored, columns: Collection[str]) -> list[list[Chunk]]:
+def page_sizes(stored: OpenParquet, columns: Collection[str]) -> list[list[Chunk]]:
     """What `columns` hold in each row group; a `DataError` where the file is damaged."""
     schema, names, stream = stored.file.schema, set(stored.file.schema_arrow.names), stored.stream
     parts = [(k, schema.column(k)) for k in range(len(schema))]

@@ -12,10 +12,10 @@ import numpy as np
 from rpil.data.arrays import SMALLEST, Id, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts, outcome_of_steps, tells
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.missing import are_allowed
+from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options

@@ -17,12 +17,12 @@ from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.data.missing import allow_missing
-from rpil.formats import folder, spool
+from rpil.formats import spool, table_folder
+from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
 from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording
-from rpil.formats.selection import with_chosen
 from rpil.formats.store import may_be_many_files
 
 
@@ -51,7 +51,7 @@ FORMATS: Iterable[Format] = Formats(
     "donkeycar",
     "npz_folder",
     "hdf5",
-    "folder",
+    "table_folder",
 )
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any HDF5 file or folder may be comes last."""
@@ -71,7 +71,7 @@ def find_format(path: StrPath) -> Format | None:
 
 
 @dataclass(frozen=True)
-class Found:
+class ClaimedPath:
     """A path and the format that claims what is there, so that formats are asked once."""
 
     path: StrPath
@@ -155,10 +155,10 @@ class Found:
         return self.format.commands_to_keep(Path(self.path), ids, kept, output)
 
 
-def find(path: StrPath) -> Found:
+def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     known = find_format(path)
-    return Found(path, known if known is not None else _refuse(check_exists(path)))
+    return ClaimedPath(path, known if known is not None else _refuse(check_exists(path)))
 
 
 def writer_of(path: StrPath) -> Format:
@@ -191,6 +191,6 @@ def _refuse(path: Path) -> Format:
     if path.suffix.lower() == ".zip":
         with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
             pass
-    folder.refuse_others(path, [path.name])
+    table_folder.refuse_others(path, [path.name])
     check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
     raise AssertionError("an extension that is known is claimed")

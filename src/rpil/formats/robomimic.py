@@ -22,8 +22,8 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.metadata import Metadata
-from rpil.formats.parts import Part, from_parts
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import Part, from_parts
 
 if TYPE_CHECKING:
     import h5py

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(eq=False)
-class Actions:
+class ScannedActions:
     """The distinct actions and the range of continuous ones, collected table by table.
 
     Attributes
@@ -112,7 +112,7 @@ _CHANGES = 10
 
 
 @dataclass(eq=False)
-class Statistics:
+class ScannedColumns:
     """Ranges, missing values and constant parts of the columns of data, collected table by table.
 
     Computed from values: pyarrow crashes on damaged Parquet statistics.
@@ -222,8 +222,8 @@ class Scan:
 
     places: Places
     layout: Layout
-    actions: Actions
-    statistics: Statistics
+    actions: ScannedActions
+    statistics: ScannedColumns
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
     last_actions: Set[str]
@@ -232,8 +232,8 @@ class Scan:
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
     """Read all rows once."""
-    actions = Actions(layout, columns.action_kind)
-    statistics = Statistics(layout.columns, [name for name, _ in layout.actions], layout.masks)
+    actions = ScannedActions(layout, columns.action_kind)
+    statistics = ScannedColumns(layout.columns, [name for name, _ in layout.actions], layout.masks)
     if not columns.observations_given:
         statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}

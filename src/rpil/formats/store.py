@@ -25,7 +25,7 @@ from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
 from rpil.formats.meta_folder import choose_files, read_metadata
 from rpil.formats.metadata import Metadata
-from rpil.formats.parquet_pages import Stored, check_pages, input_file
+from rpil.formats.parquet_pages import OpenParquet, check_pages, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -116,7 +116,7 @@ class ParquetRows:
 
 
 @contextmanager
-def opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[OpenParquet]:
     """The open file, whose pages are checked as they are read; a `DataError` where it is no Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -129,7 +129,7 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[Stored]:
             texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
             if texts:
                 file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
-            yield Stored(file, stream, PurePosixPath(path).name)
+            yield OpenParquet(file, stream, PurePosixPath(path).name)
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:
@@ -219,7 +219,7 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def columns_of_file(stored: Stored, options: ColumnOptions) -> Columns:
+def columns_of_file(stored: OpenParquet, options: ColumnOptions) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     import pyarrow as pa
 

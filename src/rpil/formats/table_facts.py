@@ -12,8 +12,8 @@ import numpy as np
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
-from rpil.data.facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.names import EPISODE, natural_key, plain_name, quoted
+from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.formats.columns import LENGTH, SPLITS, Columns
 from rpil.formats.metadata import Metadata
 from rpil.formats.table import numbers_or_missing

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.formats.parts import StoredArray
+from rpil.formats.step_arrays import StoredArray
 from rpil.numerics.types import Array
 
 NOTE = "There is no array action: an action is the move of pose and gripper to the next step, none at the last step."

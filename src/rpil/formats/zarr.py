@@ -25,8 +25,8 @@ from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.parts import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.recording import Recording
+from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.zarr_array import ZarrArray
 from rpil.formats.zarr_files import Files
 from rpil.formats.zarr_header import HEADERS, parse_header

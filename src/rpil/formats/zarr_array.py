@@ -16,7 +16,7 @@ from rpil.data.memory import check_memory, check_padding
 from rpil.data.missing import are_chunks_filled
 from rpil.formats.description import commas
 from rpil.formats.zarr_files import Files
-from rpil.formats.zarr_header import STREAMS, Coding, Header, Options
+from rpil.formats.zarr_header import STREAMS, ArrayHeader, Coding, Options
 from rpil.numerics.types import Array
 
 _NO_CHUNK = 2**64 - 1  # in the index of a shard
@@ -31,12 +31,12 @@ class ZarrArray:
     ----------
     name : str
         Its place in the store, such as ``data/action``.
-    header : Header
+    header : ArrayHeader
     ends : (M,) array of int
         Where each demonstration ends, to name those that miss a chunk; of an array without demonstrations, nothing.
     """
 
-    def __init__(self, files: Files, name: str, header: Header, ends: Array | None = None) -> None:
+    def __init__(self, files: Files, name: str, header: ArrayHeader, ends: Array | None = None) -> None:
         self._files, self.name, self.header, self.ends = files, name, header, ends
         self.shape, self.dtype, self.chunks = header.shape, header.coding.dtype, header.file_shape
 

@@ -59,7 +59,7 @@ class Coding:
 
 
 @dataclass(frozen=True)
-class Header:
+class ArrayHeader:
     """What the header of an array says, all of which is on the lists of this file.
 
     Attributes
@@ -109,7 +109,7 @@ class Header:
         return self.separator.join([*([self.prefix] if self.prefix else []), *map(str, place)])
 
 
-def parse_header(content: bytes, where: str) -> Header | None:
+def parse_header(content: bytes, where: str) -> ArrayHeader | None:
     """The header of an array, None for a group; a `DataError` where it is damaged or names what is not on the lists."""
     try:
         about = parse(content, where)
@@ -122,7 +122,7 @@ def parse_header(content: bytes, where: str) -> Header | None:
         raise DataError(f"{where}: its header is damaged, or of an unknown format; copy or write it again.") from error
 
 
-def _parse_2(about: Options, where: str) -> Header:
+def _parse_2(about: Options, where: str) -> ArrayHeader:
     shape, chunks = _shape(about["shape"], 0), _shape(about["chunks"], 1)
     codecs = [*(about.get("filters") or ()), *([about["compressor"]] if about.get("compressor") else ())]
     names = [_checked(codec, where) for codec in codecs]
@@ -134,11 +134,11 @@ def _parse_2(about: Options, where: str) -> Header:
     separator = {".": ".", "/": "/"}[about.get("dimension_separator", ".")]
     is_closed = any(name.startswith(_IMAGE_CODECS) for name in names)
     return _same_rank(
-        Header(about, where, shape, chunks, None, coding, about.get("fill_value"), separator, is_closed=is_closed)
+        ArrayHeader(about, where, shape, chunks, None, coding, about.get("fill_value"), separator, is_closed=is_closed)
     )
 
 
-def _parse_3(about: Options, where: str) -> Header:
+def _parse_3(about: Options, where: str) -> ArrayHeader:
     if about["zarr_format"] != 3 or about["node_type"] != "array" or about.get("storage_transformers"):
         raise ValueError(where)
     if about["chunk_grid"]["name"] != "regular":
@@ -160,8 +160,8 @@ def _parse_3(about: Options, where: str) -> Header:
             raise _refusal("the index of its shards", where)
     coding = _coding_3(about["data_type"], codecs, len(shape), where)
     is_closed = any(codec["id"].startswith(_IMAGE_CODECS) for codec in coding.codecs)
-    header = Header(about, where, shape, chunks, shards, coding, about["fill_value"], separator, kind[0], index)
-    return _same_rank(Header(**{**vars(header), "is_closed": is_closed}))
+    header = ArrayHeader(about, where, shape, chunks, shards, coding, about["fill_value"], separator, kind[0], index)
+    return _same_rank(ArrayHeader(**{**vars(header), "is_closed": is_closed}))
 
 
 def _coding_3(data_type: object, codecs: Sequence[Parsed], n_axes: int, where: str) -> Coding:
@@ -258,7 +258,7 @@ def _axes(order: Parsed, n_axes: int) -> tuple[int, ...]:
     return tuple(order)
 
 
-def _same_rank(header: Header) -> Header:
+def _same_rank(header: ArrayHeader) -> ArrayHeader:
     if not len(header.shape) == len(header.file_shape) == len(header.chunks):
         raise ValueError(header.where)
     return header

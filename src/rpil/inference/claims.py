@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from rpil.data.copies import Copies
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
 from rpil.inference.rivals import Lower, SecondWay, is_learnable, look_below

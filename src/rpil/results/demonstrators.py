@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.archive import stored
-from rpil.data.demonstrators import Demonstrators
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.numerics.types import Array, Float
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
-from rpil.faults.record import Finding
+from rpil.faults.report import Fault
 from rpil.formats import csv, parquet
 from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose
 from rpil.results.provenance import PROVENANCE_KEY
@@ -32,7 +32,7 @@ def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
 def verdict_columns(
     audit: AuditResult,
     demonstrators: Mapping[str, str],
-    findings: Sequence[Finding] = (),
+    findings: Sequence[Fault] = (),
     tasks: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Sequence[object]]:
     """The columns of the table, in the order of the data; `demonstrators` and `tasks` by ids as text."""
@@ -57,7 +57,7 @@ def write_verdicts(
     path: StrPath,
     audit: AuditResult,
     demonstrators: Mapping[str, str],
-    findings: Sequence[Finding] = (),
+    findings: Sequence[Fault] = (),
     tasks: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
@@ -72,7 +72,7 @@ def write_verdicts(
     ----------
     demonstrators, tasks : mapping of id, as text, to name
         May be empty; a demonstration that is not in it gets an empty text.
-    findings : sequence of Finding
+    findings : sequence of Fault
         Recording faults; the column faults names the rules, the worst first.
 
     Raises

@@ -15,7 +15,7 @@ import pytest
 
 from audits import make_audit
 from browser import Browser, browsing, needs_chromium
-from rpil.faults.record import FaultReport, Finding
+from rpil.faults.report import Fault, FaultReport
 from rpil.results.html.page import Article, write_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
@@ -50,7 +50,7 @@ def browser(profile: Path, tmp_path: Path) -> Iterator[Browser]:
 
 def write(path: Path, audit: Audit, **about: object) -> Path:
     n = len(audit.ids)
-    findings = (Finding("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
+    findings = (Fault("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
 
     given = {
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
@@ -225,6 +225,7 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
 def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
     value = np.arange(80.0)
+<<<<<<< HEAD
     audit = make_audit(
         ("unlike", "typical"),
         lengths=[80, 80],
@@ -240,6 +241,14 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     about = About(evil, evil, (evil,), (evil,), faults, {"0": evil}, {"0": evil})
     write_audit(tmp_path / "run.rpil", audit, replace(about, command=shlex.join(["rpil", "audit", evil])))
     write_page(tmp_path / "r.html", [Article(read_audit(tmp_path / "run.rpil", Audit)[1])])
+=======
+    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value, value),))}
+    audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
+    faults = FaultReport((Fault("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
+    view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
+    write_run(tmp_path / "run.json", spoilt(view))
+    write_page(tmp_path / "r.html", [Article(read_run(tmp_path / "run.json"))])
+>>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
     browser.open(tmp_path / "r.html")
     browser.press("j", "k", "b")
     assert browser.evaluate("document.title") == evil

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.data.errors import DataError
-from rpil.faults.record import FaultReport, Finding
+from rpil.faults.report import Fault, FaultReport
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, ClaimSettings
 from rpil.results.answering import NEXT_STEPS
@@ -164,7 +164,7 @@ def test_doubts_and_contradicting_labels_are_told_and_an_answered_question_is_no
 
 def test_faults_are_a_line_a_kind() -> None:
     findings = tuple(
-        Finding(rule, m, 0, 1, "x", 1.0, 0.5, 1.0, "a leap") for m, rule in enumerate(["jump", "lag", "jump", "jump"])
+        Fault(rule, m, 0, 1, "x", 1.0, 0.5, 1.0, "a leap") for m, rule in enumerate(["jump", "lag", "jump", "jump"])
     )
     report = FaultReport(findings, {"sign": "too few", "scale": "too few"}, {}, {}, {}, 10, 99)
     page = Page(render(make_audit(), faults=report))

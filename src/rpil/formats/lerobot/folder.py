@@ -21,17 +21,25 @@ from rpil.data.held import held_bytes
 from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
-from rpil.formats import folder
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats import table_folder
+from rpil.formats.format import Format, Trims, keep_by_own_ids
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.check import EPISODES_STATS, Folder, find_defects, find_shots, in_times, in_videos, mend
-from rpil.formats.lerobot.episodes import EpisodeLines, EpisodeTable
-from rpil.formats.lerobot.kept import PATHS, Kept, Trims
+from rpil.formats.lerobot.defects import (
+    EPISODES_STATS,
+    CheckedFolder,
+    find_defects,
+    find_shots,
+    in_times,
+    in_videos,
+    mend,
+)
+from rpil.formats.lerobot.episode_records import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size, read_info
 from rpil.formats.store import has_parquet
 
-read = folder.read
+read = table_folder.read
 
 WEIGHTS = (
     "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
@@ -75,7 +83,7 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
 
 def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
-    info, old, wanted = check_output(path, output, bool(trims)), Folder(path), {*map(str, ids)}
+    info, old, wanted = check_output(path, output, bool(trims)), CheckedFolder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
@@ -88,7 +96,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
             _write(path, new, info, ids, trims)
             with guarded(path / "meta"):
                 counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
-                where, found = output, [*in_times(Folder(new)), *(in_videos(Folder(new), False) if counted else ())]
+                where, found = (
+                    output,
+                    [*in_times(CheckedFolder(new)), *(in_videos(CheckedFolder(new), False) if counted else ())],
+                )
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
@@ -125,7 +136,9 @@ def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object]
         _write_statistics(kept, by_episode, gone)
 
 
-def _write_statistics(kept: Kept, by_episode: Sequence[Mapping[str, stats.Statistics]], gone: Sequence[str]) -> None:
+def _write_statistics(
+    kept: Kept, by_episode: Sequence[Mapping[str, stats.ColumnStatistics]], gone: Sequence[str]
+) -> None:
     """Write the statistics of all features that the file of statistics has, by the new data, or else by episode."""
     place = kept.new / "meta" / "stats.json"
     if not place.is_file():

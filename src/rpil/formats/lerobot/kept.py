@@ -18,6 +18,7 @@ from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
+from rpil.formats.format import Trims
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
@@ -27,9 +28,6 @@ from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-Trims = Mapping[str, tuple[int, int]]
-"""First frame to keep, and the first after those to keep, by episode."""
 
 END_MARKS = "next.done", "next.success", "next.terminated", "next.truncated"
 """Columns that say in the last row how an episode ends."""

@@ -1,4 +1,4 @@
-"""Statistics as LeRobot writes them: of numbers, and of episodes joined as LeRobot joins them."""
+"""ColumnStatistics as LeRobot writes them: of numbers, and of episodes joined as LeRobot joins them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Statistics = Mapping[str, Parsed]
+ColumnStatistics = Mapping[str, Parsed]
 """Lists by name: min, max, mean, std, count, and quantiles called q01 to q99."""
 
 _MOMENTS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
@@ -32,7 +32,7 @@ def of_numbers(values: Array, like: Iterable[str]) -> dict[str, list[float]]:
     return found | {"count": [len(values)]}
 
 
-def joined(episodes: Sequence[Statistics]) -> dict[str, Parsed]:
+def joined(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
     """Those of episodes together, by their counts: of quantiles the mean, as LeRobot has it."""
     counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
     names = [name for name in episodes[0] if all(name in one for one in episodes)]
@@ -50,7 +50,7 @@ def joined(episodes: Sequence[Statistics]) -> dict[str, Parsed]:
     return found
 
 
-def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, Parsed]]:
+def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[str, Parsed]]:
     """Those of the columns of numbers in the Parquet files of a folder that are named in `like`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -68,13 +68,13 @@ def of_data(data: Path, like: Mapping[str, Statistics]) -> dict[str, dict[str, P
     return found
 
 
-def of_table(table: pa.Table, like: Mapping[str, Statistics]) -> dict[str, dict[str, Parsed]]:
+def of_table(table: pa.Table, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[str, Parsed]]:
     """Those of the columns of numbers in a table."""
     read = {name: flat.numbers_or_missing(table[name]) for name in like if name in table.column_names}
     return {name: {**like[name], **of_numbers(own, like[name])} for name, own in read.items() if own is not None}
 
 
-def shifted(one: Statistics, by: float) -> dict[str, Parsed]:
+def shifted(one: ColumnStatistics, by: float) -> dict[str, Parsed]:
     """Those of the same numbers with `by` added."""
     moved = (name for name in one if name not in ("std", "count"))
     return dict(one) | {name: [value + by for value in one[name]] for name in moved}

@@ -9,14 +9,14 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
-from rpil.faults.missing import set_aside
+from rpil.faults.missing_values import set_aside
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class MeasuredColumns:
     """The columns that the rules compare: C of them, observations before actions.
 
     Attributes
@@ -90,7 +90,7 @@ def pilot(
     return (kept, spread[mask]) if mask.any() else (block, spread)
 
 
-def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> Columns:
+def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> MeasuredColumns:
     """The columns of the sample that measure something; `labels` are those of `column_labels`."""
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.max_columns else 0
@@ -103,7 +103,7 @@ def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSett
     ones = np.ones(len(number))
     turns = _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    empty = Columns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, turns, towards)
+    empty = MeasuredColumns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, turns, towards)
     if not chosen:
         return empty
     values = empty.of(sample)

@@ -7,9 +7,9 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
+from rpil.formats.chosen import set_aside_lines, with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
-from rpil.formats.selection import set_aside_lines, with_chosen
 
 N, T = 6, 8
 

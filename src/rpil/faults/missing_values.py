@@ -6,13 +6,13 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Block
-from rpil.faults.record import Finding
+from rpil.faults.report import Fault
 from rpil.numerics.types import Array, Bool
 
 
 def set_aside(
     block: Block, ids: tuple[Id, ...], labels: tuple[str, ...]
-) -> tuple[Block, Bool[Array, " M"], list[Finding]]:
+) -> tuple[Block, Bool[Array, " M"], list[Fault]]:
     """The block without the demonstrations that have such values, a mask of those it keeps, and what the others have.
 
     `ids` are those of all demonstrations of the data, `labels` those of `column_labels`.
@@ -37,6 +37,6 @@ def set_aside(
         if counts[m] > 1:
             sentence += f", and {counts[m] - 1} more values up to step {last} are missing"
         name = ids[block.first + m]
-        found.append(Finding("missing values", name, first, last, column, float(counts[m]), 0.0, np.inf, sentence))
+        found.append(Fault("missing values", name, first, last, column, float(counts[m]), 0.0, np.inf, sentence))
     chosen, offsets = np.repeat(kept, lengths), np.append(0, np.cumsum(lengths[kept]))
     return Block(block.first, block.observations[chosen], block.actions[chosen], offsets), kept, found

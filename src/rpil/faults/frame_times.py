@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rpil.data.demonstrations import DemonstrationSet
-from rpil.faults.record import Finding
+from rpil.faults.report import Fault
 from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array
@@ -30,7 +30,7 @@ def _within(demonstrations: DemonstrationSet) -> Array:
     return inside
 
 
-def find_frame_times(times: Times, demonstrations: DemonstrationSet, settings: FaultSettings) -> Iterator[Finding]:
+def find_frame_times(times: Times, demonstrations: DemonstrationSet, settings: FaultSettings) -> Iterator[Fault]:
     """Times between two frames that are too long or too short."""
     usual = frame_time(times, demonstrations)
     if times.timestamps is None or usual is None:
@@ -51,7 +51,7 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, settings: F
                 f"about {lost} frames are missing" if rule == "dropped frames" else f"{len(own)} frames come too soon"
             )
             sentence = f"{what}, the worst at step {step}: {1e3 * usual * frames[worst]:.4g} ms after the one before"
-            yield Finding(
+            yield Fault(
                 rule,
                 demonstrations.ids[m],
                 step - 1,
@@ -64,7 +64,7 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, settings: F
             )
 
 
-def find_frame_counts(times: Times, demonstrations: DemonstrationSet) -> Iterator[Finding]:
+def find_frame_counts(times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
     """Demonstrations with more or fewer frames than the recording says, and those that are not there at all."""
     for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
         declared = times.frames.get(name, length)
@@ -72,7 +72,7 @@ def find_frame_counts(times: Times, demonstrations: DemonstrationSet) -> Iterato
             kind = f"{declared - length} are missing" if declared > length else f"{length - declared} are too many"
             sentence = f"it has {length} frames, and the recording says {declared}: {kind}"
             severity = 1.0 + abs(declared - length)
-            yield Finding("frame count", name, 0, length - 1, "", length, declared, severity, sentence)
+            yield Fault("frame count", name, 0, length - 1, "", length, declared, severity, sentence)
     for name in times.frames.keys() - set(demonstrations.ids):
         sentence = f"it is not in the data, and the recording says it has {times.frames[name]} frames"
-        yield Finding("frame count", name, 0, 0, "", 0, times.frames[name], 1.0 + times.frames[name], sentence)
+        yield Fault("frame count", name, 0, 0, "", 0, times.frames[name], 1.0 + times.frames[name], sentence)

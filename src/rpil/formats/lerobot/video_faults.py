@@ -22,11 +22,11 @@ TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the o
 LEAST_EPISODES = 4  # to know what is usual
 
 
-Found = Iterator[tuple[str, str, str]]
+VideoFaults = Iterator[tuple[str, str, str]]
 """What is wrong: the kind, the episode or file, and a sentence."""
 
 
-def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Found:
+def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> VideoFaults:
     """Videos that are not there, or damaged, and episodes with more or fewer frames than rows.
 
     Where videos are to be looked at, also black, frozen and repeated frames, and exchanged cameras.
@@ -78,7 +78,7 @@ def _stillness(seen: Array) -> tuple[int, int, float]:
     return (int(lengths[longest]), int(runs[longest]) + 1, single / len(seen)) if len(runs) else (0, 0, 0.0)
 
 
-def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float) -> Found:
+def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float) -> VideoFaults:
     """Frozen and repeated frames of a camera: beyond what is usual in it, or beyond a share of an episode."""
     runs, firsts, shares = (np.array(values) for values in zip(*of_episode.values(), strict=True))
     usual = TIMES_USUAL * np.quantile([runs, shares], 0.75, axis=1)
@@ -94,7 +94,7 @@ def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fp
         yield "repeated frames", "all", slow
 
 
-def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> Found:
+def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> VideoFaults:
     """Episodes in which two cameras have each the mean picture that is usual for the other."""
     of_camera: dict[str, list[Array]] = defaultdict(list)
     for (camera, _), picture in pictures.items():

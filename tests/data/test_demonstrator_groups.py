@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrators import Demonstrators, group_by_demonstrator
+from rpil.data.demonstrator_groups import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 
 DATA = Demonstrations.from_arrays(np.ones((3, 1)), [0, 1, 0], [0, 1, 2, 3], ids=["a", "b", "c"], source="x.npz")

@@ -22,10 +22,10 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.episodes import read_episodes, read_lines
-from rpil.formats.lerobot.frames import NEAR_SECONDS, find_faults
+from rpil.formats.lerobot.episode_records import read_episodes, read_lines
 from rpil.formats.lerobot.kept import PATHS, frames_as_times, video_place
 from rpil.formats.lerobot.video import load_av
+from rpil.formats.lerobot.video_faults import NEAR_SECONDS, find_faults
 from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
@@ -41,7 +41,7 @@ TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 differ: LeRobot subtracts squares of short floats."""
 
 
-class Rows(NamedTuple):
+class EpisodeRows(NamedTuple):
     """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
 
     Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
@@ -56,7 +56,7 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Folder:
+class CheckedFolder:
     """A folder of LeRobot at `path`; errors of reading are `DataError`."""
 
     path: Path
@@ -67,9 +67,9 @@ class Folder:
         return dict(read_json(self.path / INFO))
 
     @cached_property
-    def data(self) -> dict[int, Rows]:
+    def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data."""
-        found: dict[int, Rows] = {}
+        found: dict[int, EpisodeRows] = {}
         for file in find_files(self.path)[1]:
             with guarded(file):
                 table = read_table(file, ["episode_index", "index", "timestamp"])
@@ -79,11 +79,13 @@ class Folder:
             rows = np.split(np.argsort(table["episode_index"], kind="stable"), np.cumsum(counts)[:-1])
             for m, own in zip(numbers.tolist(), rows, strict=True):
                 first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-                found[m] = Rows(len(own), first, place, *self._timing(np.zeros(0) if times is None else times[own, 0]))
+                found[m] = EpisodeRows(
+                    len(own), first, place, *self._timing(np.zeros(0) if times is None else times[own, 0])
+                )
         return found
 
     def _timing(self, times: Array) -> tuple[float, float, float]:
-        """`Rows.start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
+        """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
         fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
         if fps is None or not len(times):
             return 0.0, 0.0, 0.0
@@ -139,12 +141,12 @@ class Folder:
 def find_shots(path: Path) -> list[Shot]:
     """Where the frames of each episode of the folder are; a `DataError` where ``meta`` does not say."""
     with guarded(path / "meta"):
-        return Folder(path).shots()
+        return CheckedFolder(path).shots()
 
 
 def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
-    folder = Folder(path)
+    folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
     for rule in (in_times, _in_totals, _in_episodes, _in_statistics, partial(in_videos, look=look)):
         try:
@@ -155,7 +157,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def in_times(folder: Folder, only: Collection[str] | None = None) -> Iterator[Defect]:
+def in_times(folder: CheckedFolder, only: Collection[str] | None = None) -> Iterator[Defect]:
     """Episodes, `only` these or all, with times that LeRobot does not find in a video, or of other frames a second."""
     wrong = {m: rows for m, rows in folder.data.items() if rows.off and (only is None or str(m) in only)}
     if wrong:
@@ -170,7 +172,7 @@ def in_times(folder: Folder, only: Collection[str] | None = None) -> Iterator[De
         yield Defect("timestamps", _named([*wrong], folder), f"{said}; {remedy}", True)
 
 
-def _named(episodes: Sequence[int], folder: Folder) -> str:
+def _named(episodes: Sequence[int], folder: CheckedFolder) -> str:
     """Some episodes of a folder in words, as "episodes 3 to 7 and 9"."""
     if len(episodes) == len(folder.data):
         return f"all {len(episodes)} episodes"
@@ -179,7 +181,7 @@ def _named(episodes: Sequence[int], folder: Folder) -> str:
     return f"episode{'s' * (len(episodes) > 1)} {' and '.join(texts.rsplit(', ', 1))}"
 
 
-def in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
+def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
     """Faults of videos; without the package only files that are not there, unless they are to be looked at."""
     fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
     try:
@@ -191,18 +193,18 @@ def in_videos(folder: Folder, look: bool) -> Iterator[Defect]:
     return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
 
 
-def _totals(folder: Folder) -> dict[str, int]:
+def _totals(folder: CheckedFolder) -> dict[str, int]:
     return {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
 
 
-def _in_totals(folder: Folder) -> Iterator[Defect]:
+def _in_totals(folder: CheckedFolder) -> Iterator[Defect]:
     for name, number in _totals(folder).items():
         if folder.info.get(name, number) != number:
             said = f"{name} is {str(folder.info[name])[:40]}, and the data hold {number}"
             yield Defect("totals", INFO, said, folder.is_whole)
 
 
-def _in_episodes(folder: Folder) -> Iterator[Defect]:
+def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
     if folder.info.get("codebase_version") == "v2.1" and not (folder.path / EPISODES_STATS).is_file():
         yield Defect("statistics", EPISODES_STATS, "it is not there; LeRobot's converter to version 3.0 needs it")
     if not folder.episodes:
@@ -228,7 +230,7 @@ def _in_episodes(folder: Folder) -> Iterator[Defect]:
             yield Defect("episode table", str(m), "; ".join(wrong))
 
 
-def _in_statistics(folder: Folder) -> Iterator[Defect]:
+def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
     place = folder.path / STATS
     if not place.is_file() or not folder.is_whole:
         return
@@ -253,8 +255,8 @@ def mend(path: Path) -> list[str]:
     wrong, and a camera has not one frame for each row.
     """
     with guarded(path / "meta"):
-        done = _mend_times(Folder(path))
-        folder, new = Folder(path), {}  # with the new times
+        done = _mend_times(CheckedFolder(path))
+        folder, new = CheckedFolder(path), {}  # with the new times
         if folder.is_whole and list(_in_totals(folder)):
             new[INFO] = json.dumps(folder.info | _totals(folder), indent=4)
         if list(_in_statistics(folder)):
@@ -265,7 +267,7 @@ def mend(path: Path) -> list[str]:
     return done + [_replace(path / name, partial(Path.write_text, data=text)) for name, text in new.items()]
 
 
-def _mend_times(folder: Folder) -> list[str]:
+def _mend_times(folder: CheckedFolder) -> list[str]:
     """Number the wrong times anew, by the frames a second that are declared."""
     wrong, fps = [m for m, rows in folder.data.items() if rows.off], frame_rate(folder.info.get("fps"))
     if fps is None or not wrong:

@@ -25,7 +25,7 @@ class Rule:
     words : str
         What it finds.
     needs : tuple of str
-        What must be there, names of `rpil.faults.check.NEEDS`.
+        What must be there, names of `rpil.faults.checking.NEEDS`.
     unknown : str
         Why it says nothing where it applies and nothing can be known.
     """
@@ -77,7 +77,7 @@ RULES = {
 
 @stored()
 @dataclass(frozen=True)
-class Finding:
+class Fault:
     """A fault of one demonstration, the worst of its kind there.
 
     Attributes
@@ -120,7 +120,7 @@ class FaultReport:
 
     Attributes
     ----------
-    findings : tuple of Finding
+    findings : tuple of Fault
         The worst first.
     not_checked : mapping of rule to str
         The rules that could not be applied, and why.
@@ -138,7 +138,7 @@ class FaultReport:
         Findings that were left out because they are so on purpose.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[Fault, ...]
     not_checked: Mapping[str, str]
     unknown: Mapping[str, tuple[str, ...]]
     usual: Mapping[str, str]
@@ -175,7 +175,7 @@ class FaultReport:
         }
 
 
-def explain(findings: Iterable[Finding], name: object) -> str | None:
+def explain(findings: Iterable[Fault], name: object) -> str | None:
     """One clause on the worst fault of a demonstration, for a sentence on why its trust is low; None without one."""
     own = [found for found in findings if str(found.id) == str(name)]
     if not own:

@@ -8,7 +8,7 @@ import pytest
 from problems import make, one_sentence
 from rpil import RPIL
 from rpil.data.errors import DataError
-from rpil.data.facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
+from rpil.data.recorded_facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
 from rpil.estimators.task import Task, answers_of
 
 OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan

@@ -10,7 +10,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.check import find_defects, find_shots, mend
+from rpil.formats.lerobot.defects import find_defects, find_shots, mend
 
 pytest.importorskip("av", reason="needs the extra video")
 

@@ -5,7 +5,7 @@ from rpil.data.errors import DataError
 from rpil.data.memory import limited
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.parts import NO_STEPS, Part, from_parts
+from rpil.formats.step_arrays import NO_STEPS, Part, from_parts
 
 RNG = np.random.default_rng(0)
 
