@@ -16,7 +16,7 @@ from problems import make
 from rpil import RPIL, Audit
 from rpil.data.errors import DataError
 from rpil.data.json_files import MOST_LISTS
-from rpil.faults.record import FaultReport, Finding
+from rpil.faults.report import FaultReport, Fault
 from rpil.inference.answers import Answers
 from rpil.results import saved
 from rpil.results.html.page import Article, render_page
@@ -30,7 +30,7 @@ from small import FAST
 
 TRUST = Interval(0.8, 0.5, 0.9)
 IDS = tuple(f"d{k}" for k in range(10))
-FAULTS = (Finding("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Finding("jump", "b", 0, 1, "", 1, 1, 1, "!"))
+FAULTS = (Fault("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Fault("jump", "b", 0, 1, "", 1, 1, 1, "!"))
 ABOUT = About(
     *("Audit", "x.csv", ("Ten.",), ("A place.",)),
     FaultReport(FAULTS, {"sign": "too few"}, {"jump": ("y",)}, {"lag": "2 steps"}, {"d1": (2, 9)}, 10, 99),

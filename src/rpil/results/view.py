@@ -67,7 +67,7 @@ import numpy as np
 
 <<<<<<< HEAD
 from rpil.data.archive import stored
-from rpil.faults.record import RULES, FaultReport
+from rpil.faults.report import RULES, FaultReport
 =======
 from rpil.faults.report import RULES, FaultReport
 >>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
