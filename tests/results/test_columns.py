@@ -16,7 +16,7 @@ from problems import make
 from rpil import RPIL, Audit
 from rpil.data.errors import DataError
 from rpil.data.json_files import MOST_LISTS
-from rpil.faults.report import FaultReport, Fault
+from rpil.faults.report import Fault, FaultReport
 from rpil.inference.answers import Answers
 from rpil.results import saved
 from rpil.results.html.page import Article, render_page

@@ -14,12 +14,7 @@ from typing import Unpack, cast
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-<<<<<<< HEAD
 from rpil.data.errors import DataError, user_stack_level
-from rpil.data.recorded_facts import Outcome
-=======
-from rpil.data.errors import DataError
->>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
 from rpil.data.recorded_facts import Outcome

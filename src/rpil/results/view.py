@@ -65,12 +65,8 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-<<<<<<< HEAD
 from rpil.data.archive import stored
 from rpil.faults.report import RULES, FaultReport
-=======
-from rpil.faults.report import RULES, FaultReport
->>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
 from rpil.results import answering

@@ -225,7 +225,6 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
 def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
     value = np.arange(80.0)
-<<<<<<< HEAD
     audit = make_audit(
         ("unlike", "typical"),
         lengths=[80, 80],
@@ -235,20 +234,10 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
         own_reasons=(evil, evil),
         **dict.fromkeys(("notes", "doubts", "assumptions"), (evil,)),
     )
-    faults = FaultReport(
-        (Finding("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, evil),), {evil: evil}, {}, {evil: evil}, {}, 2, 99
-    )
+    faults = FaultReport((Fault("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, evil),), {evil: evil}, {}, {evil: evil}, {}, 2, 99)
     about = About(evil, evil, (evil,), (evil,), faults, {"0": evil}, {"0": evil})
     write_audit(tmp_path / "run.rpil", audit, replace(about, command=shlex.join(["rpil", "audit", evil])))
     write_page(tmp_path / "r.html", [Article(read_audit(tmp_path / "run.rpil", Audit)[1])])
-=======
-    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value, value),))}
-    audit = make_audit(("unlike", "typical"), lengths=[80, 80], pair=(0, 1), traces=traces, notes=("A note.",))
-    faults = FaultReport((Fault("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),), {}, {}, {}, {}, 2, 99)
-    view = make_view(audit, About("An audit", "x.csv", tasks={"0": "pour", "1": "wipe"}, faults=faults))
-    write_run(tmp_path / "run.json", spoilt(view))
-    write_page(tmp_path / "r.html", [Article(read_run(tmp_path / "run.json"))])
->>>>>>> 07b29c11 (Types and files of formats, faults and data have one meaning each)
     browser.open(tmp_path / "r.html")
     browser.press("j", "k", "b")
     assert browser.evaluate("document.title") == evil
