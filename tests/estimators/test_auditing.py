@@ -14,10 +14,10 @@ import pytest
 
 import rpil
 from command_line import ok
-from problems import make
+from problems import make, make_continuous
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from small import FAST
+from small import FAST, SMALL
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,20 @@ def test_it_says_what_the_command_says(folder):
     assert said(of_operators) == printed(folder / "drive.csv", "--operator", "driver")
     assert len(of_operators.demonstrators) == 2
     np.testing.assert_array_equal(of_operators.log_odds, found.log_odds)  # without answers operators change none
+
+
+@pytest.mark.parametrize("maker", [make, make_continuous])
+@pytest.mark.parametrize("settings", [FAST, SMALL], ids=["in memory", "by passes"])
+def test_an_audit_is_that_of_a_fit_and_keeps_no_policy(settings, maker):
+    data, judged, fitted = maker("random", 0, n_good=80, n_bad=40, steps=(20, 60)).demonstrations, [], []
+    audit = rpil.audit(data, settings=settings, progress=judged.append)
+    model = rpil.RPIL("folded", settings=settings, progress=fitted.append).fit(data)
+    np.testing.assert_array_equal(audit.step_weight, model.audit_.step_weight)
+    assert audit.deviations == model.audit_.deviations
+    assert audit.traces.keys() == model.audit_.traces.keys() != set()
+    assert "the policy" in fitted
+    assert "the policy" not in judged
+    assert ("a pass over everything: scores" in judged) == (settings is SMALL)
 
 
 def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):

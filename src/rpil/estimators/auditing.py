@@ -108,7 +108,7 @@ def audit_recording(
 
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
-    audit, _ = fit_within_tasks(recording, stated, options)
+    audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
     changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
     changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
     changed |= changed_settings(options.settings, Settings())
@@ -117,7 +117,7 @@ def audit_recording(
 
 
 def fit_within_tasks(
-    recording: Recording, stated: Statements, options: FitOptions
+    recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
 ) -> tuple[Audit, list[tuple[Task, FitResult]]]:
     """The audit of a recording, each task and session judged by itself, and the fits to them."""
     fits: list[tuple[Task, FitResult]] = []
@@ -126,21 +126,22 @@ def fit_within_tasks(
 
     def judge(demonstrations: Demonstrations | Dataset, stated: Statements) -> Audit:
         task = stated.task(demonstrations, options.action_box)
-        fits.append((task, fit_task(task, options)))
+        fits.append((task, fit_task(task, options, keeps_policy)))
         return fits[-1][1].decision.audit
 
     return judge_within_tasks(recording, stated, judge), fits
 
 
-def fit_task(task: Task, options: FitOptions) -> FitResult:
-    """Decide which demonstrations of a task to trust, and fit the final policy; the audit names the assumptions."""
+def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
+    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
+    assumptions."""
     options.check(task)
-    stages: Stages = FullFit(task, options)
+    stages: Stages = FullFit(task, options, keeps_policy)
     may_sample, sample = options.judges and options.policy is None, options.settings.sample
     if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
         from rpil.estimators.passes import SampledFit
 
-        stages = SampledFit(task, options)
+        stages = SampledFit(task, options, keeps_policy)
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
         result = fit(stages, options)
     decision, prior = result.decision, options.settings.mixture.prior

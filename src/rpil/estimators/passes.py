@@ -24,7 +24,7 @@ from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import InMemory, Streamed
-from rpil.scale.protocol import Engine
+from rpil.scale.protocol import Engine, Shards
 from rpil.scale.sample import draw_sample
 
 MAX_DRAWN_STEPS = 100_000
@@ -37,6 +37,7 @@ class SampledFit:
 
     task: Task
     options: FitOptions
+    keeps_policy: bool = True
 
     @property
     def engine(self) -> Engine:
@@ -95,15 +96,19 @@ class SampledFit:
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
         return replace(extended, audit=audit, notes=decision.notes)
 
-    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
-        task, options, data, features = self.task, self.options, posed.data, posed.features
+    def fit_policy(
+        self, posed: JudgeInput, decision: TrustDecision
+    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
+        task, options, data = self.task, self.options, posed.data
         assert decision.judge is not None
         assert posed.blocks is not None
-        assert isinstance(features, FeatureMap)
         assert decision.judgement is not None
         assert posed.indices is not None
         sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
         weights = StepWeights.of(decision.audit, sample, options.settings.judge)
+        if not self.keeps_policy:
+            audit, _ = self._weigh(posed, decision, posed.blocks.then(weights))
+            return posed.features, None, replace(decision, audit=audit)
         weight = weights.steps(data, posed.indices)[-1]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         observations = posed.demonstrations.observations
@@ -111,17 +116,21 @@ class SampledFit:
         weights = replace(weights, final=DesignMap(features, task.space, task.classes))
         data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights)
-        on_disk = not isinstance(self.engine, InMemory)
-        steps, total = gather_steps(blocks.map(_steps), int(task.source.offsets[-1]), on_disk)
-        log_ratio, share, step_weight = steps
-        audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        audit, total = self._weigh(posed, decision, blocks)
         ridge, final_ridge = (ridge_of(features, options.C, float(n), task.space) for n in (weight.sum(), total))
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
         policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
-        audit = replace(audit, traces=self._traces(posed, decision, audit))
         return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
+
+    def _weigh(self, posed: JudgeInput, decision: TrustDecision, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
+        """The audit with the weights of all steps and with traces, and the sum of the weights."""
+        on_disk = not isinstance(self.engine, InMemory)
+        steps, total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]), on_disk)
+        log_ratio, share, step_weight = steps
+        audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        return replace(audit, traces=self._traces(posed, decision, audit)), total
 
     def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""

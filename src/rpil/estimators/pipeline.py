@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -224,12 +224,16 @@ class FitResult:
     judge_features: Features
     """While trust was decided."""
     features: Features
-    """Of the final policy."""
-    policy: FinalPolicy
+    """Of the final policy; those of the judge where no policy is kept."""
+    policy: FinalPolicy | None
 
 
 class Stages(Protocol):
     """The stages of a fit that depend on where the demonstrations are."""
+
+    @property
+    def keeps_policy(self) -> bool:
+        """Whether a final policy is fitted; an audit keeps none."""
 
     def pose(self) -> JudgeInput:
         """The demonstrations that the decision reads, and their features."""
@@ -237,15 +241,17 @@ class Stages(Protocol):
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         """The decision about all demonstrations."""
 
-    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
-        """The features and the final policy, and the decision with the weights of all steps."""
+    def fit_policy(
+        self, posed: JudgeInput, decision: TrustDecision
+    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
+        """The features and the final policy, if it is kept, and the decision with the weights of all steps."""
 
 
 def fit(stages: Stages, options: FitOptions) -> FitResult:
-    """Pose, decide, and fit the final policy."""
+    """Pose, decide, and fit the final policy, if it is kept."""
     posed = stages.pose()
     decision = stages.extend(posed, decide_trust(posed, options))
-    options.progress("the policy")
+    options.progress("the policy" if stages.keeps_policy else "the weights of the steps")
     features, policy, decision = stages.fit_policy(posed, decision)
     return FitResult(decision, posed.features, features, policy)
 
@@ -256,6 +262,7 @@ class FullFit:
 
     task: Task
     options: FitOptions
+    keeps_policy: bool = True
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
@@ -302,15 +309,18 @@ class FullFit:
         data = task.data(demonstrations, features, self._single(demonstrations))
         return replace(data, labels=task.answers.labels, demonstrators=task.demonstrators)
 
-    def fit_policy(self, posed: JudgeInput, decision: TrustDecision) -> tuple[Features, FinalPolicy, TrustDecision]:
+    def fit_policy(
+        self, posed: JudgeInput, decision: TrustDecision
+    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
         audit, judged = decision.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
             every = self._demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         data = posed.data
-        features, policy = self._final_policy(posed, audit.step_weight)
+        final_policy = cache(lambda: self._final_policy(posed, audit.step_weight))
 
         def outputs(rows: Array) -> Array:
+            features, policy = final_policy()
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
         found, settings = decision.judgement, self.options.settings.judge.held_out
@@ -320,6 +330,7 @@ class FullFit:
             evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
+        features, policy = final_policy() if self.keeps_policy else (posed.features, None)
         return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:

@@ -234,6 +234,7 @@ class RPIL(PolicyEstimator):
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
         decision = fitted.decision
+        assert fitted.policy is not None
         self.space_, self.classes_ = task.space, task.classes
         self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
         self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
