@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
+from rpil.inference.answers import Answers
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.scores import Scores, Scoring
@@ -36,6 +37,18 @@ def same_actions(n_demonstrations: int, discrete: bool = False, n_parts: int = 2
         return FitData(features, np.tile(np.arange(steps) % 2, n_demonstrations), offsets, Discrete(2), labels)
     actions = np.tile(np.random.default_rng(0).normal(size=(steps, n_parts)), (n_demonstrations, 1))
     return FitData(features, actions, offsets, Box.around(actions), labels)
+
+
+COLUMNS = np.column_stack([np.linspace(-1.5, 1.5, 12), np.tile([0.5, -0.5, 0.1], 4), np.repeat([-1.0, 1.0], 6)])
+"""What is known of twelve demonstrations, from which answers learn: agreement, a channel, and the group."""
+
+
+def answers_of(labels: Any = None, pairs: Any = (), outcome: Any = None, tied: Any = (), m: int = 12) -> Answers:
+    """Answers about `m` demonstrations, or as many as there are labels."""
+    labels = np.zeros(m, dtype=np.int64) if labels is None else np.asarray(labels, dtype=np.int64)
+    outcome = np.full(len(labels), np.nan) if outcome is None else np.asarray(outcome, dtype=float)
+    pairs, tied = (np.array(numbers, dtype=np.int64).reshape(-1, 2) for numbers in (pairs, tied))
+    return Answers(labels, pairs, outcome, tied)
 
 
 def reference(data: FitData, settings: JudgeSettings) -> Array:

@@ -10,19 +10,13 @@ from scipy.optimize import approx_fprime
 from scipy.special import expit, logit
 from scipy.stats import rankdata
 
+from hand_made import answers_of
 from rpil.data.errors import DataError
 from rpil.inference import answers as module
 from rpil.inference.answers import Answers, check_copied_labels, posterior
 from rpil.inference.settings import AnswerSettings
 
 NAN, SETTINGS = np.nan, AnswerSettings()
-
-
-def answers_of(labels=(), pairs=(), outcome=None, m=None, tied=()) -> Answers:
-    labels = np.asarray(labels if len(labels) else np.zeros(m or 0), dtype=np.int64)
-    outcome = np.full(len(labels), NAN) if outcome is None else np.asarray(outcome, dtype=float)
-    pairs, tied = (np.array(numbers, dtype=np.int64).reshape(-1, 2) for numbers in (pairs, tied))
-    return Answers(labels, pairs, outcome, tied)
 
 
 def test_what_is_known_is_counted():
@@ -69,22 +63,15 @@ def test_sides_of_answers():
     assert answers_of([1, 0], tied=[(0, 1)]).sides == {1}
 
 
-def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half():
-    outcome = np.array([5.0, NAN, 1.0, 5.0, 3.0, 9.0])
-    known = outcome[np.isfinite(outcome)]
-    by_hand = [np.mean(known < value) + 0.5 * np.mean(known == value) for value in outcome]
-    np.testing.assert_allclose(answers_of(m=6, outcome=outcome).ranks(), np.where(np.isfinite(outcome), by_hand, NAN))
-    assert answers_of(m=2, outcome=[4.0, NAN]).ranks()[0] == 0.5
-
-
-def test_an_outcome_of_0_and_1_is_a_flag_and_other_values_are_ranks():
-    np.testing.assert_array_equal(answers_of(m=5, outcome=[0, 1, NAN, 1, 1]).ranks(), [0, 1, NAN, 1, 1])
-    ranks = answers_of(m=5, outcome=[-3, 8, NAN, 8, 8]).ranks()
-    np.testing.assert_array_equal(ranks, [1 / 8, 5 / 8, NAN, 5 / 8, 5 / 8])
-
-
-def test_unknown_outcomes_have_no_rank():
-    assert np.isnan(answers_of(m=3).ranks()).all()
+def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half_and_flags_are_themselves():
+    for outcome, ranks in (
+        ([5.0, NAN, 1.0, 5.0, 3.0, 9.0], np.array([6, NAN, 1, 6, 3, 9]) / 10),
+        ([-3, 8, NAN, 8, 8], np.array([1, 5, NAN, 5, 5]) / 8),
+        ([4.0, NAN], [0.5, NAN]),
+        ([0, 1, NAN, 1, 1], [0, 1, NAN, 1, 1]),
+        ([NAN] * 3, [NAN] * 3),
+    ):
+        np.testing.assert_allclose(answers_of(m=len(outcome), outcome=outcome).ranks(), ranks)
 
 
 def test_rows_are_labels_then_outcomes_then_differences_of_pairs():
@@ -217,14 +204,6 @@ def test_answers_of_one_side_never_turn_the_direction(sort):
     assert both.proba(channels)[-1] < both.proba(channels)[0]
 
 
-def test_a_posterior_foretells_answers():
-    channels, some = made()
-    found, (rows, _) = posterior(channels, some, SETTINGS), some.rows(channels)
-    of_labels = found.proba_of(np.column_stack([np.ones(14), channels]))
-    np.testing.assert_allclose(of_labels, found.proba(channels))
-    np.testing.assert_allclose(found.proba_of(-rows[-2:]), 1 - found.proba_of(rows[-2:]))
-
-
 def test_proba_by_hand():
     channels, some = made()
     found = posterior(channels, some, SETTINGS)
@@ -237,16 +216,6 @@ def test_proba_by_hand():
     np.testing.assert_allclose(found.proba(channels), by_hand)
     soft = posterior(channels, some, replace(SETTINGS, sharpness=0.5))
     assert np.abs(logit(soft.proba(channels))).max() < np.abs(logit(by_hand)).max()
-
-
-def test_labels_against_agreement_turn_the_direction():
-    channels = np.column_stack([np.linspace(-2, 2, 12), np.linspace(-1, 1, 12)])
-    against = answers_of([1, 1, 0, 0, 1, 0, 0, -1, 0, 0, -1, -1])
-    found = posterior(channels, against, SETTINGS)
-    assert np.exp(found.log_weight)[2:4].sum() > 0.75
-    assert found.proba(channels)[0] > 0.85 > 0.15 > found.proba(channels)[-1]
-    agreed = posterior(channels, answers_of((-against.labels).tolist()), SETTINGS)
-    assert np.exp(agreed.log_weight)[:2].sum() > 0.9
 
 
 def test_labels_of_one_sort_do_not_move_the_share():
@@ -277,31 +246,12 @@ def test_a_pair_turned_round_turns_the_answer_round():
     assert np.ptp(one.proba(channels)) > 0.05
 
 
-def test_wrong_answers_make_errors_likely():
-    channels = np.column_stack([np.linspace(-3, 3, 20), np.repeat([-1.0, 1.0], 10)])
-    right = np.repeat([-1, 1], 10)
-    wrong = right.copy()
-    wrong[[0, 19]] *= -1
-    weights = [
-        np.exp(posterior(channels, answers_of(labels.tolist()), SETTINGS).log_weight) for labels in (right, wrong)
-    ]
-    seldom = [weight[:4:2].sum() / weight[:4].sum() for weight in weights]  # the rate .02, in both directions
-    assert 1 > seldom[0] > 1 / 2 > seldom[1] > 0
-
-
 def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():
     copy_of, ids = np.array([0, 1, 0, 1]), ["a", "b", "c", "d"]
     check_copied_labels(Answers.of_labels(np.array([1, -1, 1, 0])), copy_of, ids)
     with pytest.raises(DataError) as error:
         check_copied_labels(Answers.of_labels(np.array([1, -1, 0, 1])), copy_of, ids, "f.csv")
     assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; change one of the labels."
-
-
-def test_copies_share_a_label_and_an_outcome():
-    known = Answers(np.array([0, 0, 1, 0]), np.empty((0, 2), dtype=int), np.array([np.nan, 1.0, np.nan, 2.0]))
-    shared = known.shared(np.array([0, 1, 0, 1]))
-    assert shared.labels.tolist() == [1, 0, 1, 0]
-    np.testing.assert_array_equal(shared.outcome, [np.nan, 1.5, np.nan, 1.5])
 
 
 def test_flags_of_copies_that_contradict_each_other_change_no_other_row():

@@ -109,10 +109,6 @@ def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, 
         assert found.contrast.length.tolist() == [5.0, 5.0]
 
 
-def test_no_groups_without_lower_ones():
-    assert Claims("two groups", np.zeros(3, dtype=int)).groups is None
-
-
 @pytest.mark.parametrize(("n_upper", "finding"), [(1, "nobody stands out"), (2, "some are unlike")])
 def test_the_upper_group_has_two_members_at_least(n_upper, finding):
     score = np.where(np.arange(10) < n_upper, 1.0, 0.0)
@@ -150,17 +146,12 @@ def test_typical_is_the_better_half_where_the_lower_group_is_a_tail():
     assert claimed(middle)[1] == [1, 1, 1, 0, 0, -1, -1, -1, -1]
 
 
+@pytest.mark.parametrize("n_upper", [0, 3])
 @pytest.mark.parametrize("deviation", [0.1, 0.3])
-def test_without_an_upper_group_nobody_is_typical(deviation):
+def test_typical_are_members_of_the_upper_group(deviation, n_upper):
     _, scores = scored(deviation=deviation)
-    assert said(scores, ClaimSettings(), np.zeros(10, dtype=bool), np.full(10, 5.0)).tolist() == NOBODY
-
-
-@pytest.mark.parametrize("deviation", [0.1, 0.3])
-def test_typical_are_members_of_the_upper_group(deviation):
-    _, scores = scored(deviation=deviation)
-    upper = np.arange(10) < 3
-    assert said(scores, ClaimSettings(), upper, np.full(10, 5.0)).tolist() == [1] * 3 + [0] * 7
+    words = said(scores, ClaimSettings(), np.arange(10) < n_upper, np.full(10, 5.0))
+    assert words.tolist() == [1] * n_upper + [0] * (10 - n_upper)
 
 
 def test_noise_leaves_the_better_half_typical_where_scores_have_a_tail():

@@ -78,14 +78,8 @@ def test_two_rankings_that_differ_are_doubted():
     assert doubts[0].runs == ()
     assert len(doubts_about(*disagreeing(0.1))) == 1
     assert doubts_about(*disagreeing(0.3)) == []
-
-
-def test_the_least_agreement_is_enough():
-    assert doubts_about(*disagreeing(-1.0, min_agreement=-1.0)) == []
-
-
-def test_the_rankings_of_discrete_actions_are_not_compared():
-    assert doubts_about(*disagreeing(-1.0, discrete=True)) == []
+    assert doubts_about(*disagreeing(-1.0, min_agreement=-1.0)) == []  # the least agreement is enough
+    assert doubts_about(*disagreeing(-1.0, discrete=True)) == []  # these rankings are not compared
 
 
 def test_those_who_follow_one_another_are_a_session():

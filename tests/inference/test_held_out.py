@@ -51,25 +51,6 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     np.testing.assert_allclose(scored, student_log_density(errors, scale, ErrorSettings()), atol=1e-6)
 
 
-def test_policy_is_fitted_without_the_demonstrations_that_it_evaluates():
-    problem = fit_data_of(make("random", 0, steps=STEPS))
-    other = replace(problem, actions=problem.actions.copy())
-    fold = deal(problem, 3, 0)
-    changed = problem.per_step(fold) == 1
-    other.actions[changed] = (other.actions[changed] + 1) % problem.space.n
-    weight = np.ones(len(problem.actions))
-    one, two = (HeldOutSoftmax(p, fold, HeldOutSettings()).evaluate(weight, 1e-2) for p in (problem, other))
-    q_one, q_two = frequencies(problem), frequencies(other)
-    # The other steps of that fold are scored by the same policies; only the frequencies of the lapses differ.
-    same = changed & (problem.actions == other.actions)
-    assert not same.any()
-    np.testing.assert_allclose(np.exp(one[~changed]).mean(), np.exp(one[~changed]).mean())
-    assert not np.allclose(one[~changed], two[~changed], atol=1e-3)
-    proba = (np.exp(one[changed]) - LAPSE * q_one[problem.actions[changed]]) / (1 - LAPSE)
-    shifted = (np.exp(two[changed]) - LAPSE * q_two[other.actions[changed]]) / (1 - LAPSE)
-    assert (proba + shifted <= 1 + 1e-9).all()  # two actions of one distribution
-
-
 def test_reference_does_not_depend_on_the_state():
     problem = fit_data_of(make("random", 0))
     everyone = np.ones(problem.n_demonstrations, dtype=bool)

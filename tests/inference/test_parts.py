@@ -54,11 +54,7 @@ def test_a_part_that_trembles_rests_beside_parts_that_move():
 
 @pytest.mark.parametrize("size", [0.04, 1.0, 255.0])
 def test_a_gripper_is_judged_in_any_unit(size):
-    assert judged(moving(), moving(3), gripper(size)) == [True, True, True]
-
-
-def test_small_units_are_no_rest():
-    assert judged(moving(), moving(3), moving(4, size=1e-4)) == [True, True, True]
+    assert judged(moving(), moving(3), gripper(size), moving(4, size=1e-4 * size)) == [True] * 4
 
 
 def test_all_are_judged_if_all_rest():

@@ -79,26 +79,21 @@ def test_a_policy_that_explains_each_step_shares_its_gain_without_lapses():
     assert sharing([(0.1, 0.3), (0.5, 0.7), (9.0, 9.0)], 11) == pytest.approx(0.6)
 
 
-@pytest.mark.parametrize(("shared", "is_rival"), [(0.49, True), (0.51, False), (1.5, False), (-3.0, True)])
+@pytest.mark.parametrize(
+    ("shared", "limit", "is_rival"),
+    [
+        *[(0.49, 0.5, True), (0.51, 0.5, False), (1.5, 0.5, False), (-3.0, 0.5, True)],
+        *[(0.2, 0.1, False), (0.2, 0.3, True), (1.0, 1.0, False)],
+    ],
+)
 @pytest.mark.parametrize("own", [0.2, 1.0])
-def test_a_rival_shares_less_than_half_of_its_gain_with_the_upper_group(own, shared, is_rival):
+def test_a_rival_shares_less_than_half_of_its_gain_with_the_upper_group(own, shared, limit, is_rival):
     of_policies = policies([2.0] * 4 + [-1.0] * 4, LOWER * own)
-    found, model = looked(of_policies, at=lambda group: np.full(8, shared * own))
+    found, model = looked(of_policies, at=lambda group: np.full(8, shared * own), max_shared_gain=limit)
     assert found.is_rival is is_rival
     ((fitted_to, scale_of),) = model.scaled
     assert fitted_to.tolist() == UPPER.tolist()
     assert scale_of.tolist() == (~UPPER).tolist()
-
-
-@pytest.mark.parametrize(("limit", "is_rival"), [(0.1, False), (0.3, True), (1.0, True)])
-def test_the_share_is_a_setting(limit, is_rival):
-    of_policies = policies([2.0] * 4 + [-1.0] * 4, LOWER)
-    assert looked(of_policies, at=lambda group: np.full(8, 0.2), max_shared_gain=limit)[0].is_rival is is_rival
-
-
-def test_a_rival_that_shares_all_it_may_is_none():
-    found, _ = looked(policies([2.0] * 4 + [-1.0] * 4, LOWER), at=lambda group: np.ones(8), max_shared_gain=1.0)
-    assert not found.is_rival
 
 
 # Gains of .3 to .6 around .45: the robust standard error is 1.858 x .1 / 2 = .0929, a fifth of it (4.84).
@@ -160,13 +155,6 @@ def test_fewer_than_the_smallest_group_are_no_rival(min_group):
     assert found.upper.tolist() == [0, 1, 2, 3]
     assert found.gain_upper == pytest.approx(2.0)
     assert not found.is_noise
-
-
-def test_noise_is_noise_without_a_rival_too():
-    found, _ = looked(policies([2.0] * 4 + [3.0] * 4, LOWER * 0.0))
-    assert found.rival.tolist() == []
-    assert found.is_noise
-    assert not found.is_rival
 
 
 def test_policies_of_the_upper_group_are_not_fitted_twice():

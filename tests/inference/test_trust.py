@@ -85,15 +85,6 @@ def operated(names):
     return replace(same_actions(10), demonstrators=Demonstrators.from_names(names))
 
 
-def test_without_answers_operators_change_nothing_and_have_no_trust():
-    found, alone = concluded(data=operated(["a"] * 5 + ["b"] * 5))[0], concluded()[0]
-    np.testing.assert_array_equal(found.log_odds, alone.log_odds)
-    np.testing.assert_array_equal(found.words, alone.words)
-    assert not found.from_demonstrator.any()
-    assert found.demonstrator_trust.shape == (0, 3)
-    assert found.expert_share == alone.expert_share
-
-
 def test_answers_count_before_operators():
     data = operated(["a"] * 5 + ["b"] * 5)
     found, _, answers = concluded(TOLD, data=data)
