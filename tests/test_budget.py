@@ -16,16 +16,16 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2956, 27),
-    "data": (3398, 50),
-    "estimators": (2366, 15),
+    "data": (3423, 50),
+    "estimators": (2374, 15),
     "faults": (2294, 81),
     "formats": (9540, 124),
-    "inference": (2782, 93),
-    "mixture": (828, 24),
+    "inference": (2732, 93),
+    "mixture": (820, 24),
     "numerics": (616, 14),
-    "policies": (1978, 69),
+    "policies": (1967, 69),
     "results": (3706, 60),
-    "scale": (805, 26),
+    "scale": (794, 26),
     "simulation": (982, 23),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
@@ -33,7 +33,7 @@ BUDGETS = {
 TYPES, FILES, CONTEXT_VARIABLES = 5, 3, 5
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 817, 132
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 775, 131
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 

@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rpil.data.checks import check_settings
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.settings_record import settings_record
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, log_reference
@@ -33,7 +33,7 @@ LogProb = Callable[[Any, Array, Array], object]
 Train = Callable[[Any, Array, Array, Array], object]
 
 
-@dataclass(frozen=True)
+@settings_record(min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
 class ReweightOptions:
     """The options of `reweight`, where the last four are described; the numbers were chosen by hand, not tuned."""
 
@@ -49,9 +49,6 @@ class ReweightOptions:
     max_rounds: int = 50
     action_box: ActionBox | None = None
     random_state: int = 0
-
-    def __post_init__(self) -> None:
-        check_settings(self, min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
 
 
 @dataclass(frozen=True, eq=False)

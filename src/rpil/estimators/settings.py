@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from rpil.data.archive import stored
-from rpil.data.checks import check_settings
+from rpil.data.settings_record import settings_record
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.cross_fitted import CrossFitSettings
@@ -14,8 +11,7 @@ from rpil.results.settings import AuditSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(start_steps="[0, inf)")
 class ConcentrationSettings:
     """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
 
@@ -26,12 +22,8 @@ class ConcentrationSettings:
     start_tol: float = 1e-3
     """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, start_steps="[0, inf)")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(min_feature_weight="[0, 1)", single_precision="[0, inf)")
 class Settings:
     """Settings of every stage of a fit.
 
@@ -63,6 +55,3 @@ class Settings:
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
     """Of the fit of the final policy."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, min_feature_weight="[0, 1)", single_precision="[0, inf)")

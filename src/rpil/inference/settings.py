@@ -6,17 +6,14 @@ were chosen by hand, not tuned.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import log
 
-from rpil.data.archive import stored
-from rpil.data.checks import check_settings
+from rpil.data.settings_record import check_settings, settings_record
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(max_folds="[2, inf)", max_left_out="[0, inf)", lapse="(0, 1)")
 class HeldOutSettings:
     """Held-out log-probabilities (`rpil.inference.held_out`)."""
 
@@ -40,17 +37,10 @@ class HeldOutSettings:
     """Distribution of the errors of continuous actions."""
 
     def __post_init__(self) -> None:
-        check_settings(
-            self,
-            max_folds="[2, inf)",
-            max_left_out="[0, inf)",
-            lapse="(0, 1)",
-        )
         check_settings(self.errors, min_scale="[0, inf)")
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(share="(0, 1]", max_iter="[0, inf)")
 class TrimmingSettings:
     """The training group (`rpil.inference.trimming`)."""
 
@@ -59,12 +49,8 @@ class TrimmingSettings:
     max_iter: int = 4
     """Concentration steps at most."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, share="(0, 1]", max_iter="[0, inf)")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(noise_shares="(0, 1]", start_quantiles="(0, 1)", prior_spread="(0, inf)", tol="[0, inf)")
 class GroupSettings:
     """One group of scores or two (`rpil.inference.groups`)."""
 
@@ -85,18 +71,8 @@ class GroupSettings:
     tol: float = 1e-4
     """Gain of the penalised log-likelihood, in nats, at which EM stops."""
 
-    def __post_init__(self) -> None:
-        check_settings(
-            self,
-            noise_shares="(0, 1]",
-            start_quantiles="(0, 1)",
-            prior_spread="(0, inf)",
-            tol="[0, inf)",
-        )
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
 class RivalSettings:
     """Rival groups (`rpil.inference.rivals`)."""
 
@@ -116,12 +92,8 @@ class RivalSettings:
     max_entries: int = 100_000
     """Steps of either group from which such policies learn, and features of these steps, at most."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]")
 class ClaimSettings:
     """What the scores support (`rpil.inference.claims`)."""
 
@@ -141,17 +113,13 @@ class ClaimSettings:
     max_runs_p: float = 0.01
     """Probability of so few runs in the order of recording, below which the unlike follow one another."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]")
-
     @property
     def log_odds(self) -> float:
         """logit of `min_proba`, in nats."""
         return log(self.min_proba / (1 - self.min_proba))
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(idle_share="[0, 1]")
 class ChannelSettings:
     """Channels (`rpil.inference.channels`)."""
 
@@ -160,12 +128,17 @@ class ChannelSettings:
     n_components: int = 8
     """Principal components of the summaries of a demonstration, at most."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, idle_share="[0, 1]")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(
+    p_agreement="(0, 1)",
+    min_proba="(0.5, 1)",
+    error_rates="(0, 0.5)",
+    max_contradicted_proba="(0, 1)",
+    max_left_out="[0, inf)",
+    luck="[0, 1)",
+    weak_precision="(0, inf)",
+    asked_quantiles="[0, 1]",
+)
 class AnswerSettings:
     """Bayesian logistic regression on answers (`rpil.inference.answers`). The values were chosen on recorded data, with
     families left out (benchmarks/answers.py)."""
@@ -206,27 +179,13 @@ class AnswerSettings:
     """Places in the ranking by P(good) at which labels are asked for, one after the other; further ones at the last: a
     likely good one and a likely bad one, then the middle, by the number of labels so far (benchmarks/answers.py)."""
 
-    def __post_init__(self) -> None:
-        check_settings(
-            self,
-            p_agreement="(0, 1)",
-            min_proba="(0.5, 1)",
-            error_rates="(0, 0.5)",
-            max_contradicted_proba="(0, 1)",
-            max_left_out="[0, inf)",
-            luck="[0, 1)",
-            weak_precision="(0, inf)",
-            asked_quantiles="[0, 1]",
-        )
-
     @property
     def log_odds(self) -> float:
         """logit of `min_proba`, in nats."""
         return log(self.min_proba / (1 - self.min_proba))
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(stay="[0, 1)", p_stretches="(0, 1)")
 class StepSettings:
     """Whose step it is (`rpil.inference.step_trust`)."""
 
@@ -240,12 +199,8 @@ class StepSettings:
     p_stretches: float = 0.5
     """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, stay="[0, 1)", p_stretches="(0, 1)")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(variance_steps="[0, inf)", reliability_nodes="[2, inf)", min_gain="[0, inf)", monotony="[0, inf)")
 class JudgeSettings:
     """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own.
 
@@ -274,8 +229,3 @@ class JudgeSettings:
     """Values of the reliability on the grid over which it is summed."""
     max_log_ratio: float = 50.0
     """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""
-
-    def __post_init__(self) -> None:
-        check_settings(
-            self, variance_steps="[0, inf)", reliability_nodes="[2, inf)", min_gain="[0, inf)", monotony="[0, inf)"
-        )

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
-from rpil.data.archive import stored
-from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
+from rpil.data.settings_record import settings_record
 from rpil.mixture.expert_prior import as_prior
 
 MStep = Literal["joint", "expert_only"]
 """Terms of the policy's M-step: the expert's and the adversary's, or the expert's alone as in the paper's code."""
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(max_iter="[0, inf)", tol="[0, inf)", steady="[0, inf)", single_starts="[0, inf)")
 class MixtureSettings:
     """EM for the paper's mixture (`rpil.mixture.em`) and its starts (`rpil.mixture.search`).
 
@@ -48,14 +45,12 @@ class MixtureSettings:
     """Gradient, a step, at which that policy is done. Chosen by hand, not tuned."""
 
     def __post_init__(self) -> None:
-        check_settings(self, max_iter="[0, inf)", tol="[0, inf)", steady="[0, inf)", single_starts="[0, inf)")
         as_prior(self.prior)
         if self.m_step not in get_args(MStep):
             raise DataError(f"There is no m_step {self.m_step!r}; choose {' or '.join(get_args(MStep))}.")
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(spreads="[0, inf)", n_nodes="[2, inf)")
 class DemonstratorSettings:
     """The random intercepts of demonstrators (`rpil.mixture.demonstrator_prior`)."""
 
@@ -68,6 +63,3 @@ class DemonstratorSettings:
     """The last node, in standard deviations."""
     max_log_ratio: float = 1e5
     """Bound of the log-ratio of a demonstration, in nats."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, spreads="[0, inf)", n_nodes="[2, inf)")

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.archive import stored
-from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.guard import in_words
+from rpil.data.settings_record import settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
@@ -34,8 +33,7 @@ PROBABILITY_TOLERANCE = 1e-3
 """Largest deviation from one of the sum of the probabilities in a state."""
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)", start_lapse="(0, 1)")
 class CrossFitSettings:
     """How an estimator is cross-fitted. All were chosen by hand, not tuned."""
 
@@ -49,9 +47,6 @@ class CrossFitSettings:
     """Probabilities to choose from that the action is any, uniformly."""
     start_lapse: float = 0.01
     """That probability before the fit."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)", start_lapse="(0, 1)")
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.arrays import check_squares
-from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
+from rpil.data.settings_record import settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.regression import robust_scale
 from rpil.numerics.types import Array, Float, Int, Num
@@ -33,8 +33,7 @@ SINGLE_MAX_CENTER = 4.0
 """Means, in standard deviations, that single precision subtracts with an error of 2e-7."""
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(landmark_tol="(0, 1)", bound="(0, inf)")
 class FeatureSettings:
     """How a `FeatureMap` is fitted. Unless stated otherwise, values were chosen by hand, not tuned."""
 
@@ -51,9 +50,6 @@ class FeatureSettings:
     """gamma of the Gaussian kernel exp(-gamma |z - z'|^2), times the number of columns of z."""
     bound: float = 8.0
     """Spreads from the location at which a robust map cuts observations off."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, landmark_tol="(0, 1)", bound="(0, inf)")
 
 
 @stored(renews=("F", "R"), location="D", spread="D", center="F", scale="F", landmarks="R E", mixing="R R")

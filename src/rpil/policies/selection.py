@@ -20,8 +20,8 @@ from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from rpil.data.archive import stored
-from rpil.data.checks import check_settings
 from rpil.data.fit_data import FitData
+from rpil.data.settings_record import check_settings, settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.newton import NewtonSettings, fit_softmax
@@ -35,8 +35,7 @@ for settings_class in (NewtonSettings, ErrorSettings):
     stored()(settings_class)  # here, because numerics knows nothing of archives
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
 class SelectionSettings:
     """How features are chosen. Unless stated otherwise, values were chosen by hand, not tuned."""
 
@@ -63,7 +62,6 @@ class SelectionSettings:
     """How every feature map is fitted, that of the judge included."""
 
     def __post_init__(self) -> None:
-        check_settings(self, n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
         check_settings(self.newton, tol="[0, inf)")
         check_settings(self.errors, min_scale="[0, inf)")
 

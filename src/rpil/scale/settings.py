@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from rpil.data.archive import stored
-from rpil.data.checks import check_settings
 from rpil.data.demonstrations import BLOCK_STEPS
+from rpil.data.settings_record import settings_record
 
 
-@stored()
-@dataclass(frozen=True)
+@settings_record(max_ratio="[1, inf)")
 class SampleSettings:
     """The sample that the judge reads. All values were chosen by hand, not tuned."""
 
@@ -32,12 +28,8 @@ class SampleSettings:
     block_steps: int = BLOCK_STEPS
     """Steps of a block, about, in the passes over all data."""
 
-    def __post_init__(self) -> None:
-        check_settings(self, max_ratio="[1, inf)")
 
-
-@stored()
-@dataclass(frozen=True)
+@settings_record(tol="[0, inf)", rounding="[0, inf)")
 class AscentSettings:
     """The fit of the final policy by passes (`rpil.scale.ascent`). All values were chosen by hand, not tuned."""
 
@@ -56,6 +48,3 @@ class AscentSettings:
     """Passes in which the gradient must halve or the objective grow."""
     rounding: float = 1e-8
     """Relative change of the objective that is taken for rounding: single precision changes it by some 3e-9."""
-
-    def __post_init__(self) -> None:
-        check_settings(self, tol="[0, inf)", rounding="[0, inf)")

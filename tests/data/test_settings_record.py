@@ -1,15 +1,13 @@
 """Values of settings records."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from rpil.data.checks import check_settings
 from rpil.data.errors import DataError
+from rpil.data.settings_record import settings_record
 
 
-@dataclass(frozen=True)
+@settings_record(share="[0, 1)")
 class Record:
     count: int = 3
     tol: float = 0.1
@@ -19,7 +17,8 @@ class Record:
     prior: float | None = None
 
     def __post_init__(self) -> None:
-        check_settings(self, share="[0, 1)")
+        if self.name == self.prior:
+            raise DataError("The name is the prior.")
 
 
 def test_values_inside_their_intervals_are_taken():
@@ -36,6 +35,7 @@ def test_values_inside_their_intervals_are_taken():
         ({"tol": float("nan")}, "Record: tol=nan must be a number in (0, inf)."),
         ({"tol": "1"}, "Record: tol='1' must be a number in (0, inf)."),
         ({"share": 1.0}, "Record: share=1.0 must be a number in [0, 1)."),
+        ({"name": None}, "The name is the prior."),
         ({"ridges": ()}, "Record: ridges=() must be a tuple of numbers, each in (0, inf)."),
         ({"ridges": (1.0, -1.0)}, "Record: ridges=(1.0, -1.0) must be a tuple of numbers, each in (0, inf)."),
         ({"ridges": 1.0}, "Record: ridges=1.0 must be a tuple of numbers, each in (0, inf)."),

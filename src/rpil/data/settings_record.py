@@ -1,13 +1,38 @@
-"""The values of settings records, checked where a record is made."""
+"""Records of settings, whose values are checked where a record is made."""
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
 
+from rpil.data.archive import stored
 from rpil.data.errors import DataError
+
+Record = TypeVar("Record")
+
+
+@dataclass_transform(frozen_default=True)
+def settings_record(**intervals: str) -> Callable[[type[Record]], type[Record]]:
+    """Make a class a frozen dataclass that an archive may hold, whose numbers lie in these intervals.
+
+    See `check_settings`; a ``__post_init__`` of the class may check more.
+    """
+
+    def decorate(kind: type[Record]) -> type[Record]:
+        check_more = getattr(kind, "__post_init__", None)
+
+        def check(settings: Any) -> None:
+            check_settings(settings, **intervals)
+            if check_more:
+                check_more(settings)
+
+        kind.__post_init__ = check  # type: ignore[attr-defined]
+        return stored()(dataclass(frozen=True)(kind))
+
+    return decorate
 
 
 def check_settings(settings: Any, **intervals: str) -> None:
