@@ -14,7 +14,7 @@ from pathlib import Path
 
 from options import asked, at_least, make_folder, output, write_json
 from provenance import line, provenance
-from rpil.cli.progress import ProgressTiming, show_count
+from rpil.cli.progress import ProgressTiming, show_progress
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     if options.quick:
         print(QUICK, file=sys.stderr)
-    with show_count("draws of the data", False, ProgressTiming()) as progress:
+    with show_progress(False, ProgressTiming()) as show:
         found = run(
             draws=3 if options.quick else options.draws,
             rollouts=20 if options.quick else options.rollouts,
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
             environments=options.env or ENVIRONMENTS,
             methods=METHODS,
             processes=options.processes,
-            progress=progress,
+            progress=lambda done, total: show(f"draws of the data, {done} of {total}"),
         )
     seeds = f"{options.seed} to {max(row['seed'] for row in found['draws'])}"
     found["provenance"] = provenance(seeds, asked(parser, options))

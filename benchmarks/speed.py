@@ -74,7 +74,7 @@ ROWS = {
         "the same, ill-conditioned columns",
         speed_fits.ill_conditioned,
         {"demonstrations": 200},
-        {"demonstrations": 4},
+        {"demonstrations": 2},
         {"B": 0.3, "B_newton_cg": 1.0},
     ),
     "D": Row("a pass over two matrix products", speed_fits.one_pass, _LARGE, _SMALL, {"D": 2.0}),
