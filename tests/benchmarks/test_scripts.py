@@ -63,14 +63,14 @@ def test_answers(written):
 
 
 def test_worlds_of_a_point_mass(tmp_path, monkeypatch):
-    monkeypatch.setattr(claims, "SIZES", ((20, 3), (40, 12)))  # of four
+    monkeypatch.setattr(claims, "SIZES", ((20, 6), (40, 12)))  # of four
     path = tmp_path / "worlds.json"
     options = ["--only", "point mass", "--match", "noise,alike", "--seeds", "1", "--processes", "1"]
     assert claims.main([*options, "--json", str(path)]) == 0
     rows = json.loads(path.read_text())["rows"]
     assert len(rows) == 8
     noise, alike = ([row for row in rows if row["name"].startswith(kind)] for kind in ("noise,", "alike,"))
-    assert all(sum(good == 0 for good in row["good"]) in (3, 12) for row in noise)
+    assert all(sum(good == 0 for good in row["good"]) in (6, 12) for row in noise)
     assert all(all(row["good"]) for row in alike)
     found = [(word, good) for row in noise for word, good in zip(row["words"], row["good"], strict=True)]
     assert found.count((-1, 0)) > 10 * max(1, found.count((-1, 1)))
