@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3423, 50),
     "estimators": (2374, 15),
     "faults": (2294, 81),
-    "formats": (9540, 124),
+    "formats": (9354, 124),
     "inference": (2732, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
