@@ -112,14 +112,6 @@ def test_a_noisy_rule_makes_a_policy_less_sure():
     assert np.mean(model.predict(observations) == straight(observations)) > 0.95
 
 
-def test_wide_kinds_are_left_out():
-    rng = np.random.default_rng(0)
-    observations = rng.normal(size=(400, 120))
-    codes = (observations[:, 0] > 0).astype(int)
-    found = choose(observations, codes, np.arange(0, 401, 50), np.ones(400), Discrete(2))
-    assert found.kind in ("raw", "folded", "nystroem")
-
-
 @pytest.mark.parametrize(
     ("values", "weight", "expected"),
     [([3.0, 1.0, 2.0], [1, 1, 1], 2.0), ([1.0, 2.0, 3.0, 10.0], [1, 1, 1, 1], 2.5), ([1.0, 5.0], [1, 9], 5.0)],

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_t
 
 from problems import continuous_zoo, make_continuous, ridge
@@ -46,6 +45,9 @@ def some_steps(n: int, n_parts: int, seed: int = 1) -> tuple[NDArray, NDArray]:
     return np.column_stack([rng.normal(size=(n, 2)), np.ones(n)]), 3 * rng.normal(size=(n, n_parts))
 
 
+BOUNDED = {f"at the bounds, {noise}": saturated(400, noise)[0] for noise in (0.02, 0.3, 2.0)}
+
+
 def zero(problem: FitData) -> StudentPolicy:
     return linear_policy(problem.space, ridge(problem), len(problem.actions))
 
@@ -71,22 +73,6 @@ def test_it_is_students_density(n_parts, freedom):
     np.testing.assert_allclose(policy.log_prob(outputs, actions), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("freedom", [1.0, 8.0])
-def test_it_integrates_to_one(freedom):
-    policy, mean = some_policy(1, freedom), np.array([[0.7]])
-    total, _ = quad(lambda a: np.exp(policy.log_prob(mean, np.array([[a]]))[0]), -np.inf, np.inf)
-    assert total == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_it_integrates_to_one_in_two_dimensions():
-    policy, mean = some_policy(2, 8.0), np.array([[0.7, -0.2]])
-    total, _ = dblquad(
-        lambda a, b: np.exp(policy.log_prob(mean, np.array([[a, b]]))[0]), -np.inf, np.inf, -np.inf, np.inf, epsabs=1e-4
-    )
-    assert total == pytest.approx(1.0, abs=1e-3)
-
-
 @pytest.mark.parametrize(
     ("action", "mean", "error"), [(1.0, 3.0, 0.06), (1.0, 0.4, 0.6), (-1.0, -7.0, 0.18), (0.2, 3.0, 2.8)]
 )
@@ -107,9 +93,9 @@ def test_before_it_has_seen_data_it_is_in_the_middle_and_as_unsure_as_anything_i
 # ---- learning --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ZOO)
+@pytest.mark.parametrize("name", [*ZOO, *BOUNDED])
 def test_no_step_of_learning_lowers_the_objective(name):
-    problem = ZOO[name].problem()
+    problem = BOUNDED[name] if name in BOUNDED else ZOO[name].problem()
     rng = np.random.default_rng(0)
     for weight in (np.ones(len(problem.actions)), rng.gamma(0.3, size=len(problem.actions))):
         policy = zero(problem)
@@ -122,19 +108,6 @@ def test_no_step_of_learning_lowers_the_objective(name):
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
         assert history[-1] > history[0]
         assert policy.freedom in StudentSettings.degrees_of_freedom
-
-
-@pytest.mark.parametrize("noise", [0.02, 0.3, 2.0])
-def test_no_step_lowers_the_objective_where_actions_are_at_the_bounds(noise):
-    problem, _ = saturated(400, noise)
-    weight = np.random.default_rng(0).random(400)
-    policy = zero(problem)
-    history = [objective(policy, problem, weight)]
-    for _ in range(40):
-        policy, _ = policy.fit(problem, weight, max_iter=1)
-        history.append(objective(policy, problem, weight))
-    assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
-    assert np.diff(history).max() > 1.0
 
 
 def test_it_finds_a_controller_that_the_box_cuts_short():
@@ -221,24 +194,15 @@ def test_no_policy_is_surer_than_a_hundredth_of_the_box():
     assert (spread > 0.009 * (problem.space.high - problem.space.low)).all()
 
 
-def test_a_weight_of_two_is_a_step_taken_twice():
+def test_a_weight_of_two_is_a_step_taken_twice_and_one_of_zero_is_none():
     problem = ZOO["noisy"].problem()
-    rows = np.repeat(np.arange(len(problem.actions)), 2)
+    times = np.where(problem.actions[:, 0] > np.median(problem.actions[:, 0]), 2, 0)
+    rows = np.repeat(np.arange(len(times)), times)
     twice = FitData.from_steps(problem.features[rows], problem.actions[rows], problem.space)
-    one, _ = zero(problem).fit(problem, np.full(len(problem.actions), 2.0))
+    one, _ = zero(problem).fit(problem, times.astype(float))
     two, _ = zero(problem).fit(twice, np.ones(len(rows)))
     np.testing.assert_allclose(one.weights, two.weights, atol=1e-9)
     np.testing.assert_allclose(one.cholesky, two.cholesky, atol=1e-9)
-
-
-def test_steps_without_weight_do_not_count():
-    toy = make_continuous("random", 0)
-    problem = toy.problem()
-    good = toy.is_good[toy.groups]
-    weighted, _ = zero(problem).fit(problem, good.astype(float))
-    alone = FitData.from_steps(problem.features[good], problem.actions[good], problem.space)
-    selected, _ = zero(problem).fit(alone, np.ones(good.sum()))
-    np.testing.assert_allclose(weighted.weights, selected.weights, atol=1e-9)
 
 
 def test_nobody_to_learn_from_leaves_a_policy_with_a_finite_density():

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import expit
 from sklearn.metrics import roc_auc_score
 
-from problems import make
+from problems import make, one_sentence
 from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.fit_data import FitData
@@ -268,11 +268,6 @@ def test_rpil_with_a_network():
         save(model, "nowhere.rpil")
 
 
-def one_sentence(message: object) -> bool:
-    text = str(message)
-    return text.endswith(".") and "\n" not in text
-
-
 @pytest.mark.parametrize("value", [2.5, 0, -1])
 def test_check_whole_numbers_names_the_parameter(value):
     check_whole_numbers({"epochs": 3, "n_folds": 1})
@@ -293,7 +288,7 @@ def test_check_whole_numbers_names_the_parameter(value):
 def test_parameters_that_make_no_sense(wrong, words):
     with pytest.raises(DataError, match=words) as told:
         TorchPolicy(**wrong)
-    assert one_sentence(told.value)
+    assert one_sentence(told)
 
 
 def test_what_is_not_finite_is_said_in_one_sentence():
@@ -304,11 +299,11 @@ def test_what_is_not_finite_is_said_in_one_sentence():
     quick = TorchPolicy(hidden=(8,), epochs=3)
     with np.errstate(invalid="ignore"), pytest.raises(DataError, match="loss is not finite in epoch 1") as told:
         quick.fit(replace(problem, features=broken), ones)
-    assert one_sentence(told.value)
+    assert one_sentence(told)
     policy, _ = quick.fit(problem, ones)
     with pytest.raises(DataError, match="outputs are not finite") as told:
         policy.outputs(broken)
-    assert one_sentence(told.value)
+    assert one_sentence(told)
     with pytest.raises(DataError, match="call fit first"):
         TorchPolicy().outputs(problem.features)
     with pytest.raises(DataError, match="device='nowhere'"):
@@ -330,6 +325,6 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(MissingExtraError, match=r"rpil\[torch\]") as told:
         TorchPolicy().fit(problem, np.ones(len(problem.actions)))
-    assert one_sentence(told.value)
+    assert one_sentence(told)
     untouched = TorchPolicy(space=Discrete(3)).outputs(problem.features)
     assert untouched.shape == (240, 3)
