@@ -15,17 +15,17 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2956, 27),
-    "data": (3423, 50),
-    "estimators": (2374, 15),
+    "cli": (2959, 27),
+    "data": (3439, 51),
+    "estimators": (2350, 15),
     "faults": (2294, 81),
     "formats": (9354, 124),
     "inference": (2732, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
     "policies": (1967, 69),
-    "results": (3706, 60),
-    "scale": (794, 26),
+    "results": (3704, 60),
+    "scale": (793, 26),
     "simulation": (982, 23),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

@@ -132,7 +132,7 @@ def with_outcomes(known: Known, count: int | None = None) -> Array:
     if not np.nanmin(outcome) < np.nanmax(outcome) or not audit.columns.size:  # nothing can be learned
         return keep(known)
     answers = replace(Answers.of_labels(np.zeros(len(outcome), dtype=np.int64)), outcome=outcome)
-    return without_bad(with_answers(replace(audit, answers=answers), {}, ()))
+    return without_bad(with_answers(audit, answers))
 
 
 def with_labels(known: Known, count: int, suggested: bool) -> Array:

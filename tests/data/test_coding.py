@@ -60,7 +60,7 @@ def test_actions_of_another_kind_or_width_are_refused():
 
 
 def test_labels_are_signs():
-    assert label_codes({"b": "expert"}, WORDS).tolist() == [0, 1]
-    assert label_codes({"a": "adversary"}, WORDS).tolist() == [-1, 0]
-    assert label_codes(None, WORDS).tolist() == [0, 0]
-    assert label_codes({"a": "adversary", "b": "adversary"}, WORDS).tolist() == [-1, -1]
+    assert label_codes({"b": "expert"}, WORDS.ids).tolist() == [0, 1]
+    assert label_codes({"a": "adversary"}, WORDS.ids).tolist() == [-1, 0]
+    assert label_codes({}, WORDS.ids).tolist() == [0, 0]
+    assert label_codes({"a": "adversary", "b": "adversary"}, WORDS.ids).tolist() == [-1, -1]

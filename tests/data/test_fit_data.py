@@ -30,7 +30,6 @@ def test_selected_demonstrations_keep_their_steps_and_labels():
     np.testing.assert_array_equal(chosen.features, DATA.features[[3, 4, 5, 0]])
     np.testing.assert_array_equal(chosen.actions, [0, 1, 2, 0])
     np.testing.assert_array_equal(chosen.labels, [-1, 1])
-    assert not DATA.select(np.array([2, 0]), unlabelled=True).labels.any()
 
 
 def test_steps_without_demonstrations_are_one_demonstration():

@@ -101,7 +101,7 @@ def test_what_was_named_when_it_was_opened_is_used(both):
     assert not rpil_of(rpil.open(both, exclude="task")).audit_.demonstrators
     by_hand = rpil_of(rpil.open(both, exclude="task"), demonstrators=["Ann"] * 11 + ["Bob"] * 11).audit_
     np.testing.assert_array_equal(audit.log_odds, by_hand.log_odds)
-    with pytest.raises(DataError, match="3 demonstrators for 22 demonstrations"):
+    with pytest.raises(DataError, match="give one for each of the 22 demonstrations"):
         rpil_of(rpil.open(both), demonstrators=["Ann"] * 3)
     sessions = rpil_of(rpil.open(both, exclude="task", session="who")).audit_
     assert sessions.assumptions[0].startswith("Demonstrations are judged within their sessions: Ann (11:")

@@ -198,7 +198,6 @@ def test_select_keeps_the_data_of_a_demonstration():
     np.testing.assert_array_equal(part.actions, problem.actions[rows])
     np.testing.assert_array_equal(part.lengths, problem.lengths[[13, 2]])
     np.testing.assert_array_equal(part.labels, [-1, 0])
-    np.testing.assert_array_equal(problem.select(np.array([13, 2]), unlabelled=True).labels, 0)
 
 
 def test_em_recovers_true_parameters():

@@ -196,7 +196,7 @@ def test_the_names_of_tasks_and_sessions(tasks, sessions, places):
 @pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1), ("", 0)])
 def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_as_an_answer_is(label, sign):
     before = joined({"labels": {0: 1}})
-    labels = np.array([0, 0, 0, -1, sign])  # that of a demonstration which was judged does not count
+    labels = Answers.of_labels(np.array([0, 0, 0, -1, sign]))  # that of a demonstration which was judged does not count
     audit = with_labels_alone(before, [4], labels)
     odds = 1e6 - 1  # P(good) is 1 - 1e-6 (`AnswerSettings.min_proba_bound`)
     assert audit.log_odds[4] == audit.from_label[4] == pytest.approx(sign * np.log(odds))

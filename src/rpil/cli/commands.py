@@ -253,9 +253,8 @@ def audit_data(
     progress(LOADING)
     from rpil.data.id_values import is_id_file
     from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
-    from rpil.estimators.within_tasks import Statements
 
-    stated = Statements.of(recording, options.labels, options.operator, reference=reference)
+    stated = options.stated(recording, reference)
     features = JUDGE_FEATURES if options.features == "auto" else options.features  # no policy is kept
     who = options.operator if options.operator and is_id_file(options.operator) else None
     files = options.labels, who, options.reference

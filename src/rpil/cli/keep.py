@@ -147,9 +147,7 @@ def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Reco
     """What is read, and the verdicts of its audit; without one of a single demonstration, which has its label only."""
     read, reference = read_data(file, given, progress)
     if len(read.demonstrations) == 1 and reference is None:
-        from rpil.estimators.within_tasks import Statements
-
-        label = {1: "good", -1: "bad"}.get(Statements.of(read, given.labels, given.operator).answers.labels[0], "")
+        label = {1: "good", -1: "bad"}.get(given.stated(read).answers.labels[0], "")
         ids = read.demonstrations.ids
         return read, {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}, None
     audit = audit_data(file, read, reference, given, progress).audit

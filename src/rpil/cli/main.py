@@ -66,16 +66,14 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         progress(LOADING)
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
-        from rpil.estimators.within_tasks import Statements
 
         n_tasks = len({*recording.tasks.values()})
         if n_tasks > 1:
             message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
             warnings.warn(message, stacklevel=1)
-        stated = Statements.of(recording, run.labels, run.operator)
         with commands.fitting(run, recording, progress) as chosen:
             given = {field.name: getattr(chosen, field.name) for field in fields(chosen)}
-            model = RPIL(**given).fit_stated(recording.demonstrations, stated)
+            model = RPIL(**given).fit_stated(recording.demonstrations, run.stated(recording))
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])

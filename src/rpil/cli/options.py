@@ -16,7 +16,9 @@ from rpil.data.memory import limited
 from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
+    from rpil.estimators.within_tasks import Statements
     from rpil.formats.columns import ColumnOptions
+    from rpil.formats.recording import Recording
 
 
 Value = Any
@@ -46,6 +48,12 @@ class RunOptions:
         columns = pop_columns(options)
         options.pop("session", None)  # is one of the columns
         return cls(columns, **options)
+
+    def stated(self, recording: Recording, reference: Recording | None = None) -> Statements:
+        """What is known of the demonstrations of a recording, and of those of a reference."""
+        from rpil.estimators.within_tasks import Statements
+
+        return Statements.of(recording, self.labels, self.operator, reference=reference)
 
 
 class NameChoice(click.Choice[str]):

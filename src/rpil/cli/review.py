@@ -66,7 +66,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     terminal.print_lines(last_lines(shown.session, command_with_labels(ctx, path)))
 
 
-def _review(ctx: click.Context, run: AuditRun, labels: str, before: bytes | None, quiet: bool) -> Review:
+def _review(ctx: click.Context, run: AuditRun, answers: str, before: bytes | None, quiet: bool) -> Review:
     """What the page shows and changes."""
     from rpil.cli.questions.page import page_of
     from rpil.cli.questions.server import Review
@@ -80,26 +80,26 @@ def _review(ctx: click.Context, run: AuditRun, labels: str, before: bytes | None
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.fps)
     written: dict[str, object] = {}
     return Review(
-        session=Session(run.audit, labels, before, None),
+        session=Session(run.audit, answers, before, None),
         about=about(run),
         videos=videos,
-        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), labels, written, agreed),
+        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), answers, written, agreed),
         page=page_of,
     )
 
 
-def _finish(ctx: click.Context, run: AuditRun, labels: str, written: dict[str, object], agreed: object) -> View:
-    """Write what to keep, verdicts and weights beside the labels; what `rpil.cli.questions.server.Review` says.
+def _finish(ctx: click.Context, run: AuditRun, answers: str, written: dict[str, object], agreed: object) -> View:
+    """Write what to keep, verdicts and weights beside the file of `answers`; see `rpil.cli.questions.server.Review`.
 
     `written` are the digests of what this run wrote before.
     """
     from rpil.data.text import listed
     from rpil.results.provenance import digest
 
-    beside = {title: f"{Path(labels).with_suffix('')}-{name}" for title, name in BESIDE.items()}
+    beside = {title: f"{Path(answers).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((run.source, labels, ctx.params["operator"]), *beside.values())
+    check_paths((run.source, answers, ctx.params["operator"]), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
     if others and others != agreed:
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
@@ -107,7 +107,7 @@ def _finish(ctx: click.Context, run: AuditRun, labels: str, written: dict[str, o
         write_outputs(dict.fromkeys(OUTPUTS) | beside, run, 0.0, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
     lines = [run.choice.reason] * bool(run.choice.undecided)
-    lines += [f"To judge again with these answers: {command_with_labels(ctx, labels)}"]
+    lines += [f"To judge again with these answers: {command_with_labels(ctx, answers)}"]
     for title, path in beside.items():
         lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, run)]
     return {"lines": lines}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.id_values import Key, match_labels
 from rpil.data.spaces import Box, Discrete, Space
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Int
 
 Bounds = tuple[ArrayLike, ArrayLike]
 """Low and high end of every number of an action: a number for all, or (A,) numbers."""
@@ -110,12 +110,12 @@ def encode_demonstrations(classes: Array, n_parts: int, demonstrations: Demonstr
     return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])
 
 
-def label_codes(labels: Mapping[Key, str] | None, demonstrations: DemonstrationSet) -> Array:
-    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest, (M,).
+def label_codes(labels: Mapping[Key, str], ids: Sequence[Hashable]) -> Int[Array, " M"]:
+    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`.
 
     A `DataError` on an unknown label or id.
     """
-    codes = np.zeros(len(demonstrations), dtype=int)
-    for m, good in match_labels(labels or {}, demonstrations.ids).items():
-        codes[m] = 1 if good else -1
+    codes = np.zeros(len(ids), dtype=np.int64)
+    for m, is_good in match_labels(labels, ids).items():
+        codes[m] = 1 if is_good else -1
     return codes

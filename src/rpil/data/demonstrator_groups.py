@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -61,30 +62,40 @@ class Demonstrators:
         return np.bincount(self.index, minlength=len(self.names))
 
 
-def group_by_demonstrator(
-    demonstrators: Mapping[Hashable, Hashable] | Sequence[Hashable] | Array | None,
-    demonstrations: DemonstrationSet,
-) -> Demonstrators:
-    """The demonstrators as a caller gave them: by id of the demonstration, or one for each demonstration in order.
+DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array
+"""Demonstrators as a caller gives them: by id of the demonstration, or one for each demonstration in order."""
 
-    Warns where they carry no information; a `DataError` on unknown ids, a wrong number of demonstrators, or no name.
+
+def names_by_id(
+    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object] = ()
+) -> dict[str, Hashable]:
+    """The demonstrators of the demonstrations `ids`, by the id as text; a mapping may name others that are `known`.
+
+    A `DataError` on unknown ids, or a wrong number of demonstrators.
+    """
+    if isinstance(demonstrators, Mapping):
+        check_ids(demonstrators, known or ids, source, "the demonstrators")
+        names = {str(m): name for m, name in demonstrators.items()}
+        return {m: names[m] for m in map(str, ids) if m in names}
+    names_in_order = np.asarray([] if demonstrators is None else demonstrators)
+    if demonstrators is not None and names_in_order.shape != (len(ids),):
+        raise DataError(
+            f"{source}: demonstrators has the shape {names_in_order.shape}; give one for each of the {len(ids)} "
+            "demonstrations, in their order."
+        )
+    return dict(zip(map(str, ids), names_in_order.tolist(), strict=False))
+
+
+def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstrations: DemonstrationSet) -> Demonstrators:
+    """The groups of demonstrations that have one demonstrator; see `names_by_id`.
+
+    Warns where they carry no information; a `DataError` where a name is neither text nor a number.
     """
     source, ids = demonstrations.source, demonstrations.ids
     if demonstrators is None:
         return Demonstrators()
-    names: list[Hashable]
-    if isinstance(demonstrators, Mapping):
-        by_id = {str(m): name for m, name in demonstrators.items()}
-        check_ids(by_id, ids, source, "the demonstrators")
-        names = [by_id.get(str(m)) for m in ids]
-    else:
-        array = np.asarray(demonstrators)
-        if array.shape != (len(ids),):
-            raise DataError(
-                f"{source}: demonstrators has the shape {array.shape}; give one for each of the {len(ids)} "
-                "demonstrations, in their order."
-            )
-        names = array.tolist()
+    by_id = names_by_id(demonstrators, ids, source)
+    names = [by_id.get(str(m)) for m in ids]
     for m, name in zip(ids, names, strict=True):
         place = f"{source}, demonstration {m!r}"
         if not isinstance(name, Hashable):

@@ -19,15 +19,20 @@ class FitData:
     actions: Array  # (N,): codes 0..K-1 of discrete actions; or (N, A): continuous actions
     offsets: Array  # (M + 1,): demonstration m owns the steps ``offsets[m]:offsets[m + 1]``
     space: Space  # of the actions
-    labels: Array  # (M,): 1 labelled expert, -1 labelled adversary, 0 not labelled
+    labels: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    """(M,): 1 expert, -1 adversary, 0 not labelled, the default; read by the mixture alone: the judge has answers."""
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
     judged: Array | None = None  # (A,) bool: the parts of continuous actions that the judge sees; None for all
     action_names: tuple[str, ...] = ()  # of the parts of continuous actions, or of discrete actions; may be empty
 
+    def __post_init__(self) -> None:
+        if not len(self.labels):
+            object.__setattr__(self, "labels", np.zeros(self.n_demonstrations, dtype=int))
+
     @classmethod
     def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
         """Steps without demonstrations, as one unlabelled demonstration."""
-        return cls(features, actions, np.array([0, len(actions)]), space, np.zeros(1, dtype=int))
+        return cls(features, actions, np.array([0, len(actions)]), space)
 
     @property
     def n_demonstrations(self) -> int:
@@ -56,8 +61,8 @@ class FitData:
         """The value of each demonstration repeated for each of its steps, (M, ...) -> (N, ...)."""
         return np.repeat(values, self.lengths, axis=0)
 
-    def select(self, demonstrations: Array, unlabelled: bool = False) -> FitData:
-        """The data of the demonstrations with these numbers, without demonstrators; without labels if `unlabelled`."""
+    def select(self, demonstrations: Array) -> FitData:
+        """The data of the demonstrations with these numbers, without demonstrators."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
         offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
         return replace(
@@ -65,6 +70,6 @@ class FitData:
             features=self.features[steps],
             actions=self.actions[steps],
             offsets=offsets,
-            labels=np.zeros(len(demonstrations), dtype=int) if unlabelled else self.labels[demonstrations],
+            labels=self.labels[demonstrations],
             demonstrators=Demonstrators(),
         )

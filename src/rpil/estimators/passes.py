@@ -67,20 +67,17 @@ class SampledFit:
             DesignMap(features, task.space, task.classes)
         )
         return JudgeInput(
-            demonstrations, options.judged(data), features, Answers.of_labels(data.labels), order, indices, blocks
+            demonstrations, options.judged(data), features, Answers.none(len(indices)), order, indices, blocks
         )
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         task, source, options = self.task, self.task.source, self.options
-        assert decision.judgement is not None
-        assert decision.judge is not None
-        assert posed.indices is not None
         assert posed.blocks is not None
-        sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
+        sample = _sample(posed, decision)
         options.progress("a pass over everything: scores")
         none = np.empty(0)
-        everyone = FitData(none, none, source.offsets, task.space, task.answers.labels, task.demonstrators)
-        everyone = replace(everyone, action_names=posed.data.action_names)
+        names = posed.data.action_names
+        everyone = FitData(none, none, source.offsets, task.space, demonstrators=task.demonstrators, action_names=names)
         scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
         judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
         # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
@@ -100,16 +97,13 @@ class SampledFit:
         self, posed: JudgeInput, decision: TrustDecision
     ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
         task, options, data = self.task, self.options, posed.data
-        assert decision.judge is not None
         assert posed.blocks is not None
-        assert decision.judgement is not None
-        assert posed.indices is not None
-        sample = Sample(posed.data, posed.indices, decision.judgement, decision.judge)
+        sample = _sample(posed, decision)
         weights = StepWeights.of(decision.audit, sample, options.settings.judge)
         if not self.keeps_policy:
             audit, _ = self._weigh(posed, decision, posed.blocks.then(weights))
             return posed.features, None, replace(decision, audit=audit)
-        weight = weights.steps(data, posed.indices)[-1]
+        weight = weights.steps(data, sample.indices)[-1]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         observations = posed.demonstrations.observations
         features = options.linear.feature_map(choice, observations, weight)
@@ -130,20 +124,25 @@ class SampledFit:
         steps, total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]), on_disk)
         log_ratio, share, step_weight = steps
         audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
-        return replace(audit, traces=self._traces(posed, decision, audit)), total
+        return replace(audit, traces=self._traces(posed, _sample(posed, decision), audit)), total
 
-    def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
+    def _traces(self, posed: JudgeInput, sample: Sample, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
         task, settings = self.task, self.options.settings.judge.held_out
-        assert decision.judgement is not None
-        assert decision.judge is not None
-        assert decision.judge.ratio is not None
-        assert posed.indices is not None
+        assert sample.judge.ratio is not None
         drawn = worth_a_look(audit)
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
-        read = np.union1d(posed.indices, drawn)  # the sample says what is typical
+        read = np.union1d(sample.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
-        return traces(audit, by_policy_of_sample(decision.judgement, decision.judge.ratio, data, read, settings), drawn)
+        return traces(audit, by_policy_of_sample(sample.judgement, sample.judge.ratio, data, read, settings), drawn)
+
+
+def _sample(posed: JudgeInput, decision: TrustDecision) -> Sample:
+    """The sample, as it was judged."""
+    assert posed.indices is not None
+    assert decision.judgement is not None
+    assert decision.judge is not None
+    return Sample(posed.data, posed.indices, decision.judgement, decision.judge)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:

@@ -279,7 +279,7 @@ class FullFit:
         data = options.judged(task.data(different, features, self._single(demonstrations)))
         data = replace(data, demonstrators=task.demonstrators.select(copies.judged))
         order = None if task.order is None else task.order[copies.judged]
-        return JudgeInput(different, data, features, Answers.of_labels(data.labels), order, copies=copies)
+        return JudgeInput(different, data, features, Answers.none(len(different)), order, copies=copies)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
         if posed.copies is None:

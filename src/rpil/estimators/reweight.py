@@ -246,7 +246,7 @@ def reweight(
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
-    data = replace(data if once is demonstrations else task.data(demonstrations, features), labels=task.answers.labels)
+    data = data if once is demonstrations else task.data(demonstrations, features)
     judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
     audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit.of(chosen.judge))
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))

@@ -12,14 +12,15 @@ from sklearn.utils.validation import check_is_fitted
 
 from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrator_groups import DemonstratorNames
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.recorded_facts import Outcome, given_outcome
+from rpil.data.recorded_facts import Outcome
 from rpil.estimators.auditing import fit_task, fit_within_tasks
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, DemonstratorNames, Features, Labels, Task, answers_of
+from rpil.estimators.task import ActionBox, Features, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.estimators.within_tasks import Statements, groups_of
 from rpil.formats.dataset import Dataset
@@ -189,7 +190,7 @@ class RPIL(PolicyEstimator):
         if isinstance(X, Recording):
             return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
         source = self._seen(X) if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        answers = answers_of(labels, given_outcome(outcome, source.ids, source.source), source)
+        answers = answers_of(labels, outcome, source)
         return self.fit_task(Task.of(source, self.action_box, answers, demonstrators, order))
 
     def fit_task(self, task: Task) -> RPIL:
@@ -269,8 +270,7 @@ class RPIL(PolicyEstimator):
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
         codes = encode_demonstrations(self.classes_, self.space_.n_parts, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)
-        no_labels = np.zeros(len(demonstrations), dtype=int)
-        data = FitData(design, codes, demonstrations.offsets, self.space_, no_labels)
+        data = FitData(design, codes, demonstrations.offsets, self.space_)
         if self.judge_ is None:
             assert self.state_ is not None
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)

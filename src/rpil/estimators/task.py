@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from rpil.data.coding import action_space, encode_actions, label_codes
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrator_groups import Demonstrators, group_by_demonstrator
+from rpil.data.demonstrator_groups import DemonstratorNames, Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, match_pairs, parse_labels, read_answers
-from rpil.data.recorded_facts import given_order, tells
+from rpil.data.recorded_facts import Outcome, given_order, given_outcome, tells
 from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
@@ -30,12 +30,11 @@ ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
 FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
-DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable]
 
 
 def answers_of(
     labels: Labels | StrPath | None,
-    outcome: Float[Array, " M"] | None,
+    outcome: Outcome | None,
     demonstrations: Demonstrations | Dataset,
     ids: Sequence[Hashable] = (),
 ) -> Answers:
@@ -52,8 +51,9 @@ def answers_of(
     check_ids([*by_id, *chain.from_iterable(pairs)], every, source, "the labels")
     chosen = {*map(str, read)}
     better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
-    signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, demonstrations)
-    return Answers(signs, better, np.full(len(read), np.nan) if outcome is None else outcome, tied)
+    signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
+    results = given_outcome(outcome, read, demonstrations.source)
+    return Answers(signs, better, np.full(len(read), np.nan) if results is None else results, tied)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Task:
                 f"{source.source}: one demonstration alone (1 sample) cannot be compared; give at least two."
             )
         groups = group_by_demonstrator(demonstrators, source)
-        nothing = Answers.of_labels(np.zeros(len(source.ids), dtype=int))
+        nothing = Answers.none(len(source.ids))
         answers = answers or nothing
         if not tells(answers.outcome):  # as within one session
             answers = replace(answers, outcome=nothing.outcome)
@@ -98,6 +98,5 @@ class Task:
     def data(self, demonstrations: Demonstrations, features: Features, single: bool = False) -> FitData:
         """The data of a fit to some of the demonstrations, without labels and demonstrators."""
         design, codes = features.design(demonstrations.observations, single=single), self.codes(demonstrations)
-        no_labels = np.zeros(len(demonstrations), dtype=int)
         names = tuple(map(str, self.classes.tolist())) or demonstrations.action_names
-        return FitData(design, codes, demonstrations.offsets, self.space, no_labels, action_names=names)
+        return FitData(design, codes, demonstrations.offsets, self.space, action_names=names)

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
 from rpil.data.files import StrPath
-from rpil.data.id_values import check_ids
-from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order, given_outcome
+from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order
 from rpil.data.reference import with_reference
-from rpil.estimators.task import ActionBox, DemonstratorNames, Labels, Task, answers_of
+from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -57,20 +56,19 @@ class Statements:
         """
         read, source, facts = recording.demonstrations, recording.description.source, recording.facts
         ids = recording.ids or read.ids
-        given = given_outcome(outcome, read.ids, source)
-        answers = answers_of(labels, facts.outcome if given is None else given, read, ids)
-        demonstrators = recording.options.operator if demonstrators is None else demonstrators
-        if isinstance(demonstrators, str):
-            names: Mapping[str, Hashable] = read_demonstrators(demonstrators, recording)
-            check_ids(names, ids, demonstrators, "the demonstrators")
-        else:
-            names = _by_id(demonstrators, read.ids, source, ids)
-        if given is None and facts.outcome is not None:  # of a column, which the message names
+        answers = answers_of(labels, outcome, read, ids)
+        if outcome is None and facts.outcome is not None:  # of a column, which the message names
             beside = [] if reference is None or reference.facts.outcome is None else [reference.facts.outcome]
             check_outcome(np.concatenate([facts.outcome, *beside]), f"the outcome {facts.outcome_name!r}", source)
+            answers = replace(answers, outcome=facts.outcome)
+        demonstrators = recording.options.operator if demonstrators is None else demonstrators
+        named_by = source
+        if isinstance(demonstrators, str):
+            named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
+        names = names_by_id(demonstrators, read.ids, named_by, ids)
         order = facts.order if order is None else given_order(order, read.ids, source)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
-        return cls(answers, _about(names, read.ids), order, facts.sessions, where, reference)
+        return cls(answers, names, order, facts.sessions, where, reference)
 
     def task(self, demonstrations: Demonstrations | Dataset, action_box: ActionBox | None) -> Task:
         """The task to judge these demonstrations, all that the statements are about."""
@@ -79,9 +77,8 @@ class Statements:
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
         order = None if self.order is None else self.order[rows]
-        return replace(
-            self, answers=self.answers.select(rows), demonstrators=_about(self.demonstrators, ids), order=order
-        )
+        names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
+        return replace(self, answers=self.answers.select(rows), demonstrators=names, order=order)
 
     def with_good(self, outcome: Array | None, n: int) -> Statements:
         """The same after `n` demonstrations of the reference were appended, which are labelled as good."""
@@ -92,25 +89,6 @@ class Statements:
             outcome=np.append(answers.outcome, np.full(n, np.nan) if outcome is None else outcome),
         )
         return replace(self, answers=both, order=None, reference=None)  # no file states the order of two recordings
-
-
-def _about(names: Mapping[str, Hashable], ids: Iterable[Hashable]) -> dict[str, Hashable]:
-    """The `names` of demonstrators of the demonstrations `ids`."""
-    return {m: names[m] for m in map(str, ids) if m in names}
-
-
-def _by_id(
-    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object]
-) -> dict[str, Hashable]:
-    """The demonstrators by the `ids` of their demonstrations as text; a mapping may have others that are `known`."""
-    if isinstance(demonstrators, Mapping):
-        check_ids(demonstrators, known, source, "the demonstrators")
-        return {str(m): name for m, name in demonstrators.items()}
-    if demonstrators is not None and len(demonstrators) != len(ids):
-        raise DataError(
-            f"{source}: {len(demonstrators)} demonstrators for {len(ids)} demonstrations; give one for each."
-        )
-    return {} if demonstrators is None else dict(zip(map(str, ids), demonstrators, strict=True))
 
 
 Judge = Callable[[Demonstrations | Dataset, Statements], Audit]
@@ -151,7 +129,7 @@ def judge_within_tasks(recording: Recording, stated: Statements, judge: Judge) -
     _warn_of_pairs(stated.answers_source, len(stated.answers.compared) - n_pairs, what)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    return _with_facts(with_labels_alone(joined, alone, stated.answers.labels), stated)
+    return _with_facts(with_labels_alone(joined, alone, stated.answers), stated)
 
 
 def _judged(demonstrations: Demonstrations | Dataset, stated: Statements, judge: Judge) -> Audit:

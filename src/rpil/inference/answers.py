@@ -59,9 +59,9 @@ class Answers:
     """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
 
     @classmethod
-    def none(cls) -> Answers:
-        """Of no demonstrations."""
-        return cls.of_labels(np.empty(0, dtype=np.int64))
+    def none(cls, n_demonstrations: int = 0) -> Answers:
+        """Nothing is known."""
+        return cls.of_labels(np.zeros(n_demonstrations, dtype=np.int64))
 
     @classmethod
     def of_labels(cls, labels: Int[Array, " M"]) -> Answers:

@@ -98,7 +98,7 @@ def judge(
     seed : int
         Of the folds of `model`; other folds are dealt once.
     answers : Answers, optional
-        By default the labels of `data`.
+        By default nothing is known.
     order : (M,) array, optional
         The order in which the demonstrations were made, where it is stated.
     progress : callable
@@ -124,7 +124,7 @@ def judge(
     whole_from = settings.steps.whole_reliability * typical
     shares = step_shares(data, against, settings, whole_from)
     steps = StepTrust(*reliability_of(data, log_ratio, settings), shares, whole_from)
-    answers = Answers.of_labels(data.labels) if answers is None else answers
+    answers = answers or Answers.none(data.n_demonstrations)
     pair = telling_pair(claims, scores.score)
     within = columns_within(scoring, claims.groups, seen, seed)
     own = np.arange(data.n_demonstrations)

@@ -69,7 +69,7 @@ def _largest(values: Num[Array, "N ..."]) -> Float[Array, " N"]:
 def pieces(data: FitData, n_pieces: int) -> FitData:
     """The steps cut into consecutive pieces, each a demonstration: for data with too few of these to hold one out."""
     offsets = np.unique(np.linspace(0, len(data.actions), n_pieces + 1).astype(int))
-    return FitData(data.features, data.actions, offsets, data.space, np.zeros(len(offsets) - 1, dtype=int))
+    return FitData(data.features, data.actions, offsets, data.space)
 
 
 def out_of_fold(

@@ -116,7 +116,7 @@ def choose_features(
     the steps ``offsets[m]:offsets[m + 1]``. Where `C`, scikit-learn's inverse ridge strength, is given, no ridge is
     chosen.
     """
-    everything = FitData(observations, codes, offsets, space, np.zeros(len(offsets) - 1, dtype=int))
+    everything = FitData(observations, codes, offsets, space)
     sample = _sample(everything, weight, settings)
     data, weight, discrete = sample.data, sample.weight, isinstance(space, Discrete)
     observations, ones = data.features, np.ones(len(weight))
@@ -163,7 +163,7 @@ def _sample(data: FitData, weight: Array, settings: SelectionSettings) -> _Sampl
     kept = order[: max(enough, 2)]
     if len(kept) > 1:
         steps = np.concatenate([np.arange(data.offsets[m], data.offsets[m + 1]) for m in kept])
-        return _Sample(data.select(kept, unlabelled=True), weight[steps])
+        return _Sample(data.select(kept), weight[steps])
     steps = np.flatnonzero(data.per_step(np.arange(len(trust)) == kept[0]) & (weight > 0.0))
     only = FitData.from_steps(data.features[steps], data.actions[steps], data.space)
     return _Sample(pieces(only, settings.n_folds), weight[steps])

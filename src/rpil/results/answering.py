@@ -9,8 +9,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.coding import label_codes
 from rpil.data.errors import DataError
-from rpil.data.id_values import Relation, match_labels, match_pairs, parse_labels
+from rpil.data.id_values import Relation, match_pairs, parse_labels
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
@@ -52,11 +53,10 @@ NOTHING_FOLLOWED = (
 A = TypeVar("A", bound=Judged)
 
 
-def with_answers(audit: A, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> A:
-    """The audit with answers beside those that it has; see `Audit.answered`."""
+def with_answers(audit: A, known: Answers) -> A:
+    """The audit with all answers that are `known`; see `Audit.answered`."""
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
-    known = merged(audit, labels, pairs)
     check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
@@ -104,9 +104,8 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     """The answers of an audit and these; a new label replaces an old one."""
     known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
     words, more = parse_labels(labels, audit.ids)
-    signs = known.labels.copy() if len(known.labels) else np.zeros(len(audit.ids), dtype=np.int64)
-    for m, is_good in match_labels(words, audit.ids).items():
-        signs[m] = 1 if is_good else -1
+    new = label_codes(words, audit.ids)
+    signs = np.where(new == 0, known.labels, new) if len(known.labels) else new
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
     given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")

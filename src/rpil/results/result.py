@@ -57,7 +57,7 @@ class AuditResult(Judged):
 
     def _answers_of_copies(self) -> Answers:
         """The answers about each demonstration, which are about its copies too."""
-        known = self.answers if len(self.answers.labels) else Answers.of_labels(np.zeros(len(self.ids), dtype=np.int64))
+        known = self.answers if len(self.answers.labels) else Answers.none(len(self.ids))
         return known.shared(self.copy_of)
 
     @property
@@ -146,7 +146,7 @@ class AuditResult(Judged):
         DataError
             If an id or a label is unknown, or answers contradict each other.
         """
-        found = answering.with_answers(self, labels or {}, pairs)
+        found = answering.with_answers(self, answering.merged(self, labels or {}, pairs))
         share = Interval(*expert_share_interval(expit(found.log_odds), 1.0))
         return found if found is self else replace(found, prior=share)
 

@@ -164,11 +164,10 @@ def _joined(columns: Sequence[Any], numbers: Sequence[Array], size: int, nothing
     return joined
 
 
-def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Array) -> Audit:
-    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their `labels`, 1
-    for good and -1 for bad."""
+def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> Audit:
+    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their labels."""
     signs = np.zeros(len(audit.ids), dtype=np.int64)
-    signs[alone] = labels[alone]
+    signs[alone] = answers.labels[alone]
     verdicts, reasons = [*audit.verdicts], [*audit.reasons]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
@@ -189,7 +188,7 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], labels: Array) -> Audi
 
 def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
     """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
-    joined = Answers.of_labels(np.zeros(n, dtype=np.int64))
+    joined = Answers.none(n)
     pairs, tied = [joined.pairs], [joined.tied]
     for task, audit in audits.items():
         own, rows = audit.answers, np.asarray(places[task])

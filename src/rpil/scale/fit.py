@@ -46,8 +46,7 @@ class DesignMap:
         codes = encode_actions(self.classes, block.actions, "the demonstrations")
         # Parquet is read by columns; in the order of rows, sums round as they do in memory.
         design = self.features.design(np.ascontiguousarray(block.observations), single=True)
-        labels = np.zeros(len(block.offsets) - 1, dtype=int)
-        return block, FitData(design, codes, block.offsets, self.space, labels)
+        return block, FitData(design, codes, block.offsets, self.space)
 
 
 class BlockScores(NamedTuple):
