@@ -195,18 +195,6 @@ def test_two_labels_tell_which_of_two_groups_is_good():
     assert roc_auc_score(toy.is_good, judgement.log_odds) > 0.75 > roc_auc_score(toy.is_good, judgement.from_actions)
 
 
-def test_labels_of_the_data_are_the_answers():
-    toy = make("random", 0, n_good=8, n_bad=4, steps=STEPS)
-    data = fit_data_of(toy, labels=[1, 1] + [0] * 9 + [-1])
-    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), SETTINGS)
-    assert judgement.finding == "answered"
-    nothing = judge(
-        data, held_out_model(data, 0, HeldOutSettings()), SETTINGS, answers=Answers.of_labels(data.labels * 0)
-    )
-    assert nothing.finding == "some are unlike"
-    np.testing.assert_array_equal(nothing.from_actions, judgement.from_actions)
-
-
 def test_those_who_follow_one_another_are_in_doubt():
     strict = JudgeSettings(claims=replace(ClaimSettings(), max_runs_p=0.05))
     _, judgement = judged("random", 0, 10, 6, settings=strict, order=np.arange(16.0))

@@ -19,7 +19,7 @@ class FitData:
     actions: Array  # (N,): codes 0..K-1 of discrete actions; or (N, A): continuous actions
     offsets: Array  # (M + 1,): demonstration m owns the steps ``offsets[m]:offsets[m + 1]``
     space: Space  # of the actions
-    labels: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    labels: Array = field(default_factory=lambda: np.array([], dtype=int))
     """(M,): 1 expert, -1 adversary, 0 not labelled, the default; read by the mixture alone: the judge has answers."""
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
     judged: Array | None = None  # (A,) bool: the parts of continuous actions that the judge sees; None for all
