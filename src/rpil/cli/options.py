@@ -276,15 +276,10 @@ def command_words(ctx: click.Context, name: str, without: Collection[str] = ("la
         value = ctx.params.get(str(param.name))
         if isinstance(param, click.Argument):
             words.append(str(value))
-        elif param.name not in without and is_given(ctx, param):
+        elif param.name not in without and ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE:
             if isinstance(value, bool):
                 words += param.opts[:1] if value else param.secondary_opts[:1]
             else:
                 for one in value if isinstance(value, tuple) else (value,):
                     words += [param.opts[0], str(one)]
     return words
-
-
-def is_given(ctx: click.Context, param: click.Parameter) -> bool:
-    """Whether an option stands on the command line."""
-    return ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE

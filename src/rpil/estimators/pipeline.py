@@ -39,12 +39,12 @@ from rpil.results.record import Audit, Interval
 from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
-from rpil.scale.protocol import Engine, Shards
 from rpil.scale.sample import sample_steps
 
 if TYPE_CHECKING:
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
+    from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import expit
@@ -14,7 +15,6 @@ from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
-from rpil.mixture.em import MixtureFit
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
 from rpil.results.demonstrators import Interval, rank_demonstrators
@@ -24,6 +24,9 @@ from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 from rpil.results.words import WORDS, Anchor
+
+if TYPE_CHECKING:
+    from rpil.mixture.em import MixtureFit
 
 MAX_RUNS = 10
 """Runs of demonstrations that a sentence names, at most."""
