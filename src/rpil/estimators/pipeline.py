@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -266,7 +266,7 @@ class FullFit:
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
-        demonstrations = self._demonstrations
+        demonstrations = self.task.demonstrations
         copies = copies_among(demonstrations) if options.judges else None
         options.progress("features")
         if copies is None or not copies.any:
@@ -287,15 +287,10 @@ class FullFit:
         assert decision.judgement is not None
         assert decision.judge is not None
         task, options, copies = self.task, self.options, posed.copies
-        data = self._data(self._demonstrations, posed.features)
+        data = self._data(self.task.demonstrations, posed.features)
         judgement = repeated(decision.judgement, copies, data, task.answers, options.settings.judge)
         every = TrustDecision.of(judgement, decision.judge, data, task.source.ids, task.answers, options.audit_settings)
         return replace(every, notes=(*decision.notes, copies.sentence))
-
-    @cached_property
-    def _demonstrations(self) -> Demonstrations:
-        source = self.task.source
-        return source if isinstance(source, Demonstrations) else source.select(slice(None))
 
     def _single(self, demonstrations: Demonstrations) -> bool:
         """Whether design matrices are in single precision."""
@@ -314,7 +309,7 @@ class FullFit:
     ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
         audit, judged = decision.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
-            every = self._demonstrations
+            every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         data = posed.data
         final_policy = cache(lambda: self._final_policy(posed, audit.step_weight))
@@ -344,8 +339,7 @@ class FullFit:
 
 def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
-    source = task.source
-    demonstrations = source if isinstance(source, Demonstrations) else source.select(slice(None))
+    demonstrations = task.demonstrations
     features = options.judge_features(demonstrations)
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features, task.answers)
     options.progress("the policy")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -90,6 +91,11 @@ class Task:
         if not tells(answers.outcome):  # as within one session
             answers = replace(answers, outcome=nothing.outcome)
         return cls(source, space, classes, answers, groups, given_order(order, source.ids, source.source))
+
+    @cached_property
+    def demonstrations(self) -> Demonstrations:
+        """All demonstrations, in memory."""
+        return self.source if isinstance(self.source, Demonstrations) else self.source.select(slice(None))
 
     def codes(self, demonstrations: Demonstrations) -> Array:
         """Codes (N,) of discrete actions, or continuous actions (N, A)."""
