@@ -178,14 +178,14 @@ def test_list_and_commands(dataset):
     formats.keep(dataset, output, ["3", "1"])
     assert json.loads(output.read_text()) == {"episodes": [1, 3]}
     assert json.loads(json.dumps(rpil.read(dataset).ids)) == [0, 1, 2, 3]
-    train, of_statistics = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
+    train, of_statistics, delete = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
     assert shlex.split(train)[-1] == "--dataset.episodes=[1, 3]"
     assert "stats.json" in of_statistics
     (line,) = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
     assert f"--dataset.root={dataset.with_name('kept')}" in line
     info = dataset / "meta" / "info.json"
     version_3 = info.read_text()
-    info.write_text(version_3.replace("v3.0", "v2.1"))
+    info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
     converter = "python -m lerobot.scripts.convert_dataset_v21_to_v30 --repo-id={0.name} --root={0} --push-to-hub=false"
     needs, first, train, _ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
     assert needs == "The converter to version 3.0 needs meta/episodes_stats.jsonl, and that is not there."
@@ -197,8 +197,18 @@ def test_list_and_commands(dataset):
     assert same == first
     info.write_text(version_3.replace("v3.0", "v2.1"))
     (dataset / "meta" / "episodes_stats.jsonl").write_text("")
-    assert commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)[0] == first
+    first, train = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
+    assert (
+        first
+        == f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {converter.format(dataset.with_name('kept'))}"
+    )
+    assert "--dataset.root" in train
     info.write_text(version_3)
+    words = shlex.split(delete.partition(": ")[2])
+    options = dict(zip(words[1::2], words[2::2], strict=True))
+    assert options["--root"] == str(dataset)
+    assert options["--new_root"] == f"{dataset}_trusted"
+    assert json.loads(options["--operation.episode_indices"]) == [0, 2]
     assert len(commands_to_keep(dataset, [0, 1], [0, 1])) == 1
     assert commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
 
@@ -242,7 +252,10 @@ def test_lines_of_json_of_version_2(dataset):
     recording = formats.read_recording(dataset)
     assert recording.tasks["3"] == "put down"
     assert recording.description.format == "LeRobot v2.1, 2 files"
-    with pytest.raises(DataError, match=r"'v2\.1' cannot be given back; name a \.json file, or convert it"):
+    with pytest.raises(DataError, match="meta"):  # its table of the episodes is that of version 3
+        formats.keep(dataset, dataset.with_name("kept"), [1])
+    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v1.6"}))
+    with pytest.raises(DataError, match=r"'v1\.6' cannot be given back"):
         formats.keep(dataset, dataset.with_name("kept"), [1])
 
 
@@ -272,9 +285,11 @@ def test_long_lists_are_read_from_a_file_by_the_shell(dataset):
     output.write_text(json.dumps({"episodes": [*range(0, 2000, 2)]}))
     lines = commands_to_keep(dataset, ids, ids[::2], output)
     assert sum(map(len, lines)) < 2000
-    words = lines[0].partition(": ")[2].replace("$(python ", f"$({shlex.quote(sys.executable)} ")
-    printed = subprocess.check_output(["sh", "-c", f"printf '%s\\n' {words}"], text=True).splitlines()
-    assert json.loads(printed[-1].rpartition("=")[2]) == [*ids[::2]]
-    (hint,) = commands_to_keep(dataset, ids, ids[::2])
+    for line, expected in zip((lines[0], lines[-1]), (ids[::2], ids[1::2]), strict=True):
+        words = line.partition(": ")[2].replace("$(python ", f"$({shlex.quote(sys.executable)} ")
+        printed = subprocess.check_output(["sh", "-c", f"printf '%s\\n' {words}"], text=True).splitlines()
+        assert json.loads(printed[-1].rpartition("=")[2]) == [*expected]
+    assert len(commands_to_keep(dataset, range(1, 2001), ids[2::2], output)) == 1  # other numbers are there
+    (hint,) = commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
     assert "keep.json" in hint
     assert len(hint) < 200 + len(str(dataset))

@@ -40,18 +40,19 @@ def assert_same(new, old, first=0, end=None):
             assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()[first:end]
 
 
-def coded_drive(folder, coded):
+def coded_drive(folder, version, coded):
     """A folder with videos of this kind, where they can be written."""
     codec, options = CODED[coded]
     try:
-        return folders.write(folder / "drive", LENGTHS, "v3.0", ("front", "wrist"), codec, options)
+        return folders.write(folder / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
     except ValueError:
         pytest.skip(f"needs the encoder {codec}")
 
 
 @pytest.mark.parametrize("coded", CODED)
-def test_frames_of_kept_episodes_are_the_same(tmp_path, coded):
-    root = coded_drive(tmp_path, coded)
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
+    root = coded_drive(tmp_path, version, coded)
     old = folders.read(root)
     for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
         output = tmp_path / f"kept{len(ids)}"
@@ -66,23 +67,30 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, coded):
 
 
 @pytest.mark.parametrize("coded", CODED)
-def test_idle_ends_are_cut_with_their_frames(tmp_path, coded):
-    root = coded_drive(tmp_path, coded)
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
+    root = coded_drive(tmp_path, version, coded)
     old, trims = folders.read(root), {1: (3, 9), 2: (0, 5), 4: (5, 8)}
     formats.keep(root, tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
     new = folders.read(tmp_path / "kept")
     for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
         assert_same(one, old[m], *trims.get(m, (0, None)))
-    assert [one["rows"]["timestamp"][0].as_py() for one in new] == [0] * 5
-    row = pq.read_table(tmp_path / "kept" / "meta" / "episodes").to_pylist()[1]
+    if version == "v3.0":
+        assert [one["rows"]["timestamp"][0].as_py() for one in new] == [0] * 5
+        row = pq.read_table(tmp_path / "kept" / "meta" / "episodes").to_pylist()[1]
+        found = {name: row[f"stats/action/{name}"] for name in folders.STATISTICS}
+    else:
+        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
+        found = json.loads(lines[1])["stats"]["action"]
     for name, value in folders.statistics(new[1]["rows"]["action"].to_pylist()).items():
-        np.testing.assert_allclose(row[f"stats/action/{name}"], value)
+        np.testing.assert_allclose(found[name], value)
 
 
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 @pytest.mark.parametrize("as_list", [False, True])
-def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, as_list):
+def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, version, as_list):
     monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # the old and the new last row are not read together
-    root = folders.write(tmp_path / "drive", LENGTHS, cameras=())
+    root = folders.write(tmp_path / "drive", LENGTHS, version, ())
     for file in (root / "data").rglob("*.parquet"):
         table = pq.read_table(file)
         m, frame = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
@@ -102,15 +110,25 @@ def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, as_
     assert not any(table["next.reward"])
 
 
-def test_statistics_are_those_of_the_kept(tmp_path):
-    root, ids = folders.write(tmp_path / "drive", LENGTHS), [1, 3, 6]
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_statistics_are_those_of_the_kept(tmp_path, version):
+    root, ids = folders.write(tmp_path / "drive", LENGTHS, version), [1, 3, 6]
     expected = folders.image_statistics([one for m in ids for one in folders.pictures(m, LENGTHS[m])])
+    if version == "v2.1":  # as version 2.0 has it, beside the statistics by episode
+        (root / "meta" / "stats.json").write_text(
+            json.dumps({"observation.images.front": expected, "action": {"min": 0}})
+        )
     formats.keep(root, tmp_path / "kept", ids)
     found = json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())
     for name in ("min", "max", "mean", "std", "count"):
         np.testing.assert_allclose(found["observation.images.front"][name], expected[name], rtol=1e-6)
     actions = pq.read_table(tmp_path / "kept" / "data")["action"].to_pylist()
     np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
+    if version == "v2.1":
+        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
+        rows = [json.loads(line) for line in lines]
+        assert [row["stats"]["index"]["min"] for row in rows] == [[0], [12], [22]]
+        assert [row["stats"]["episode_index"]["max"] for row in rows] == [[0], [1], [2]]
 
 
 def test_statistics_that_cannot_be_joined_are_named(tmp_path):
@@ -136,6 +154,14 @@ def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
         formats.keep(root, tmp_path / "other", [0, 1])
 
 
+def test_totals_of_version_2(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
+    formats.keep(root, tmp_path / "kept", [2, 5])
+    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
+    assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
+    assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
+
+
 def test_videos_that_are_missing_are_named(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, cameras=("front", "wrist"))
     video = root / "videos/observation.images.wrist/chunk-000/file-001.mp4"
@@ -158,7 +184,7 @@ def test_videos_that_are_missing_are_named(tmp_path):
 
 @pytest.mark.parametrize("place", ["../../{video_key}.mp4", "videos/../../secret.mp4"])
 def test_no_video_outside_the_folder_is_read(tmp_path, place):
-    root = folders.write(tmp_path / "drive", LENGTHS)
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
     for name in ("observation.images.front.mp4", "secret.mp4"):
         (tmp_path / name).write_bytes(b"key")
         (tmp_path.parent / name).write_bytes(b"key")
@@ -190,6 +216,20 @@ def test_what_lerobot_itself_wrote(tmp_path, name, ids):
     assert len(new) == len(ids)
     for one, m in zip(new, ids, strict=True):
         assert_same(one, old[m])
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")
+@pytest.mark.filterwarnings("ignore:.*statistics of")
+def test_a_partial_download_of_version_2(tmp_path):
+    with pytest.warns(UserWarning, match=r"kept, timestamps of all 2 episodes: LeRobot cannot load .* recorded 18\.5"):
+        formats.keep(REAL / "lerobot_v21_video", tmp_path / "kept", [1, 3])
+    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
+    assert (info["total_episodes"], info["total_frames"]) == (2, 523)
+    for number, old in enumerate((1, 3)):
+        for camera in ("cam0", "cam1"):
+            place = f"videos/chunk-000/observation.images.{camera}/episode_{{:06d}}.mp4"
+            new_bytes = (tmp_path / "kept" / place.format(number)).read_bytes()
+            assert new_bytes == (REAL / "lerobot_v21_video" / place.format(old)).read_bytes()
 
 
 def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):

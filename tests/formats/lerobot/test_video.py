@@ -51,8 +51,9 @@ def test_a_video_whose_table_of_sizes_is_wrong_is_damaged(tmp_path):
             use(path)
 
 
-def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path):
-    root = folders.write(tmp_path / "drive", (5, 6))
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path, version):
+    root = folders.write(tmp_path / "drive", (5, 6), version)
     (root / "videos").rename(tmp_path / "elsewhere")
     (root / "videos").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(DataError, match="it is a link that leads out"):

@@ -1,7 +1,8 @@
-"""What LeRobot says of each kept episode, and its videos: the table of version 3.0."""
+"""What LeRobot says of each kept episode, and its videos: a table since version 3.0, lines of JSON before."""
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_text
 from rpil.formats.lerobot import stats, video
-from rpil.formats.lerobot.kept import VIDEO_PATH, Kept, filled, video_place, with_column
+from rpil.formats.lerobot.kept import Kept, video_place, with_column
 from rpil.formats.parquet_pages import read_table
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def _rows_of(names: Sequence[object], wanted: set[str], path: Path) -> dict[int,
 
 @dataclass(frozen=True, eq=False)
 class EpisodeTable:
-    """Videos hold many episodes, and the table says where in them each lies."""
+    """That of version 3.0: videos hold many episodes, and the table says where in them each lies."""
 
     kept: Kept
     table: pa.Table
@@ -69,6 +70,9 @@ class EpisodeTable:
         places = [self.table[f"videos/{camera}/{name}"].to_pylist() for name in _OF_VIDEO[:2]]
         names = {m: (places[0][row], places[1][row]) for m, row in self.row_of.items()}
         return {m: video_place(self.kept.path, self.kept.info, camera, *name) for m, name in names.items()}
+
+    def prepare(self, videos: Videos) -> None:
+        """Nothing: times begin at 0 in each episode."""
 
     def write(self, videos: Videos, gone: Sequence[str]) -> list[ByFeature]:
         """Write the rows about the kept episodes, with their new numbers and places, and their videos.
@@ -125,7 +129,7 @@ class EpisodeTable:
             rows_of[place].append(row)
         olds, lengths = list(kept.numbers), table["length"].to_pylist()
         for number, (place, rows) in enumerate(rows_of.items()):
-            target = kept.new / filled(VIDEO_PATH, *divmod(number, size), camera)
+            target = kept.new / kept.target(1, *divmod(number, size), camera)
             target.parent.mkdir(parents=True, exist_ok=True)
             source, whole = files[olds[rows[0]]], len(rows) == n_in_file[place]
             if whole and not any(str(olds[row]) in kept.trims for row in rows):
@@ -155,6 +159,68 @@ def _renew(kept: Kept, found: Sequence[ByFeature]) -> None:
             own |= stats.of_table(kept.rows(new), own)
 
 
+@dataclass(frozen=True, eq=False)
+class EpisodeLines:
+    """Those of versions 2.0 and 2.1: each episode has its own data file and videos."""
+
+    kept: Kept
+    rows: Mapping[int, dict[str, Parsed]]
+
+    @classmethod
+    def read(cls, kept: Kept) -> EpisodeLines:
+        rows = read_lines(kept.path / "meta" / "episodes.jsonl")
+        row_of = _rows_of([row["episode_index"] for row in rows], kept.wanted, kept.path)
+        return cls(kept, {m: rows[row] for m, row in row_of.items()})
+
+    def videos(self, camera: str) -> dict[int, Path]:
+        """The video of each wanted episode."""
+        size = int(self.kept.info["chunks_size"])
+        return {m: video_place(self.kept.path, self.kept.info, camera, m // size, m) for m in self.rows}
+
+    def prepare(self, videos: Videos) -> None:
+        """Find where trimmed videos can begin: with a frame, the same in all cameras, that needs no other.
+
+        Version 2 cannot say that an episode begins within its video, so that the times of its rows begin there.
+        """
+        fps = self.kept.fps
+        for name, (first, _) in self.kept.trims.items():
+            common = set(range(first + 1)) if int(name) in self.rows else set()
+            for files in videos.values() if common else ():
+                packets = video.Packets.of(files[int(name)])
+                common &= set(np.rint(packets.times[packets.is_key] * fps).astype(int).tolist())
+            self.kept.skipped[int(name)] = max(common, default=0) / fps
+
+    def write(self, videos: Videos, gone: Sequence[str]) -> list[ByFeature]:
+        """Write the lines about the kept episodes, with their new numbers, and their videos."""
+        kept = self.kept
+        for camera, files in videos.items():
+            for old, new in kept.numbers.items():
+                target = kept.new / kept.target(1, *kept.files[new], camera)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if str(old) in kept.trims:
+                    span = kept.skipped[old], kept.trims[str(old)][1] / kept.fps
+                    video.cut(files[old], target, [span], kept.fps)
+                else:
+                    shutil.copyfile(files[old], target)
+        lines = [
+            self.rows[old] | {"episode_index": new, "length": kept.lengths[new]} for old, new in kept.numbers.items()
+        ]
+        _write_lines(kept.new / "meta" / "episodes.jsonl", lines)
+        place = kept.path / "meta" / "episodes_stats.jsonl"
+        by_old = {int(row["episode_index"]): row["stats"] for row in read_lines(place)} if place.is_file() else {}
+        if not by_old:
+            return []
+        found = [{name: one for name, one in by_old[old].items() if name not in gone} for old in kept.numbers]
+        _renew(kept, found)
+        lines = [{"episode_index": new, "stats": own} for new, own in zip(kept.numbers.values(), found, strict=True)]
+        _write_lines(kept.new / "meta" / "episodes_stats.jsonl", lines)
+        return found
+
+
 def read_lines(place: Path) -> list[dict[str, Parsed]]:
     """What the lines of JSON in a file hold."""
     return parse_lines(read_text(place, LARGEST_TABLE), str(place), LARGEST_TABLE)
+
+
+def _write_lines(place: Path, rows: Sequence[Mapping[str, Parsed]]) -> None:
+    place.write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")

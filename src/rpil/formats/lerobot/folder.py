@@ -24,9 +24,17 @@ from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.format import Format, Trims, keep_by_own_ids
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.defects import EPISODES_STATS, CheckedFolder, find_defects, find_shots, in_times, in_videos
-from rpil.formats.lerobot.episode_records import EpisodeTable
-from rpil.formats.lerobot.kept import DATA_PATH, NEWEST, VIDEO_PATH, Kept
+from rpil.formats.lerobot.defects import (
+    EPISODES_STATS,
+    CheckedFolder,
+    find_defects,
+    find_shots,
+    in_times,
+    in_videos,
+    mend,
+)
+from rpil.formats.lerobot.episode_records import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size, read_info
 from rpil.formats.store import has_parquet
@@ -57,11 +65,8 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
         if trim:
             raise DataError(f"{output}: a list of episodes cannot be trimmed; name a folder.")
         return info
-    if version != NEWEST:
-        raise DataError(
-            f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file, or convert it "
-            "to version 3.0 with LeRobot first."
-        )
+    if version not in PATHS:
+        raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
     with guarded(place):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
@@ -71,13 +76,13 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
             raise ValueError(f"{wrong[0]!r} is no name of a camera")
         if info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
-    if seen and (path / "videos").is_dir():
+    if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
         load_av()
     return info
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
-    """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder."""
+    """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
     info, old, wanted = check_output(path, output, bool(trims)), CheckedFolder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
     if output.suffix.lower() == ".json":
@@ -90,7 +95,11 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
         with new_folder(output) as new:
             _write(path, new, info, ids, trims)
             with guarded(path / "meta"):
-                where, found = output, [*in_times(CheckedFolder(new)), *in_videos(CheckedFolder(new), False)]
+                counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
+                where, found = (
+                    output,
+                    [*in_times(CheckedFolder(new)), *(in_videos(CheckedFolder(new), False) if counted else ())],
+                )
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
@@ -102,7 +111,7 @@ def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object]
     copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
     kept = Kept(path, new, info, {str(name) for name in ids}, trims)
     with guarded(path / "meta" / "episodes"):
-        about = EpisodeTable.read(kept)
+        about = EpisodeTable.read(kept) if kept.is_v3 else EpisodeLines.read(kept)
         seen = {camera: about.videos(camera) for camera in cameras(info, "video")}
     gone = [camera for camera, files in seen.items() if not any(file.is_file() for file in files.values())]
     for camera in gone:
@@ -112,12 +121,16 @@ def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object]
     lost = [file for files in seen.values() for file in files.values() if not file.is_file()]
     if lost:
         raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
+    about.prepare(seen)
     kept.copy_data()
     with guarded(path / "meta" / "episodes"):
         by_episode = about.write(seen, gone)
         n = len(kept.numbers)
-        info |= {"total_episodes": n, "total_frames": kept.n_steps, "splits": {"train": f"0:{n}"}}
-        info |= {"data_path": DATA_PATH, **({"video_path": VIDEO_PATH} if seen else {})}
+        data, videos = PATHS[info["codebase_version"]]
+        info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": data, "splits": {"train": f"0:{n}"}}
+        info |= {"video_path": videos} if seen else {}
+        of_v2 = {"total_videos": n * len(seen), "total_chunks": -(-n // int(info["chunks_size"]))}
+        info |= {name: value for name, value in of_v2.items() if name in info}
         (new / "meta" / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
     with guarded(path / "meta" / "stats.json"):
         _write_statistics(kept, by_episode, gone)
@@ -142,45 +155,55 @@ def _write_statistics(
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """What to give LeRobot 0.6.1, so that it trains on the episodes `kept` among `ids`.
+    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`: all of it is in its version 0.6.1.
 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """
-    is_list = Path(output).suffix.lower() == ".json"
-    if Path(output).name and not is_list:
+    chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
+    is_list, version = Path(output).suffix.lower() == ".json", ""
+    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
+        version = str(read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version"))
+    if Path(output).name and not is_list and len(ids) <= MAX_LISTED:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
-        return [f"To train on the new folder: {shlex.join(words)}"]
-    numbers = shlex.quote(f"[{', '.join(map(str, kept))}]")
+        return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
+    dropped = [name for name in ids if str(name) not in chosen]
+    train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
     if len(ids) > MAX_LISTED and not is_list:
-        to_list = shlex.join(["rpil", "keep", str(path), "-o", "keep.json"])
+        to_list = shlex.join(["rpil", "keep", root, "-o", "keep.json"])
         return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
     if len(ids) > MAX_LISTED:
-        program = 'import json, sys; print(json.load(open(sys.argv[1]))["episodes"])'
-        numbers = f'"$({shlex.join(["python", "-c", program, str(output)])})"'
-    lines = [*_conversion(path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
-    if len(kept) < len(ids):
-        new = f"{str(path).rstrip('/')}_trusted"
-        lines += [
-            "LeRobot then normalises by the others too, which stay in meta/stats.json. A folder with statistics of its "
-            f"own, videos too: rpil keep with -o {new}"
-        ]
+        if list(map(str, ids)) != list(map(str, range(len(ids)))):
+            dropped = []  # the JSON file does not say which there are
+        train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
+    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={train}"]
+    if not dropped:
+        return lines
+    new, better = f"{root.rstrip('/')}_trusted", "A folder with statistics of its own, videos too: rpil keep with -o"
+    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {better} {new}")
+    if version == "v3.0":
+        words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
+        words += ["--new_root", new, "--operation.type", "delete_episodes"]
+        lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
     return lines
 
 
-def _conversion(path: Path) -> list[str]:
-    """How the folder becomes one of version 3.0, if it has version 2."""
-    version = ""
-    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
-        version = str(read_info(file.read(LARGEST_METADATA + 1), path.name).get("codebase_version"))
+def _conversion(path: Path, version: str, root: Path) -> list[str]:
+    """How the folder `root`, of this version and with the statistics at `path`, becomes one of version 3.0."""
     if not version.startswith("v2"):
         return []
-    words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={path.resolve().name}"]
-    command = shlex.join([*words, f"--root={path}", "--push-to-hub=false"])
+    words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
+    command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
     needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
     if version != "v2.1":
         needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
     is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
     return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+
+
+def _read_from(output: StrPath, numbers: str) -> str:
+    """What the shell replaces by a list of `numbers`, a term of Python, in which ``kept`` are those in a JSON file."""
+    program = f'import json, sys; kept = json.load(open(sys.argv[1]))["episodes"]; print({numbers})'
+    return f'"$({shlex.join(["python", "-c", program, str(output)])})"'
 
 
 FORMAT = Format(
@@ -195,5 +218,6 @@ FORMAT = Format(
     notes_on_weights=(WEIGHTS,),
     stays_on_disk=has_parquet,
     find_defects=find_defects,
+    mend=mend,
     shots=find_shots,
 )

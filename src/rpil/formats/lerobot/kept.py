@@ -34,12 +34,19 @@ END_MARKS = "next.done", "next.success", "next.terminated", "next.truncated"
 
 REWARD = "next.reward"
 
-NEWEST = "v3.0"
-"""The version of the folders that are written."""
-
-DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-"""Where that version has its data and its videos."""
+PATHS = {
+    "v3.0": (
+        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+    )
+} | dict.fromkeys(
+    ("v2.1", "v2.0"),
+    (
+        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+    ),
+)
+"""Where LeRobot has its data and its videos, by its version."""
 
 
 @dataclass
@@ -55,8 +62,13 @@ class Kept:
     files: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file by the new number
     lengths: Counter[int] = field(default_factory=Counter)
     n_steps: int = 0
+    skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
     marks: dict[str, dict[int, Parsed]] = field(default_factory=dict)  # of the last rows of trimmed episodes, by column
     place: tuple[int, int] = (0, 0)
+
+    @property
+    def is_v3(self) -> bool:
+        return str(self.info["codebase_version"]) == "v3.0"
 
     @property
     def fps(self) -> float:
@@ -70,13 +82,15 @@ class Kept:
             message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
             warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
         for file in files:
-            self.place = divmod(n_files, size)
-            target = self.new / filled(DATA_PATH, *self.place)
+            self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
+            target = self.new / self.target(0, *self.place)
             target.parent.mkdir(parents=True, exist_ok=True)
             if keep_rows(file, target, self.wanted, ColumnOptions(id="episode_index"), self.renumbered):
                 n_files += 1
             else:
                 target.unlink()
+            if not self.is_v3 and len(self.numbers) != n_files:
+                raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
         for name, (first, end) in self.trims.items():
             if name in self.wanted and self.lengths[self.numbers.get(int(name), -1)] != end - first:
                 raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
@@ -111,6 +125,10 @@ class Kept:
             table = with_column(table, column, values) if values else table
         return table
 
+    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
+        """The place of a new file."""
+        return _place(PATHS[self.info["codebase_version"]][of_videos], camera, chunk, file)
+
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step, without those that are trimmed."""
         import pyarrow as pa
@@ -124,7 +142,7 @@ class Kept:
             columns = {"frame_index": frames - own * first}
             if "timestamp" in table.column_names:
                 times = table["timestamp"].to_numpy()
-                moved = np.maximum(times - first / self.fps, 0.0)
+                moved = np.maximum(times - self.skipped.get(int(name), first / self.fps), 0.0)
                 columns["timestamp"] = np.where(own, moved, times)
             for column, values in columns.items():
                 table = with_column(table, column, values)
@@ -144,20 +162,17 @@ class Kept:
         """The new rows of an episode."""
         import pyarrow.parquet as pq
 
-        return pq.read_table(
-            self.new / filled(DATA_PATH, *self.files[number]), filters=[("episode_index", "==", number)]
-        )
+        return pq.read_table(self.new / self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
 
 
 def video_place(path: Path, info: Mapping[str, Parsed], camera: str, chunk: int, file: int) -> Path:
     """The place of a video in the folder `path`, or a `DataError` where it leads out of it."""
-    place = path / filled(info.get("video_path") or VIDEO_PATH, chunk, file, camera)
+    place = path / _place(info.get("video_path") or PATHS[info["codebase_version"]][1], camera, chunk, file)
     check_inside(place, path)
     return place
 
 
-def filled(template: str, chunk: int, file: int, camera: str = "") -> str:
-    """The place of a file, by the names that versions 3 and 2 give its numbers."""
+def _place(template: str, camera: str, chunk: int, file: int) -> str:
     names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
     return fill(template, **names, video_key=camera)
 
@@ -168,3 +183,10 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
+
+
+def frames_as_times(table: pa.Table, episodes: Sequence[int], fps: float) -> pa.Table:
+    """The table, in which the timestamps of some episodes are frame_index / `fps`."""
+    is_one = np.isin(table["episode_index"].to_numpy(), episodes)
+    times = np.where(is_one, table["frame_index"].to_numpy() / fps, table["timestamp"].to_numpy())
+    return with_column(table, "timestamp", times)
