@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from command_line import call, ok, refused
-from lerobot_folders import write as write_folder
 from recordings import recording
 from rpil.faults.expected import read_expected
 
@@ -249,20 +248,6 @@ def test_an_audit_names_the_faults_beside_the_trust():
     assert "Recording faults" in page
     assert "away from its neighbours at step 60" in page
     assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}
-
-
-def test_what_fix_has_mended_is_read_anew():
-    root = write_folder(Path("drive"), (30,) * 8, cameras=())
-    for file in (root / "data").rglob("*.parquet"):
-        table = pq.read_table(file)
-        times = np.where(table["episode_index"].to_numpy() == 2, 4, 1) * table["timestamp"].to_numpy()
-        pq.write_table(table.set_column(table.column_names.index("timestamp"), "timestamp", pa.array(times)), file)
-    before = json.loads(ok("check", root, "--json", "-q").stdout)
-    assert next((one["what"], one["place"]) for one in before["folder"]) == ("timestamps", "episode 2")
-    assert 2 in {one["id"] for one in before["findings"]}
-    mended = ok("check", root, "--json", "-q", "--fix").stdout
-    assert mended == ok("check", root, "--json", "-q").stdout
-    assert not [one for one in json.loads(mended)["findings"] if one["id"] == 2]
 
 
 def test_thousands_of_ids_may_be_expected():

@@ -18,7 +18,6 @@ from rpil.data.text import counted, printable
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.format import Defect
-    from rpil.formats.registry import ClaimedPath
     from rpil.results.record import Audit
 
 MAX_FINDINGS = 30
@@ -40,7 +39,6 @@ MAX_REASONS = 10
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
-@click.option("--fix", is_flag=True, help="Write wrong times, totals and statistics of LeRobot again, after a backup.")
 @json_option
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
@@ -61,10 +59,13 @@ def check(
         from rpil.data.missing import allow_missing
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
+        from rpil.formats.registry import find
 
         columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        folder = _mend(file, options["video"], options["fix"])
+        folder = find(file)
+        if options["video"] and not folder.has_defects:
+            raise click.UsageError("--video is for folders of LeRobot: leave it out")
         skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
         with allow_missing():
             read = open_recording(file, columns, progress, options["stream"])
@@ -80,24 +81,11 @@ def check(
         sys.exit(1)
 
 
-def _mend(file: str, look: bool, fix: bool) -> ClaimedPath:
-    """What is at `file`, a folder of LeRobot mended where that is wanted; other formats have neither of the options."""
-    from rpil.formats.registry import find
-
-    folder = find(file)
-    if (look or fix) and not folder.has_defects:
-        raise click.UsageError("--video and --fix are for folders of LeRobot: leave them out")
-    for line in folder.mend() if fix else ():
-        click.echo(line, err=True)
-    return folder
-
-
 def defect_lines(defects: Sequence[Defect]) -> list[str]:
     """What of a folder does not agree with its data, in lines."""
     lines = [f"  {one.what}, {printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
     more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
-    mendable = ["rpil check --fix mends times, totals and statistics."] * any(one.can_be_mended for one in defects)
-    return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more, *mendable] if lines else []
+    return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more] if lines else []
 
 
 def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:

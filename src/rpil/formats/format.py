@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +47,6 @@ class Defect:
     what: str
     place: str
     sentence: str
-    can_be_mended: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,8 @@ class Format:
         A `DataError` where `keep` cannot write to the output, before any work.
     trim, check_trim : functions as `keep` and `check_output`, optional
         Write demonstrations without some first and last steps: the fourth argument is the range to keep of some ids.
-    find_defects, mend : functions of a path, optional
-        What beside the demonstrations does not agree with them (with True, in videos too), and mending what is safe.
+    find_defects : function of a path, optional
+        What beside the demonstrations does not agree with them; with True, in videos too.
     shots : function of a path, optional
         Where in video files each demonstration is seen; files need not be there.
     commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
@@ -109,7 +108,6 @@ class Format:
     trim: Callable[[Path, Path, Sequence[Id], Trims], None] | None = None
     check_trim: Callable[[Path, Path], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
-    mend: Callable[[Path], Iterable[str]] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
     notes_on_weights: tuple[str, ...] = ()

@@ -143,10 +143,6 @@ class ClaimedPath:
         """What does not agree with the demonstrations; in videos too if `look`."""
         return self.format.find_defects(Path(self.path), look) if self.format.find_defects is not None else []
 
-    def mend(self) -> Iterable[str]:
-        """Mend what is safe; sentences on what was done."""
-        return self.format.mend(Path(self.path)) if self.format.mend is not None else ()
-
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
 

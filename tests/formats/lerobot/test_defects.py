@@ -10,7 +10,7 @@ import pytest
 import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.defects import find_defects, find_shots, mend
+from rpil.formats.lerobot.defects import find_defects, find_shots
 
 pytest.importorskip("av", reason="needs the extra video")
 
@@ -31,57 +31,18 @@ def change_info(root, **values):
 def test_nothing_is_found_in_a_folder_that_is_right(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
     assert found(root, look=True) == []
-    formats.keep(root, tmp_path / "kept", [1, 3, 4])
-    assert found(tmp_path / "kept", look=True) == []
-    assert mend(root) == []
+    if version == "v3.0":
+        formats.keep(root, tmp_path / "kept", [1, 3, 4])
+        assert found(tmp_path / "kept", look=True) == []
 
 
-def test_totals_and_statistics_are_mended_after_a_backup(tmp_path):
+def test_totals_and_statistics_are_compared(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS)
     before = json.loads((root / "meta" / "stats.json").read_text())
     wrong = json.dumps(before | {"action": before["action"] | {"std": [20.0, 20.0]}})
     (root / "meta" / "stats.json").write_text(wrong)
     change_info(root, total_frames=7)
     assert found(root) == [("totals", "meta/info.json"), ("statistics", "meta/stats.json")]
-    assert len(mend(root)) == 2
-    assert found(root) == []
-    assert (root / "meta" / "stats.json.bak").read_text() == wrong
-    now = json.loads((root / "meta" / "stats.json").read_text())
-    np.testing.assert_allclose(now["action"]["std"], before["action"]["std"])
-    assert now["observation.images.front"] == before["observation.images.front"]
-    change_info(root, total_episodes=99)
-    mend(root)
-    assert (root / "meta" / "info.json.bak2").is_file()
-
-
-@pytest.mark.parametrize("name", ["info.json", "stats.json"])
-def test_a_file_that_is_a_link_is_not_mended(tmp_path, name):
-    """In the Hub's cache another snapshot may have the same file."""
-    root = folders.write(tmp_path / "datasets--me--drive" / "snapshots" / "1f2e", LENGTHS, cameras=())
-    stats = json.loads((root / "meta" / "stats.json").read_text())
-    (root / "meta" / "stats.json").write_text(json.dumps(stats | {"action": stats["action"] | {"std": [20.0, 20.0]}}))
-    change_info(root, total_frames=7)
-    blob = tmp_path / "datasets--me--drive" / "blobs" / "0a1b"
-    blob.parent.mkdir()
-    (root / "meta" / name).rename(blob)
-    (root / "meta" / name).symlink_to(blob)
-    before = {file: file.read_bytes() for file in tmp_path.rglob("*.*") if file.is_file()} | {blob: blob.read_bytes()}
-    with pytest.raises(DataError, match=f"{name}: it is a link, and is not mended; mend a copy"):
-        mend(root)
-    assert {file: file.read_bytes() for file in before} == before
-    assert not [*tmp_path.rglob("*.bak")]
-
-
-def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", options={"g": "4", "crf": "30"})
-    formats.keep(root, tmp_path / "kept", [1, 2], trims={1: (7, 20)})
-    file = tmp_path / "kept" / "data" / "chunk-000" / "episode_000000.parquet"
-    assert pq.read_table(file)["timestamp"][0].as_py() > 0
-    assert found(tmp_path / "kept", look=True) == []
-    table = pq.read_table(file)
-    later = folders.pa.array(table["timestamp"].to_numpy() + np.float32(2 / folders.FPS))
-    pq.write_table(table.set_column(table.column_names.index("timestamp"), "timestamp", later), file)
-    assert ("frame count", "0") in found(tmp_path / "kept")
 
 
 @pytest.mark.parametrize("size", [0.5, 0, -3, 1.5, "many", True, None])
@@ -92,15 +53,15 @@ def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     assert "cannot be used: chunks_size." in note
     (defect,) = find_defects(root, False)
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
+    change_info(root, codebase_version="v3.0")
     with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):
         formats.keep(root, tmp_path / "kept", [1])
 
 
-def test_totals_of_a_partial_download_are_named_and_left(tmp_path):
+def test_a_partial_download_is_named(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
     (root / "data" / "chunk-000" / "episode_000003.parquet").unlink()
     assert ("episode table", "meta") in found(root)
-    assert mend(root) == []
 
 
 def test_an_episode_table_that_does_not_fit_the_data(tmp_path):
@@ -117,7 +78,7 @@ def test_metadata_that_cannot_be_used_do_not_stop_the_others(tmp_path):
     change_info(root, chunks_size="many", total_frames=3)
     assert found(root) == [("totals", "meta/info.json"), ("metadata", "meta")]
     (root / "meta" / "episodes.jsonl").write_text("{")
-    assert set(found(root)) == {("metadata", "meta")}
+    assert set(found(root)) == {("totals", "meta/info.json"), ("metadata", "meta")}
 
 
 @VERSIONS
@@ -192,11 +153,9 @@ FAULTY_TIMES = {
 
 @VERSIONS
 @pytest.mark.parametrize("fault", FAULTY_TIMES)
-def test_times_that_lerobot_does_not_load_are_named_and_numbered_anew(tmp_path, version, fault):
+def test_times_that_lerobot_does_not_load_are_named(tmp_path, version, fault):
     change, episodes, words = FAULTY_TIMES[fault]
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
-    old = folders.read(root)
-    rows = {file: pq.read_table(file) for file in (root / "data").rglob("*.parquet")}
     change_times(root, change)
     with pytest.raises(AssertionError):
         folders.read(root)  # which demands what LeRobot does
@@ -204,57 +163,15 @@ def test_times_that_lerobot_does_not_load_are_named_and_numbered_anew(tmp_path, 
     assert defect.place == episodes
     assert defect.sentence.startswith("LeRobot cannot load these rows: ")
     assert words in defect.sentence
-    assert defect.sentence.endswith("; rpil check --fix writes frame_index / 20 in their place")
-    with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load .* --fix"):
-        formats.keep(root, tmp_path / "kept", [1, 2, 3, 4])
+    assert defect.sentence.endswith("; write frame_index / 20 in their place")
+    if version == "v3.0":
+        with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
+            formats.keep(root, tmp_path / "kept", [1, 2, 3, 4])
     named = episodes.replace("all 5 episodes", "episodes 1 to 4")
     with pytest.warns(UserWarning, match=rf"drive, timestamps of {named}: LeRobot cannot load"):
         formats.keep(root, tmp_path / "kept.json", [1, 2, 3, 4])
     if named == episodes:  # nothing is told of others
         formats.keep(root, tmp_path / "right.json", [0])
-    before = {file: file.read_bytes() for file in rows}
-    first, *_ = mend(root)
-    assert first == f"Timestamps of {episodes} are frame_index / 20 now; the old files end in .bak."
-    assert found(root) == []
-    for file, table in rows.items():
-        assert pq.read_table(file).equals(table), "nothing else has changed, nor the type"
-        backup = file.with_name(f"{file.name}.bak")
-        assert not backup.exists() or backup.read_bytes() == before[file]
-    assert len(folders.read(root)) == len(old)
-    assert mend(root) == []
-
-
-def test_statistics_are_those_of_the_new_times(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS)
-    truth = (root / "meta" / "stats.json").read_text()
-    change_times(root, lambda m, k, t: t * SLOW)
-    stats = json.loads(truth) | {"timestamp": folders.statistics(folders.read_times(root))}
-    (root / "meta" / "stats.json").write_text(json.dumps(stats))
-    assert found(root) == [("timestamps", "all 5 episodes")]
-    times, statistics = mend(root)
-    assert "Timestamps of all 5" in times
-    assert "stats.json" in statistics
-    assert found(root) == []
-    now = json.loads((root / "meta" / "stats.json").read_text())["timestamp"]
-    np.testing.assert_allclose(now["max"], json.loads(truth)["timestamp"]["max"])
-
-
-@VERSIONS
-def test_times_are_not_numbered_anew_where_frames_and_rows_differ(tmp_path, version):
-    root = folders.write(tmp_path / "drive", LENGTHS, version, per_file=1)
-    change_times(root, lambda m, k, t: t * SLOW)
-    change_info(root, total_frames=7)
-    video = sorted((root / "videos").rglob("*.mp4"))[3]
-    folders.write_video(video, folders.pictures(3, LENGTHS[3] - 2), "libx264", {"g": "2"})
-    before = {file: file.read_bytes() for file in root.rglob("*") if file.is_file()}
-    refusal = r"timestamps are not written again, because .*front has 26 frames for 28 rows \(frame count, 3\); mend"
-    with pytest.raises(DataError, match=refusal):
-        mend(root)
-    video.unlink()
-    with pytest.raises(DataError, match=r"because 1 of 5 files are not there"):
-        mend(root)
-    video.write_bytes(before[video])
-    assert {file: file.read_bytes() for file in root.rglob("*") if file.is_file()} == before
 
 
 def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
@@ -262,23 +179,9 @@ def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
     change_times(root, lambda m, k, t: t * SLOW + 3)
     (defect,) = (one for one in find_defects(root, False) if one.what == "timestamps")
     assert defect.sentence.startswith("declared are 20 frames a second, recorded 18.5; timestamps are up to ")
-    assert "off; LeRobot loads these rows all the same, for they have no videos; rpil check" in defect.sentence
-    assert "frame_index / 20 now" in mend(root)[0]
-    assert found(root) == []
-    change_times(root, lambda m, k, t: t + 3)  # another start is no fault there
+    assert "off; LeRobot loads these rows all the same, for they have no videos; write frame" in defect.sentence
+    change_times(root, lambda m, k, t: t / SLOW)  # another start is no fault there
     assert "timestamps" not in dict(found(root))
-
-
-def test_data_that_are_links_keep_their_times(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS)
-    change_times(root, lambda m, k, t: t * SLOW)
-    file = root / "data" / "chunk-000" / "file-001.parquet"
-    file.rename(root / "data" / "other")
-    file.symlink_to(root / "data" / "other")
-    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
-    with pytest.raises(DataError, match=r"file-001\.parquet: it is a link, and is not mended"):
-        mend(root)
-    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
 
 
 def change_episodes(root, **values):
@@ -314,7 +217,7 @@ def test_times_of_videos_with_more_frames_than_rows_are_told_by_keep(tmp_path):
 
 
 def test_keep_names_one_fault_of_each_kind_and_the_number_of_others(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    root = folders.write(tmp_path / "drive", LENGTHS, per_file=1)
     for file in [*(root / "videos").rglob("*.mp4")][:3]:
         folders.write_video(file, folders.pictures(0, 4), "libx264", {"g": "2"})
     said = r"kept, frame count of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
@@ -331,9 +234,6 @@ def test_frames_between_those_of_the_rows_are_named(tmp_path):
         "LeRobot cannot load it, for observation.images.front is up to 0.012 s off"
         in find_defects(root, False)[0].sentence
     )
-    change_times(root, lambda m, k, t: t * SLOW)
-    with pytest.raises(DataError, match=r"frame times, 0\)"):
-        mend(root)
 
 
 def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):

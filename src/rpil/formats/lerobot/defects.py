@@ -1,11 +1,9 @@
-"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data; some of it can be mended."""
+"""Whether what LeRobot's ``meta`` says, and its videos, agree with the data."""
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,20 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import spans
-from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.episode_records import read_episodes, read_lines
-from rpil.formats.lerobot.kept import PATHS, frames_as_times, video_place
+from rpil.formats.lerobot.kept import PATHS, video_place
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.lerobot.video_faults import NEAR_SECONDS, find_faults
 from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate
-from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
@@ -111,11 +106,6 @@ class CheckedFolder:
             rows = []
         return {int(row["episode_index"]): row for row in rows}
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the data hold the episodes that ``meta`` lists, and no others."""
-        return self.data.keys() == self.episodes.keys()
-
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
         """Where the frames of each episode that is there, `only` these or all, are, by camera."""
         found, size = [], chunk_size(self.info)
@@ -168,8 +158,8 @@ def in_times(folder: CheckedFolder, only: Collection[str] | None = None) -> Iter
         why = "a timestamp is no number" if np.isnan(off) else why
         loads = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         said = f"LeRobot cannot load these rows: {why}" if cameras(folder.info, "video") else loads
-        remedy = f"rpil check --fix writes frame_index / {fps:.6g} in their place"
-        yield Defect("timestamps", _named([*wrong], folder), f"{said}; {remedy}", True)
+        remedy = f"write frame_index / {fps:.6g} in their place"
+        yield Defect("timestamps", _named([*wrong], folder), f"{said}; {remedy}")
 
 
 def _named(episodes: Sequence[int], folder: CheckedFolder) -> str:
@@ -193,15 +183,12 @@ def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
     return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
 
 
-def _totals(folder: CheckedFolder) -> dict[str, int]:
-    return {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
-
-
 def _in_totals(folder: CheckedFolder) -> Iterator[Defect]:
-    for name, number in _totals(folder).items():
+    totals = {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
+    for name, number in totals.items():
         if folder.info.get(name, number) != number:
             said = f"{name} is {str(folder.info[name])[:40]}, and the data hold {number}"
-            yield Defect("totals", INFO, said, folder.is_whole)
+            yield Defect("totals", INFO, said)
 
 
 def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
@@ -232,11 +219,11 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
 
 def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
     place = folder.path / STATS
-    if not place.is_file() or not folder.is_whole:
+    if not place.is_file() or folder.data.keys() != folder.episodes.keys():
         return
     is_off, said = any(rows.off for rows in folder.data.values()), read_json(place)
     for name, found in stats.of_data(folder.path / "data", said).items():
-        known = () if is_off and name == "timestamp" else ("min", "max", "mean", "std")  # times are mended first
+        known = () if is_off and name == "timestamp" else ("min", "max", "mean", "std")
         names = [what for what in known if what in said[name]]
         largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
         for what in names:
@@ -244,60 +231,5 @@ def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
             here, data = np.ravel(said[name][what]), np.ravel(found[what])
             if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
                 numbers = (commas([f"{number:.6g}" for number in values], 3) for values in (here, data))
-                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers), True)
+                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers))
                 break
-
-
-def mend(path: Path) -> list[str]:
-    """Write times, totals and statistics of numbers again where they are wrong; the sentences on what was done.
-
-    A backup of each file lies beside it, with the extension .bak, or .bak2 and so on. A `DataError` where times are
-    wrong, and a camera has not one frame for each row.
-    """
-    with guarded(path / "meta"):
-        done = _mend_times(CheckedFolder(path))
-        folder, new = CheckedFolder(path), {}  # with the new times
-        if folder.is_whole and list(_in_totals(folder)):
-            new[INFO] = json.dumps(folder.info | _totals(folder), indent=4)
-        if list(_in_statistics(folder)):
-            said = read_json(path / STATS)
-            new[STATS] = json.dumps(said | stats.of_data(path / "data", said), indent=4)
-        for name in new:
-            _refuse_link(path, name)
-    return done + [_replace(path / name, partial(Path.write_text, data=text)) for name, text in new.items()]
-
-
-def _mend_times(folder: CheckedFolder) -> list[str]:
-    """Number the wrong times anew, by the frames a second that are declared."""
-    wrong, fps = [m for m, rows in folder.data.items() if rows.off], frame_rate(folder.info.get("fps"))
-    if fps is None or not wrong:
-        return []
-    for what, place, fault in find_faults([shot for shot in folder.shots() if shot.episode in wrong], fps, look=False):
-        said = f"{folder.path}: timestamps are not written again, because {fault} ({what}, {place})"
-        raise DataError(f"{said}; mend the videos first, or leave the episode out.")
-
-    names, options = dict.fromkeys(folder.data[m].file for m in wrong), ColumnOptions(id="episode_index")
-    for name in names:
-        _refuse_link(folder.path, name)
-    ids, change = {*map(str, folder.data)}, partial(frames_as_times, episodes=wrong, fps=fps)
-    for name in names:
-        _replace(folder.path / name, partial(keep_rows, folder.path / name, ids=ids, options=options, change=change))
-    return [f"Timestamps of {_named(wrong, folder)} are frame_index / {fps:.6g} now; the old files end in .bak."]
-
-
-def _refuse_link(path: Path, name: str) -> None:
-    """A `DataError` where a file of the folder is a link, as in the Hub's cache, where all snapshots share a file."""
-    if os.path.realpath(path / name) != os.path.join(os.path.realpath(path), *name.split("/")):
-        raise DataError(f"{path / name}: it is a link, and is not mended; mend a copy of the folder (cp -rL).")
-
-
-def _replace(place: Path, write: Callable[[Path], object]) -> str:
-    """Let a function write a file anew, after a backup."""
-    backup = place.with_name(f"{place.name}.bak")
-    number = 2
-    while backup.exists():
-        backup, number = place.with_name(f"{place.name}.bak{number}"), number + 1
-    shutil.copyfile(place, backup)
-    with replacing(place) as temporary:
-        write(temporary)
-    return f"Written again: {place}; what it was is in {backup.name}."

@@ -31,7 +31,6 @@ from rpil.formats.lerobot.defects import (
     find_shots,
     in_times,
     in_videos,
-    mend,
 )
 from rpil.formats.lerobot.episode_records import EpisodeLines, EpisodeTable
 from rpil.formats.lerobot.kept import PATHS, Kept
@@ -218,6 +217,5 @@ FORMAT = Format(
     notes_on_weights=(WEIGHTS,),
     stays_on_disk=has_parquet,
     find_defects=find_defects,
-    mend=mend,
     shots=find_shots,
 )

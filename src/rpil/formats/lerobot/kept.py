@@ -183,10 +183,3 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
-
-
-def frames_as_times(table: pa.Table, episodes: Sequence[int], fps: float) -> pa.Table:
-    """The table, in which the timestamps of some episodes are frame_index / `fps`."""
-    is_one = np.isin(table["episode_index"].to_numpy(), episodes)
-    times = np.where(is_one, table["frame_index"].to_numpy() / fps, table["timestamp"].to_numpy())
-    return with_column(table, "timestamp", times)
