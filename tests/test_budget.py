@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3439, 50),
     "estimators": (2350, 15),
     "faults": (2294, 81),
-    "formats": (9354, 124),
+    "formats": (9457, 124),
     "inference": (2732, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
