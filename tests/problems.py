@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.special import softmax
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.mixture.adversaries.named import adversary
@@ -256,7 +261,19 @@ def two_styles(
     return Demonstrations.from_arrays(observations, actions.astype(int), offsets), second[offsets[:-1]]
 
 
-def one_sentence(error: Any) -> bool:
-    """Whether the message of an error that pytest caught is one sentence."""
-    message = str(error.value)
-    return message.endswith(".") and ". " not in message.replace("\n", " ")
+@contextmanager
+def refused(match: str | None = None, error: type[Exception] = DataError) -> Iterator[Any]:
+    """The block fails with one sentence, on one line."""
+    with pytest.raises(error, match=match) as caught:
+        yield caught
+    message = str(caught.value)
+    assert message.endswith(".")
+    assert ". " not in message
+    assert "\n" not in message
+
+
+def refused_file(match: str, call: Callable[..., Any], path: Path, *arguments: Any) -> None:
+    """A function of a file fails with one sentence that names it."""
+    with refused(match) as caught:
+        call(path, *arguments)
+    assert path.name in str(caught.value)

@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from problems import refused
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 
 X = np.arange(10.0).reshape(5, 2)
 Y = np.array([0, 1, 1, 0, 2])
@@ -16,15 +16,11 @@ def small(**changes):
     return Demonstrations.from_arrays(**arguments)
 
 
-def refused(match, call, *arguments, **keywords):
+def refusal(match, call, *arguments, **keywords):
     """Assert that the call raises a DataError of one sentence matching `match`."""
-    with pytest.raises(DataError, match=match) as caught:
+    with refused(match) as caught:
         call(*arguments, **keywords)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.endswith(".")
-    assert ". " not in message
-    return message
+    return str(caught.value)
 
 
 def test_properties():
@@ -64,7 +60,7 @@ def test_a_position_is_an_episode_and_more_are_demonstrations():
     assert d[::-1].actions.tolist() == [1, 0, 2, 0, 1]
     with pytest.raises(IndexError):
         d[2]
-    refused(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
+    refusal(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
 
 
 def test_thousands_are_told_apart_in_text():
@@ -74,7 +70,7 @@ def test_thousands_are_told_apart_in_text():
 
 @pytest.mark.parametrize("groups", [[0, 0, 1, 1, 1], ["a", "a", "b", "b", "b"], [0.0, 0.0, 1.0, 1.0, 1.0]])
 def test_groups_in_the_place_of_offsets_are_sent_to_from_groups(groups):
-    refused("has a value for each of the 5 rows, .*; use Demonstrations.from_groups", small, offsets=groups)
+    refusal("has a value for each of the 5 rows, .*; use Demonstrations.from_groups", small, offsets=groups)
     assert Demonstrations.from_groups(X, Y, groups).offsets.tolist() == OFFSETS
     one_step_and_more = [0, 1, 2, 3, 5]  # five offsets of five rows
     assert small(offsets=one_step_and_more, ids=None).lengths.tolist() == [1, 1, 1, 2]
@@ -154,8 +150,8 @@ def test_select():
     assert back.observation_names == ("u", "v")
     assert back.source == "x.npz"
     assert d.select([False, True]).ids == d.select(1).ids == d.select(slice(1, None)).ids == ("b",)
-    refused("x.npz: there are no demonstrations", d.select, [])
-    refused("'a' appears twice", d.select, [0, 0])
+    refusal("x.npz: there are no demonstrations", d.select, [])
+    refusal("'a' appears twice", d.select, [0, 0])
 
 
 def changed(array, row, column, value):
@@ -213,7 +209,7 @@ def changed(array, row, column, value):
     ],
 )
 def test_bad_arrays(changes, match):
-    assert refused(match, small, **changes).startswith("x.npz")
+    assert refusal(match, small, **changes).startswith("x.npz")
 
 
 @pytest.mark.parametrize(
@@ -235,13 +231,13 @@ def test_bad_arrays(changes, match):
     ],
 )
 def test_bad_episodes(second, match):
-    refused(match, Demonstrations.from_episodes, [(X, Y), second], ids=["a", "b"])
+    refusal(match, Demonstrations.from_episodes, [(X, Y), second], ids=["a", "b"])
 
 
 def test_bad_episode_lists():
-    refused("no demonstrations", Demonstrations.from_episodes, [])
-    refused("one id", Demonstrations.from_episodes, [(X, Y)], ids=["a", "b"])
-    refused("appears twice", Demonstrations.from_episodes, [(X, Y), (X, Y)], ids=["a", "a"])
+    refusal("no demonstrations", Demonstrations.from_episodes, [])
+    refusal("one id", Demonstrations.from_episodes, [(X, Y)], ids=["a", "b"])
+    refusal("appears twice", Demonstrations.from_episodes, [(X, Y), (X, Y)], ids=["a", "a"])
 
 
 @pytest.mark.parametrize(
@@ -257,4 +253,4 @@ def test_bad_episode_lists():
     ],
 )
 def test_bad_groups(X, y, groups, match):
-    refused(match, Demonstrations.from_groups, X, y, groups)
+    refusal(match, Demonstrations.from_groups, X, y, groups)

@@ -7,9 +7,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
+from problems import refused_file
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 
 SUFFIXES = [".parquet", ".csv", ".npz"]
 NASTY = [[0.1, -0.0], [np.nextafter(1, 2), 5e-324], [1e308, -1 / 3], [0.0, 2.0**60], [np.pi, 1e-17]]
@@ -34,17 +34,6 @@ def same(one, other, dtype=None):
         assert a.tolist() == b.tolist()
         if a.dtype.kind == "f":
             assert a.tobytes() == b.tobytes()  # -0.0 is 0.0 to ==
-
-
-def refused(match, call, path, *arguments):
-    """Assert that the call raises a DataError of one sentence naming the file and matching `match`."""
-    with pytest.raises(DataError, match=match) as caught:
-        call(path, *arguments)
-    message = str(caught.value)
-    assert path.name in message
-    assert "\n" not in message
-    assert message.endswith(".")
-    assert ". " not in message
 
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, ".CSV"])
@@ -218,12 +207,12 @@ def test_other_parquet_types(tmp_path):
 )
 def test_bad_tables(path, changes, match):
     match = match.replace("(", r"\(").replace(")", r"\)")
-    refused(match, formats.read, write_table(path, **columns(**changes)))
+    refused_file(match, formats.read, write_table(path, **columns(**changes)))
 
 
 def test_repeated_columns(path):
     table = pa.table([[1, 1], [2, 3], [4, 5], [0, 1]], names=["episode_index", "obs_x", "obs_x", "action"])
-    refused("column 'obs_x' appears twice", formats.read, write_table(path, table=table))
+    refused_file("column 'obs_x' appears twice", formats.read, write_table(path, table=table))
 
 
 @pytest.mark.parametrize(
@@ -241,20 +230,20 @@ def test_repeated_columns(path):
     ],
 )
 def test_bad_parquet_tables(tmp_path, changes, match):
-    refused(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
+    refused_file(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_damaged_files(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
-    refused("no such file", formats.read, path)
+    refused_file("no such file", formats.read, path)
     path.touch()
-    refused("the file is empty", formats.read, path)
+    refused_file("the file is empty", formats.read, path)
     formats.write(path, demonstrations())
     whole = path.read_bytes()
     for damaged in (whole[:-9], b"\xff\x00 rubbish", b"\n", whole[: len(whole) // 2] + b"\n\xff"):
         path.write_bytes(damaged)
-        refused("damaged or truncated", formats.read, path)
+        refused_file("damaged or truncated", formats.read, path)
 
 
 def test_one_wrong_byte_in_a_parquet_file_is_noticed(tmp_path):
@@ -264,15 +253,15 @@ def test_one_wrong_byte_in_a_parquet_file_is_noticed(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) * 2 // 3] ^= 1  # the first third is step_index, which is not read
     path.write_bytes(data)
-    refused("damaged or truncated", formats.read, path)
+    refused_file("damaged or truncated", formats.read, path)
 
 
 def test_unknown_extensions(tmp_path):
     path = tmp_path / "x.xlsx"
     path.write_text("x")
     for call in (formats.read, formats.check_format, lambda path: formats.write(path, demonstrations())):
-        refused("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
-    refused("there is no such file or folder; perhaps it is .*x.xlsx", formats.read, tmp_path / "x.xls")
+        refused_file("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
+    refused_file("there is no such file or folder; perhaps it is .*x.xlsx", formats.read, tmp_path / "x.xls")
 
 
 def npz(path, **changes):
@@ -294,13 +283,13 @@ def npz(path, **changes):
     ],
 )
 def test_bad_npz(tmp_path, changes, match):
-    refused(match, formats.read, npz(tmp_path / "x.npz", **changes))
+    refused_file(match, formats.read, npz(tmp_path / "x.npz", **changes))
 
 
 @pytest.mark.parametrize("options", [{"exclude": "height"}, {"order": "time"}])
 def test_options_of_columns_are_refused_for_npz(tmp_path, options):
     call = partial(formats.read, **options)
-    refused(f"holds arrays and no columns; leave out {next(iter(options))}=", call, npz(tmp_path / "x.npz"))
+    refused_file(f"holds arrays and no columns; leave out {next(iter(options))}=", call, npz(tmp_path / "x.npz"))
 
 
 def test_npz_truth_is_never_read(tmp_path):
@@ -312,8 +301,8 @@ def test_npz_truth_is_never_read(tmp_path):
 def test_bad_truth(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
     for name in ("action_noise", "observation.x", "episode_index", "actions", "step_index"):
-        refused("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
-    refused("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
+        refused_file("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
+    refused_file("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
     assert not path.exists()
 
 
@@ -327,10 +316,10 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, suffix, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", crash)
-    refused("No space left", formats.write, path, demonstrations().select([0]))
+    refused_file("No space left", formats.write, path, demonstrations().select([0]))
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == [path.name]
-    refused("no folder", formats.write, tmp_path / "no" / path.name, demonstrations())
+    refused_file("no folder", formats.write, tmp_path / "no" / path.name, demonstrations())
 
 
 def test_importing_the_formats_does_not_import_pyarrow():

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems import make, one_sentence
+from problems import make, refused
 from rpil import RPIL
-from rpil.data.errors import DataError
 from rpil.data.recorded_facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
 from rpil.estimators.task import Task, answers_of
 
@@ -60,10 +59,8 @@ def test_selected_facts_are_those_of_the_same_demonstrations():
     ],
 )
 def test_an_outcome_that_tells_nothing_is_refused(given, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(rf"a\.csv.*{words}"):
         check_outcome(np.array(given), "the outcome 'success'", "a.csv")
-    assert one_sentence(error)
-    assert "a.csv" in str(error.value)
 
 
 def test_outcomes_by_id_leave_others_unknown():
@@ -77,23 +74,20 @@ def test_outcomes_by_id_leave_others_unknown():
     [({"d": 1.0}, "no demonstration is called 'd'"), ([1, 2], r"shape \(2,\)"), (["x", 1, 2], "no number")],
 )
 def test_wrong_outcomes_are_refused(given, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(words):
         given_outcome(given, "abc", "a.csv")
-    assert one_sentence(error)
 
 
 def test_a_place_that_is_missing_is_refused():
     np.testing.assert_array_equal(given_order([2, 1, 3], "abc", "a"), [2, 1, 3])
-    with pytest.raises(DataError, match=r"demonstration 'b'.*nan") as error:
+    with refused(r"demonstration 'b'.*nan"):
         given_order([0, NAN, 1], "abc", "a.csv")
-    assert one_sentence(error)
 
 
 @pytest.mark.parametrize(("sessions", "name"), [("abc", "day"), ("abc", "file"), ("aaa", "file")])
 def test_sessions_that_divide_nothing_are_refused(sessions, name):
-    with pytest.raises(DataError, match="makes no sessions") as error:
+    with refused("makes no sessions"):
         check_sessions(tuple(sessions), name, "a.csv")
-    assert one_sentence(error)
 
 
 def test_sessions_that_some_share_are_taken():
@@ -109,6 +103,5 @@ def test_a_fit_checks_outcome_and_order_and_its_task_holds_them():
     np.testing.assert_array_equal(task.order, np.arange(len(data)))
     assert (Task.of(data).answers.any, Task.of(data).order) == (False, None)
     for given in ({"outcome": np.ones(len(data))}, {"order": [0.0]}):
-        with pytest.raises(DataError) as error:
+        with refused():
             RPIL().fit(data, **given)
-        assert one_sentence(error)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems import one_sentence
+from problems import refused
 from rpil import Demonstrations
-from rpil.data.errors import DataError
 from rpil.data.reference import with_reference
 
 RNG = np.random.default_rng(0)
@@ -56,7 +55,5 @@ def test_columns_in_another_order_are_matched_by_name():
     ],
 )
 def test_other_observations_or_actions_are_refused(other, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(rf"^b\.csv.*{words}"):
         with_reference(some(2), other)
-    assert one_sentence(error)
-    assert str(error.value).startswith("b.csv")

@@ -10,7 +10,7 @@ import pytest
 from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
-from problems import Toy, continuous_zoo, make, make_continuous, one_sentence
+from problems import Toy, continuous_zoo, make, make_continuous, refused
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -196,12 +196,10 @@ def test_score_demonstrations_of_new_data():
     np.testing.assert_allclose(single, found)
     arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
     np.testing.assert_array_equal(arrays, found)
-    with pytest.raises(DataError, match="the actions are discrete, and the fitted ones were not") as error:
+    with refused("the actions are discrete, and the fitted ones were not"):
         model.score_demonstrations(make("random", 0, n_observations=3).demonstrations)
-    assert one_sentence(error)
-    with pytest.raises(DataError) as error:  # another number of parts
+    with refused():  # another number of parts
         model.score_demonstrations(make_continuous("random", 0, n_parts=1).demonstrations)
-    assert one_sentence(error)
 
 
 def test_score_demonstrations_outside_the_box():

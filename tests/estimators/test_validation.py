@@ -7,7 +7,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
-from problems import make, make_continuous, one_sentence
+from problems import make, make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
@@ -34,18 +34,16 @@ ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 )
 def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
     toy = make_continuous("random", 0)
-    with pytest.raises(DataError, match=words) as error:
+    with refused(words):
         RPIL(action_box=box).fit(toy.demonstrations)
-    assert one_sentence(error)
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
     toy = make_continuous("random", 0)
     same = Demonstrations.from_arrays(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
-    with pytest.raises(DataError, match="every action is the same; give demonstrations with two at least") as error:
+    with refused("every action is the same; give demonstrations with two at least"):
         clone(estimator).fit(same)
-    assert one_sentence(error)
     spoiled = toy.actions.copy()
     spoiled[3, 1] = np.nan
     with pytest.raises(ValueError, match="NaN"):
@@ -55,12 +53,10 @@ def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
 @pytest.mark.parametrize("kind", [RPIL, RMEnt])
 def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
     toy = make("random", 0)
-    with pytest.raises(DataError, match=rf"pass groups=, .* {kind.__name__}\(groups='rows'\)") as error:
+    with refused(rf"pass groups=, .* {kind.__name__}\(groups='rows'\)"):
         kind().fit(toy.observations, toy.actions)
-    assert one_sentence(error)
-    with pytest.raises(DataError, match=r"groups='row' in .* is unknown; leave it out, or give 'rows'") as error:
+    with refused(r"groups='row' in .* is unknown; leave it out, or give 'rows'"):
         kind(groups="row").fit(toy.observations, toy.actions)
-    assert one_sentence(error)
     kind().fit(toy.observations, toy.actions, groups=toy.groups)
 
 
@@ -95,9 +91,8 @@ def test_labels_take_the_same_words_as_files(good, bad):
 
 
 def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
-    with pytest.raises(DataError, match="the actions are discrete, which no action_box fits; leave it out") as error:
+    with refused("the actions are discrete, which no action_box fits; leave it out"):
         RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
-    assert one_sentence(error)
 
 
 def test_unfitted_estimators_raise():
@@ -145,11 +140,8 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
     ],
 )
 def test_errors_are_one_sentence(model, data, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(words):
         model.fit(data)
-    message = str(error.value)
-    assert message.endswith(".")
-    assert ". " not in message.replace("\n", " ")
 
 
 @pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])
@@ -162,6 +154,5 @@ def test_zero_and_negative_sample_weights_are_refused(weight, words):
 def test_adversary_for_other_actions_is_refused():
     toy = make_continuous("random", 0)
     for which in ("complement", "confusion", "constant", "normalised complement"):
-        with pytest.raises(DataError, match=f"'{which}' for continuous actions; choose auto, uniform") as error:
+        with refused(f"'{which}' for continuous actions; choose auto, uniform"):
             RPIL(adversary=which).fit(toy.demonstrations)
-        assert one_sentence(error)

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
+from problems import refused
 from rpil.data.errors import DataError
 from rpil.formats.columns import Columns
 from rpil.formats.layout import Layout
@@ -119,9 +120,8 @@ def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_dis
     ],
 )
 def test_names_of_nothing_are_refused(tmp_path, options, message):
-    with pytest.raises(DataError, match=message) as caught:
+    with refused(message):
         recorded(tmp_path, False, **options)
-    assert ". " not in str(caught.value)
 
 
 def test_one_number_of_a_list_of_whole_numbers_is_an_amount(tmp_path):

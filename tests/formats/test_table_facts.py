@@ -13,7 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from problems import one_sentence
+from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
@@ -122,12 +122,10 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     assert facts(path, on_disk).outcome is None
     seen = formats.read_recording(path, ColumnOptions(outcome="half"), on_disk=on_disk)
     assert "half" not in seen.description.observations
-    with pytest.raises(DataError, match=r"'half' changes within .*'next.success', 'reward', 'length'") as e:
+    with refused(r"'half' changes within .*'next.success', 'reward', 'length'"):
         seen.facts  # noqa: B018
-    assert one_sentence(e)
-    with pytest.raises(DataError, match="'nothing'") as e:
+    with refused("'nothing'"):
         facts(path, on_disk, outcome="nothing")
-    assert one_sentence(e)
 
 
 @pytest.mark.parametrize(("suffix", "on_disk"), READS)
@@ -191,9 +189,8 @@ def test_a_flag_is_no_id(tmp_path, name, values):
     pa.csv.write_csv(frame, tmp_path / "a.csv")
     said = f"column '{name}' is yes or no, and no id; where it marks the ends of demonstrations, .*: numpy.cumsum"
     for file, on_disk in (("a.parquet", False), ("a.parquet", True), ("a.csv", False)):
-        with pytest.raises(DataError, match=said) as e:
+        with refused(said):
             formats.read_recording(tmp_path / file, ColumnOptions(id=name), on_disk=on_disk)
-        assert one_sentence(e)
     with pytest.raises(DataError, match=said):
         read_frame(frame, ColumnOptions(id=name))
     np.savez(tmp_path / "a.npz", observations=STATES[:15], actions=OWNERS, **{name: rows[:15] == 1})
@@ -209,9 +206,8 @@ def test_sessions_are_read_and_no_observations(tmp_path, suffix, on_disk):
     assert "day" not in recording.description.observations
     assert facts(path, on_disk, session="file").sessions == (path.name,) * 3
     assert facts(path, on_disk).sessions == ()
-    with pytest.raises(DataError, match="demonstration 0: column 'half' changes") as error:
+    with refused("demonstration 0: column 'half' changes"):
         facts(path, on_disk, session="half")
-    assert one_sentence(error)
 
 
 def test_rows_in_any_order_give_the_same_facts(tmp_path):
@@ -226,9 +222,8 @@ def test_rows_in_any_order_give_the_same_facts(tmp_path):
 def test_an_outcome_that_is_named_as_data_too_is_refused(tmp_path):
     path = written(tmp_path, "parquet")
     for options in ({"observations": "x,half"}, {"action": "half"}, {"id": "half"}):
-        with pytest.raises(DataError, match="'half' is the id, an observation or part of the action") as error:
+        with refused("'half' is the id, an observation or part of the action"):
             facts(path, outcome="half", **options)
-        assert one_sentence(error)
 
 
 def test_missing_values_are_unknown_outcomes(tmp_path):
@@ -239,9 +234,8 @@ def test_missing_values_are_unknown_outcomes(tmp_path):
 
 
 def test_text_is_no_outcome(tmp_path):
-    with pytest.raises(DataError, match="'day' is not of one number for each step; name another") as error:
+    with refused("'day' is not of one number for each step; name another"):
         facts(written(tmp_path, "csv"), outcome="day")
-    assert one_sentence(error)
 
 
 @pytest.mark.parametrize("name", ["robomimic", "aloha", "Minari, Arrow", "imitation", "Zarr 2"])
@@ -264,6 +258,5 @@ def test_lists_of_episodes_of_lerobot_are_outcomes(tmp_path, on_disk, given):
     options = {"splits.drop": "--outcome -splits.drop", "splits.kept": "--outcome splits.kept"}
     assert read.description.outcomes == options
     for wrong in ("splits.odd", "splits.other"):
-        with pytest.raises(DataError, match="'train', 'drop', 'kept'") as error:
+        with refused("'train', 'drop', 'kept'"):
             facts(path, on_disk, outcome=wrong)
-        assert one_sentence(error)

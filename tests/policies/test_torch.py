@@ -10,7 +10,7 @@ import pytest
 from scipy.special import expit
 from sklearn.metrics import roc_auc_score
 
-from problems import make, one_sentence
+from problems import make, refused
 from rpil import RPIL, Demonstrations, TorchPolicy, save
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.fit_data import FitData
@@ -286,9 +286,8 @@ def test_check_whole_numbers_names_the_parameter(value):
     ],
 )
 def test_parameters_that_make_no_sense(wrong, words):
-    with pytest.raises(DataError, match=words) as told:
+    with refused(words):
         TorchPolicy(**wrong)
-    assert one_sentence(told)
 
 
 def test_what_is_not_finite_is_said_in_one_sentence():
@@ -297,13 +296,11 @@ def test_what_is_not_finite_is_said_in_one_sentence():
     broken = problem.features.copy()
     broken[17] = np.nan
     quick = TorchPolicy(hidden=(8,), epochs=3)
-    with np.errstate(invalid="ignore"), pytest.raises(DataError, match="loss is not finite in epoch 1") as told:
+    with np.errstate(invalid="ignore"), refused("loss is not finite in epoch 1"):
         quick.fit(replace(problem, features=broken), ones)
-    assert one_sentence(told)
     policy, _ = quick.fit(problem, ones)
-    with pytest.raises(DataError, match="outputs are not finite") as told:
+    with refused("outputs are not finite"):
         policy.outputs(broken)
-    assert one_sentence(told)
     with pytest.raises(DataError, match="call fit first"):
         TorchPolicy().outputs(problem.features)
     with pytest.raises(DataError, match="device='nowhere'"):
@@ -323,8 +320,7 @@ def test_cuda_agrees_with_the_cpu():
 def test_without_torch_the_extra_is_named(monkeypatch):
     problem, _ = nonlinear(0, n=6, n_bad=0)
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(MissingExtraError, match=r"rpil\[torch\]") as told:
+    with refused(r"rpil\[torch\]", MissingExtraError):
         TorchPolicy().fit(problem, np.ones(len(problem.actions)))
-    assert one_sentence(told)
     untouched = TorchPolicy(space=Discrete(3)).outputs(problem.features)
     assert untouched.shape == (240, 3)

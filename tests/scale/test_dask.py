@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from command_line import call
-from problems import make, make_continuous
+from problems import make, make_continuous, refused
 from rpil import DaskEngine, DataError, formats, open_dataset
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
@@ -271,10 +271,8 @@ class Odd:
 def test_any_error_of_the_cluster_names_the_pass(error):
     odd = DaskEngine(Odd(error), n_shards=1).place([[np.ones(3)]])
     for number in (1, 2):
-        with pytest.raises(DataError, match=f"in pass {number} over the data.*{type(error).__name__}") as caught:
+        with refused(f"in pass {number} over the data.*{type(error).__name__}"):
             odd.total(_steps)
-        assert "\n" not in str(caught.value)
-        assert ". " not in str(caught.value)
     with pytest.raises(DataError, match="in pass 2 over the data"):
         odd.then(_steps)
     with pytest.raises(DataError, match="before the first pass"):

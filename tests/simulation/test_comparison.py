@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import rpil
+from problems import refused
 from rpil.data.errors import DataError
 from rpil.simulation import comparison
 from rpil.simulation.comparison import compare
@@ -185,10 +186,8 @@ def test_one_choice_is_a_table_without_sentences():
     ],
 )
 def test_errors_are_one_sentence(choices, outcome, seeds, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(words):
         compare(choices, same, lambda policy, seed: outcome, seeds=seeds)
-    assert str(error.value).endswith(".")
-    assert ". " not in str(error.value)
 
 
 def test_another_number_of_episodes_is_refused_at_once():

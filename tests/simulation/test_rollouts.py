@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from problems import one_sentence
+from problems import refused
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
@@ -196,12 +196,10 @@ def test_recording_nothing_gives_nothing():
     ],
 )
 def test_errors_are_one_sentence_with_the_place(policy, env_id, words):
-    with pytest.raises(DataError, match=words) as error:
+    with refused(words):
         rollout(policy, env_id, n_episodes=2, seed=0)
-    assert one_sentence(error)
-    with pytest.raises(DataError, match="n_episodes is 0") as error:
+    with refused("n_episodes is 0"):
         rollout(policy, env_id, n_episodes=0, seed=0)
-    assert one_sentence(error)
 
 
 def test_missing_gymnasium_names_the_extra(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from rpil.data.errors import DataError
+from problems import refused
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.discrete import Complement, Confusion, Marginal, Uniform
@@ -208,9 +208,8 @@ def test_given_confusion_is_never_learned():
     "bad", [[[0.5, 0.5]], [0.5, 0.5], [[1.0, 1.0], [0.0, 1.0]], [[1.5, -0.5], [0.0, 1.0]], [[np.nan, 1.0], [0.0, 1.0]]]
 )
 def test_given_confusion_must_be_square_rows_of_distributions(bad):
-    with pytest.raises(DataError, match="rows are distributions") as error:
+    with refused("rows are distributions"):
         Confusion.given(bad)
-    assert ". " not in str(error.value)
 
 
 def test_impossible_action_has_no_intended_action():
