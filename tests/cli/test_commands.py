@@ -168,7 +168,7 @@ def test_a_long_task_is_noted_by_its_beginning():
 
 def test_one_demonstration_is_refused():
     npz("data.npz", episode_ids=np.zeros(len(X), dtype=int))
-    refused("data.npz: one demonstration alone cannot be compared; give at least two", "audit", "data.npz")
+    refused(r"data.npz: one demonstration alone \(1 sample\) cannot be compared", "audit", "data.npz")
 
 
 SIMULATE = ["simulate", "--good", 1, "--bad", 1]
