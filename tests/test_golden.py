@@ -6,7 +6,10 @@ which is to be undone, or the format has changed, which asks for another version
 
 from __future__ import annotations
 
+import hashlib
 import json
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -49,6 +52,13 @@ def rounding_of(model):
 
 def test_no_file_is_missing():
     assert sorted(EXPECTED["models"]) == FILES
+
+
+def test_a_fresh_process_loads_every_file():
+    """Nothing but what `rpil.load` itself imports is there; the order has no kind of model first for all the others."""
+    names = sorted(FILES, key=lambda name: hashlib.sha256(name.encode()).digest())
+    program = "import sys, rpil\nfor path in sys.argv[1:]: rpil.load(path)"
+    subprocess.run([sys.executable, "-c", program, *(str(GOLDEN / name) for name in names)], check=True)
 
 
 @pytest.mark.parametrize("file", FILES)

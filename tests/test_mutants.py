@@ -78,9 +78,13 @@ def test_any_module_is_named_by_its_room_with_more_tests():
     """Modules of a name in two rooms stay apart; a module of `ROOMS` has the same tests with its room."""
     root = TOOL["ROOT"]
     assert TOOL["path_of"]("data/cells") == root / "src" / "rpil" / "data" / "cells.py"
-    assert TOOL["path_of"]("results/groups") != TOOL["path_of"]("groups") == TOOL["path_of"]("inference/groups")
+    assert TOOL["path_of"]("results/settings") != TOOL["path_of"]("inference/settings")
     assert TOOL["tests_of"]("results/choice") == TOOL["tests_of"]("choice")
-    assert [Path(name).name for name in TOOL["tests_of"]("results/groups")] == ["test_groups.py", "-m", "not slow"]
+    assert [Path(name).name for name in TOOL["tests_of"]("results/two_groups")] == [
+        "test_two_groups.py",
+        "-m",
+        "not slow",
+    ]
     named = TOOL["tests_of"]("choice", "cli/test_keep_rules.py", "results/test_text.py")
     assert [Path(name).name for name in named[:-2]] == ["test_choice.py", "test_keep_rules.py", "test_text.py"]
 

@@ -14,7 +14,7 @@ from rpil import Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
 from rpil.results.words import SIDES
-from rpil.scale.fit import Sample
+from rpil.scale.fit import JudgedSample
 from rpil.scale.local import InMemory, Streamed
 from rpil.scale.sample import draw_sample, is_large, sample_steps
 from small import SAMPLE, SMALL, small_rpil
@@ -155,7 +155,7 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
     more = Demonstrations.from_arrays(np.concatenate(rows), np.concatenate(actions), offsets)
     seen = []
-    monkeypatch.setattr(passes, "Sample", lambda *parts: seen.append(parts[1]) or Sample(*parts))
+    monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
     here, streamed = (small_rpil(engine=engine).fit(more) for engine in (InMemory(), Streamed()))
     np.testing.assert_array_equal(seen[0], seen[1])
     assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1

@@ -11,7 +11,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import Choice, SelectionSettings, _fit_least_squares, _median, choose_features
+from rpil.policies.selection import FeatureChoice, SelectionSettings, _fit_least_squares, _median, choose_features
 
 choose = partial(choose_features, settings=SelectionSettings())
 
@@ -97,7 +97,7 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
 
 def test_few_steps_are_enough():
     found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2))
-    assert isinstance(found, Choice)
+    assert isinstance(found, FeatureChoice)
 
 
 def test_a_noisy_rule_makes_a_policy_less_sure():

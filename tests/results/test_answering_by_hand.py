@@ -13,8 +13,8 @@ from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NOT_USED, doubts_of_answers, stretch_of, verdicts_of, where_to_look
-from rpil.results.groups import TWO_GROUPS
 from rpil.results.record import Demonstrator
+from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.words import WORDS
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}A has 3 demonstrations and B 3.", "Part 3 rests."

@@ -11,8 +11,8 @@ from audits import make_audit
 from rpil.faults.report import Fault, FaultReport
 from rpil.inference.answers import Answers
 from rpil.results.answering import stretch_of
-from rpil.results.groups import TWO_GROUPS
 from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.view import MAX_DRAWINGS, About, looking_order, make_view
 
 

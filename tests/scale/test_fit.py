@@ -13,7 +13,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import step_shares
 from rpil.results.step_weights import of_demonstrations, step_weight
-from rpil.scale.fit import Sample, StepWeights
+from rpil.scale.fit import JudgedSample, StepWeights
 from small import small_rpil
 
 
@@ -35,7 +35,7 @@ def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
         claims=SimpleNamespace(do_steps_tell=True),
         step_trust=SimpleNamespace(whole_from=0.6),
     )
-    weigh = StepWeights.of(audit, Sample(problem, np.arange(120), judgement, model.judge_), settings)
+    weigh = StepWeights.of(audit, JudgedSample(problem, np.arange(120), judgement, model.judge_), settings)
     log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
     kind, of_others = type(model.judge_.ratio), problem.per_step((~group).astype(float))
     others = kind.fit(problem, of_others, 1e-3, settings.held_out)
@@ -58,7 +58,9 @@ def test_without_others_the_steps_of_a_demonstration_weigh_the_same():
         claims=SimpleNamespace(do_steps_tell=False),
         step_trust=SimpleNamespace(whole_from=0.6),
     )
-    weigh = StepWeights.of(model.audit_, Sample(problem, np.arange(120), judgement, model.judge_), JudgeSettings())
+    weigh = StepWeights.of(
+        model.audit_, JudgedSample(problem, np.arange(120), judgement, model.judge_), JudgeSettings()
+    )
     np.testing.assert_allclose(weigh.steps(problem, slice(0, 120))[1], 0.5, atol=1e-6)
 
 

@@ -21,7 +21,7 @@ from rpil.results.record import Audit
 from rpil.results.view import About, make_view
 from rpil.results.words import SIDES
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import Policy, Returns, rollout
+from rpil.simulation.rollouts import Player, Returns, rollout
 
 OVERCOOKED, LUNARLANDER = "overcooked_cramped_room.npz", "lunarlander_corrupted.npz"
 """Files of the bundled data."""
@@ -119,7 +119,7 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     data = load_demonstrations(LUNARLANDER)
     model = fitted("LunarLander", data, LANDER_FEATURES)
     is_good = load_truth(LUNARLANDER, "is_good") == 1
-    policies: dict[str, Policy] = {
+    policies: dict[str, Player] = {
         "trust_all": BehavioralCloning(LANDER_FEATURES).fit(data),
         "rpil": model,
         "oracle": BehavioralCloning(LANDER_FEATURES).fit(data.select(is_good)),

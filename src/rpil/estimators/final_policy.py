@@ -11,7 +11,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-from rpil.policies.selection import Choice, SelectionSettings, choose_features
+from rpil.policies.selection import FeatureChoice, SelectionSettings, choose_features
 
 SINGLE_PRECISION_ENTRIES = 1_000_000
 """Entries of a design matrix above which it is in single precision: it no longer fits in the cache."""
@@ -33,13 +33,13 @@ class LinearPolicySpec:
     min_feature_weight: float = 0.0
     """See `rpil.estimators.settings.Settings`."""
 
-    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> Choice:
+    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> FeatureChoice:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
-            return Choice(self.features, self.selection.maps.ridge_per_step)
+            return FeatureChoice(self.features, self.selection.maps.ridge_per_step)
         return choose_features(data.observations, codes, data.offsets, weight, space, self.C, settings=self.selection)
 
-    def feature_map(self, choice: Choice, observations: Array, weight: Array) -> FeatureMap:
+    def feature_map(self, choice: FeatureChoice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""
         trusted = weight > self.min_feature_weight * min(weight.max(), 1.0)
         rows, used = observations[trusted], weight[trusted]

@@ -22,7 +22,7 @@ from rpil.results.evidence import by_policy_of_sample, traces, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
-from rpil.scale.fit import DesignMap, Sample, StepWeights, WeightedBlock, judge_everyone, score_block
+from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine, Shards
 from rpil.scale.sample import draw_sample
@@ -126,7 +126,7 @@ class SampledFit:
         audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
         return replace(audit, traces=self._traces(posed, _sample(posed, decision), audit)), total
 
-    def _traces(self, posed: JudgeInput, sample: Sample, audit: Audit) -> dict[Hashable, Traces]:
+    def _traces(self, posed: JudgeInput, sample: JudgedSample, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
         task, settings = self.task, self.options.settings.judge.held_out
         assert sample.judge.ratio is not None
@@ -137,12 +137,12 @@ class SampledFit:
         return traces(audit, by_policy_of_sample(sample.judgement, sample.judge.ratio, data, read, settings), drawn)
 
 
-def _sample(posed: JudgeInput, decision: TrustDecision) -> Sample:
+def _sample(posed: JudgeInput, decision: TrustDecision) -> JudgedSample:
     """The sample, as it was judged."""
     assert posed.indices is not None
     assert decision.judgement is not None
     assert decision.judge is not None
-    return Sample(posed.data, posed.indices, decision.judgement, decision.judge)
+    return JudgedSample(posed.data, posed.indices, decision.judgement, decision.judge)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:

@@ -186,7 +186,7 @@ def check_copied_labels(
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class AnswerPosterior:
     """K normal distributions of w, one for each hypothesis of `posterior`."""
 
     mean: Float[Array, "K D"]
@@ -225,7 +225,7 @@ class Posterior:
         return np.asarray(log_odds / np.sqrt(1 + np.pi * variance / 8))
 
 
-def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> Posterior:
+def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> AnswerPosterior:
     """The posterior of w under every hypothesis: the direction d, whether components count, luck and e.
 
     Answers of one side contrast nothing: they do not turn the direction, and move w less. So do outcomes of 0 and 1, in
@@ -259,7 +259,9 @@ def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSe
     total = float(logsumexp(log_weight))
     log_evidence = total - np.log(len(counts) * len(chances) * len(settings.error_rates))
     p_nothing = float(np.exp(log_weight - total)[(direction == 0) & (components == 0)].sum())
-    return Posterior(mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence, p_nothing)
+    return AnswerPosterior(
+        mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence, p_nothing
+    )
 
 
 def _laplace(

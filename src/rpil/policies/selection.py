@@ -67,7 +67,7 @@ class SelectionSettings:
 
 
 @dataclass(frozen=True)
-class Choice:
+class FeatureChoice:
     """A kind of feature map, its ridge a step, and the temperature, by which logits are multiplied, of the best
     held-out likelihood."""
 
@@ -95,7 +95,7 @@ class _Sample(NamedTuple):
 class _Candidate(NamedTuple):
     """A choice, its `value` as a kind of features, and its `accuracy` (M,) on each held-out demonstration."""
 
-    choice: Choice
+    choice: FeatureChoice
     value: float
     accuracy: Array
 
@@ -109,7 +109,7 @@ def choose_features(
     C: float | None = None,
     *,
     settings: SelectionSettings,
-) -> Choice:
+) -> FeatureChoice:
     """The feature map, ridge and temperature under which held-out demonstrations are predicted best.
 
     `codes` are the actions in `space`, 0 .. K-1 or numbers, and `weight` is the trust in each step; demonstration m has
@@ -137,7 +137,10 @@ def choose_features(
             return np.stack([space.bounded(linear(design[test], coefficients)) for coefficients in fits], axis=1)
 
         outputs = out_of_fold(fold, predict)
-        return [assess(Choice(kind, ridge), outputs[:, r], targets, sample, settings) for r, ridge in enumerate(ridges)]
+        return [
+            assess(FeatureChoice(kind, ridge), outputs[:, r], targets, sample, settings)
+            for r, ridge in enumerate(ridges)
+        ]
 
     n = observations.shape[1]
     sizes = {"raw": n, "folded": 2 * n, "nystroem": 2 * n + settings.maps.n_landmarks}
@@ -145,7 +148,7 @@ def choose_features(
     return _weakest_ridge([candidate for kind in kinds for candidate in candidates(kind)], sample.trust)
 
 
-def _weakest_ridge(candidates: list[_Candidate], trust: Array) -> Choice:
+def _weakest_ridge(candidates: list[_Candidate], trust: Array) -> FeatureChoice:
     """The choice of the best kind with the weakest ridge that is as accurate as the best one."""
     kind = max(candidates, key=lambda candidate: candidate.value).choice.kind
     of_kind = [candidate for candidate in candidates if candidate.choice.kind == kind]
@@ -196,7 +199,7 @@ def _fit_least_squares(
 
 
 def _assess_logits(
-    choice: Choice, logits: Array, targets: Array, sample: _Sample, settings: SelectionSettings
+    choice: FeatureChoice, logits: Array, targets: Array, sample: _Sample, settings: SelectionSettings
 ) -> _Candidate:
     """Median log-likelihood at the best temperature, and share of actions that are the most likely one."""
 
@@ -211,7 +214,7 @@ def _assess_logits(
 
 
 def _assess_means(
-    choice: Choice, mean: Array, actions: Array, sample: _Sample, settings: SelectionSettings
+    choice: FeatureChoice, mean: Array, actions: Array, sample: _Sample, settings: SelectionSettings
 ) -> _Candidate:
     """Minus the mean squared error: within the box no demonstration has an infinite one, so that the mean decides."""
     loss = sample.average((((actions - mean) / column_scales(actions)) ** 2).mean(axis=1))

@@ -19,10 +19,10 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
-from rpil.results.groups import TWO_GROUPS
 from rpil.results.judged import Judged
 from rpil.results.reasons import Stretch, bounded, worst_stretch
 from rpil.results.step_weights import weights_of
+from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.words import WORDS, Verdict
 
 Id = TypeVar("Id", bound=Hashable)

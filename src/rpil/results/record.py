@@ -205,6 +205,6 @@ class Audit(AuditResult):
         return overview_text(self)
 
     def _repr_html_(self) -> str:
-        from rpil.results.html.overview import overview_html
+        from rpil.results.html.notebook import overview_html
 
         return overview_html(self)

@@ -18,11 +18,11 @@ from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
 from rpil.results.demonstrators import Interval, rank_demonstrators
-from rpil.results.groups import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
+from rpil.results.two_groups import groups_differ
 from rpil.results.words import WORDS, Anchor
 
 if TYPE_CHECKING:

@@ -71,8 +71,8 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
 from rpil.results import answering
 from rpil.results.drawings import drawings
-from rpil.results.groups import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of, is_whole
 from rpil.results.words import SIDES
 

@@ -91,7 +91,7 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class JudgedSample:
     """The sample and the judgement of it."""
 
     data: FitData
@@ -102,7 +102,7 @@ class Sample:
 
 
 def judge_everyone(
-    sample: Sample, data: FitData, blocks: Iterable[BlockScores], answers: Answers, settings: JudgeSettings
+    sample: JudgedSample, data: FitData, blocks: Iterable[BlockScores], answers: Answers, settings: JudgeSettings
 ) -> Judgement:
     """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order.
 
@@ -158,7 +158,7 @@ class StepWeights:
     first: int = 0
 
     @classmethod
-    def of(cls, audit: Audit, sample: Sample, settings: JudgeSettings) -> StepWeights:
+    def of(cls, audit: Audit, sample: JudgedSample, settings: JudgeSettings) -> StepWeights:
         """The weights under an audit, by the policies of a sample."""
         judged, kind, others = sample.judgement, type(sample.judge.ratio), None
         if judged.claims.do_steps_tell and issubclass(kind, SoftmaxRatio | StudentRatio):

@@ -22,7 +22,7 @@ from rpil.simulation.environments import actions_of, make, success_of
 
 
 @runtime_checkable
-class Policy(Protocol):
+class Player(Protocol):
     """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
 
     def predict(self, observations: Array, /) -> object: ...
@@ -118,7 +118,7 @@ class RecordedEpisode:
 
 
 def rollout(
-    policy: Policy,
+    policy: Player,
     env_id: str,
     *,
     n_episodes: int,
@@ -176,7 +176,7 @@ def rollout(
 
 
 def _returns(
-    policy: Policy, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
+    policy: Player, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], bool]:
     """Return and steps to success of one episode per seed, and whether the environment reports successes."""
     returns, steps, first = np.zeros(len(seeds)), np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
@@ -193,7 +193,7 @@ def _returns(
     return returns, first, reports
 
 
-def record(policy: Policy, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:
+def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:
     """Play a policy and keep every step; the parameters and errors are those of `rollout`.
 
     The episodes are in the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
@@ -231,7 +231,7 @@ def _seeds(seed: int, n_episodes: int) -> list[int]:
     return np.random.SeedSequence(seed).generate_state(n_episodes).tolist() if n_episodes > 0 else []
 
 
-def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
+def _play(policy: Player, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
     """Play one episode per seed, in lockstep unless the policy takes them one by one; for a deterministic policy an
     episode depends on its seed alone."""
     if not isinstance(policy, OneByOne):
@@ -243,7 +243,7 @@ def _play(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
             yield replace(step, running=step.running + episode)
 
 
-def _play_together(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
+def _play_together(policy: Player, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
     """Play one episode per seed in lockstep."""
     if not seeds:
         return
@@ -273,7 +273,7 @@ def _play_together(policy: Policy, env_id: str, seeds: Sequence[int]) -> Iterato
             env.close()
 
 
-def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> Space:
+def _actions_that_fit(policy: Player, env_id: str, env: Any) -> Space:
     """The actions of `env`; a `DataError` if its spaces are not supported or do not fit the policy."""
     from gymnasium.spaces import Box
 
@@ -302,7 +302,7 @@ def _actions_that_fit(policy: Policy, env_id: str, env: Any) -> Space:
     return actions
 
 
-def _actions(policy: Policy, observations: Array, env_id: str, space: Space) -> Array:
+def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> Array:
     """The actions of the policy for all running episodes; a `DataError` where they are no actions of the space."""
     predicted = policy.predict(observations)
     # Stable-Baselines3 returns the actions and the state of the policy.

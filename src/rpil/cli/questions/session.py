@@ -28,7 +28,7 @@ MAX_CHANGED = 20
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
-Given = tuple[Question, str]
+Reply = tuple[Question, str]
 """A question, and the key that was given as its answer, one of `ANSWER_KEYS`."""
 
 AnswerRows = tuple[tuple[str, str], ...]
@@ -38,12 +38,12 @@ ANSWER_KEYS = {1: "gbus", 2: "12345us"}
 """The keys that answer a question about so many demonstrations."""
 
 
-def count_asked(given: Sequence[Given]) -> int:
+def count_asked(given: Sequence[Reply]) -> int:
     """The number of questions that were answered, also by "cannot tell"."""
     return sum(key != "s" for _, key in given)
 
 
-def next_question(start: Audit, audit: Audit, given: Sequence[Given], most: int | None) -> Question:
+def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int | None) -> Question:
     """What to ask after the keys `given` in this run, which began with `start` and made `audit` of it.
 
     It asks `most` questions at most, and no more about what was skipped, or what nobody can tell.
@@ -79,7 +79,7 @@ class Session:
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
-        self.given: tuple[Given, ...] = ()
+        self.given: tuple[Reply, ...] = ()
         self.rows: AnswerRows = ()
         self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
@@ -102,7 +102,7 @@ class Session:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
         return self._go_to(self.given[:-1]) if self.given else []
 
-    def _go_to(self, given: tuple[Given, ...]) -> list[str]:
+    def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
         by_question: dict[frozenset[str], tuple[str, str]] = {}
         for row in (row for question, key in given for row in rows_of(question, key)):
             by_question.pop(same_question(*row), None)  # a later answer replaces an earlier one

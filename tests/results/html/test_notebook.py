@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from audits import make_audit
-from rpil.results.html.overview import overview_html
+from rpil.results.html.notebook import overview_html
 from rpil.results.plots import COLOURS
 
 
