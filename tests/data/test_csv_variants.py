@@ -173,8 +173,9 @@ def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
 def test_two_files_of_one_name_are_refused(tmp_path):
     for name in ("a.csv", "a.txt"):
         (tmp_path / name).write_text(text({n: BASE[n] for n in BASE if n != "episode"}))
-    with pytest.raises(DataError, match=r"demonstration 'a': it is both in a.csv and in a.txt"):
-        formats.read(tmp_path)
+    for on_disk in (False, True):
+        with pytest.raises(DataError, match=r"demonstration 'a': it is both in a.csv and in a.txt"):
+            read_recording(tmp_path, on_disk=on_disk)
 
 
 def test_the_kind_of_the_action_may_be_said(tmp_path):

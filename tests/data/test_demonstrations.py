@@ -31,26 +31,17 @@ def test_properties():
     assert d.is_discrete
     assert d.observation_names == ("0", "1")
     assert "2 demonstrations, 5 steps, 2 observations, discrete" in repr(d)
+    many = Demonstrations.from_arrays(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
+    assert "1 demonstrations, 25,518 steps" in repr(many)
     assert small(ids=None).ids == (0, 1)
     assert small(ids=np.array([7, 3])).ids == (7, 3)
     assert type(small(ids=np.array([7, 3])).ids[0]) is int
 
 
-def test_episodes():
-    d = small()
-    observations, actions = d.episode(1)
-    assert observations.tolist() == X[2:].tolist()
-    assert actions.tolist() == [1, 0, 2]
-    assert d.episode(-1)[1].tolist() == [1, 0, 2]
-    assert [len(a) for _, a in d] == [2, 3]
-    with pytest.raises(IndexError):
-        d.episode(2)
-
-
 def test_a_position_is_an_episode_and_more_are_demonstrations():
     d = small()
-    for m in (1, -1, np.int64(1)):
-        observations, actions = d[m]
+    for episode in (d[1], d[-1], d[np.int64(1)], d.episode(1), d.episode(-1), [*d][1]):
+        observations, actions = episode
         assert observations.tolist() == X[2:].tolist()
         assert actions.tolist() == [1, 0, 2]
     assert [list(part.ids) for part in (d[1:], d[::-1], d[[1]], d[np.array([True, False])])] == [
@@ -58,14 +49,10 @@ def test_a_position_is_an_episode_and_more_are_demonstrations():
     ]
     assert isinstance(d[1:], Demonstrations)
     assert d[::-1].actions.tolist() == [1, 0, 2, 0, 1]
-    with pytest.raises(IndexError):
-        d[2]
+    for beyond in (d.__getitem__, d.episode):
+        with pytest.raises(IndexError):
+            beyond(2)
     refusal(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
-
-
-def test_thousands_are_told_apart_in_text():
-    many = Demonstrations.from_arrays(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
-    assert "1 demonstrations, 25,518 steps" in repr(many)
 
 
 @pytest.mark.parametrize("groups", [[0, 0, 1, 1, 1], ["a", "a", "b", "b", "b"], [0.0, 0.0, 1.0, 1.0, 1.0]])

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import call
+from command_line import call, refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import Recording, registry
@@ -43,19 +43,6 @@ def sample(name):
     path = SAMPLES[name](Path())
     assert len(rpil.read(path)) > 1
     return path
-
-
-def refused(place, *arguments):
-    """The command ends with code 2, one sentence that names the place, and nothing written."""
-    before = {*Path().rglob("*")}
-    result = call(*arguments)
-    assert result.exit_code == 2, repr(result.exception)
-    assert result.stdout == ""
-    assert re.fullmatch(r"rpil: [^\n]+\.\n", result.stderr)
-    assert ". " not in result.stderr
-    assert place in result.stderr
-    assert {*Path().rglob("*")} == before
-    return result.stderr
 
 
 def of_another_version(path):
@@ -89,7 +76,7 @@ def test_archives_with_a_damaged_directory(name, damage):
     else:
         assert registry.find(path).format.name == "NPZ"
     for command in ("info", "audit", "check"):
-        assert "damaged" in refused(path.name, command, path)
+        refused(f"{re.escape(path.name)}.*damaged", command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):
         formats.keep(path, f"kept{path.suffix}", [0])
 
@@ -135,7 +122,7 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
     with pytest.raises(DataError, match=r"^g\.parquet: .*damaged.*of 15 rows"):
         rpil.open_dataset(path, batch_rows=4)
     if n_batches == 0:
-        refused(path.name, "info", path, "--stream")
+        refused(re.escape(path.name), "info", path, "--stream")
 
 
 def in_no_unicode(path, text):
@@ -178,7 +165,7 @@ def test_lerobot_with_an_impossible_rate(fps, command):
 def test_deep_json():
     path = sample("imitation")
     (path / "state.json").write_text(DEEP)
-    refused(path.name, "info", path)
+    refused(re.escape(path.name), "info", path)
     with pytest.raises(DataError, match=path.name):
         formats.keep(path, "kept", [0])
     data = sample("CSV")

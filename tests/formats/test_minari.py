@@ -37,8 +37,10 @@ def sampled(space, n):
     return samples if isinstance(space, spaces.Text) else np.array(samples)
 
 
-def write(folder, data_format, action_space, lengths=range(1, 13)):
-    """A data set of episodes of these `lengths`, and its episodes."""
+def write(tmp_path, data_format, action_space, lengths=range(1, 13)):
+    """The folder of a data set of episodes of these `lengths`, and its episodes."""
+    folder = tmp_path / "set-v0"
+    folder.mkdir()
     OBSERVATIONS.seed(0)
     action_space.seed(0)
     from minari.data_collector import EpisodeBuffer
@@ -60,7 +62,7 @@ def write(folder, data_format, action_space, lengths=range(1, 13)):
     ]
     storage.update_metadata({"dataset_id": "set-v0", "minari_version": minari.__version__})
     storage.update_episodes(episodes)
-    return episodes
+    return folder, episodes
 
 
 @pytest.fixture(autouse=True)
@@ -79,9 +81,8 @@ def stacked(part, rows):
 @pytest.mark.parametrize("action_space", ACTIONS)
 @pytest.mark.parametrize("data_format", ["hdf5", "arrow", "parquet"])
 def test_minari_read_and_kept(tmp_path, data_format, action_space):
-    path, output = tmp_path / "set-v0", tmp_path / "kept-v0"
-    path.mkdir()
-    episodes = write(path, data_format, ACTIONS[action_space])
+    output = tmp_path / "kept-v0"
+    path, episodes = write(tmp_path, data_format, ACTIONS[action_space])
     recording = formats.read_recording(path)
     d, about = recording.demonstrations, recording.description
     assert d.ids == tuple(range(12))  # episode_2 before episode_10
@@ -125,9 +126,7 @@ def test_minari_with_as_many_observations_as_actions(tmp_path):
 
 @pytest.mark.parametrize("data_format", ["hdf5", "arrow"])
 def test_minari_episodes_without_steps_are_left_out(tmp_path, data_format):
-    path = tmp_path / "set-v0"
-    path.mkdir()
-    write(path, data_format, ACTIONS["discrete"], lengths=(3, 2, 4))
+    path, _ = write(tmp_path, data_format, ACTIONS["discrete"], lengths=(3, 2, 4))
     if data_format == "hdf5":
         h5py = pytest.importorskip("h5py")
         with h5py.File(path / "data/main_data.hdf5", "a") as file:
@@ -152,9 +151,7 @@ def test_minari_in_python():
 
 
 def test_minari_with_wrong_metadata(tmp_path):
-    path = tmp_path / "set-v0"
-    path.mkdir()
-    write(path, "arrow", ACTIONS["box"])
+    path, _ = write(tmp_path, "arrow", ACTIONS["box"])
     (path / "data/3/metadata.json").write_text(json.dumps({"total_steps": "many"}))
     (path / "data/4/metadata.json").unlink()
     about = json.loads((path / "data/metadata.json").read_text())
@@ -169,9 +166,7 @@ def test_minari_with_wrong_metadata(tmp_path):
 
 
 def test_damaged_minari(tmp_path):
-    path = tmp_path / "set-v0"
-    path.mkdir()
-    write(path, "arrow", ACTIONS["box"])
+    path, _ = write(tmp_path, "arrow", ACTIONS["box"])
     (path / "data/metadata.json").write_text(json.dumps({"data_format": "hdf5"}))
     (path / "data/main_data.hdf5").write_text("no HDF5")
     with pytest.raises(DataError, match=r"main_data\.hdf5"):
@@ -180,9 +175,7 @@ def test_damaged_minari(tmp_path):
 
 @pytest.mark.parametrize(("content", "why"), [("", "metadata.json"), ("{", "metadata.json"), ("{}", "data_format")])
 def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, content, why):
-    path = tmp_path / "set-v0"
-    path.mkdir()
-    write(path, "arrow", ACTIONS["box"])
+    path, _ = write(tmp_path, "arrow", ACTIONS["box"])
     (path / "data/metadata.json").write_text(content)
     if not content:
         os.truncate(path / "data/metadata.json", 2**30)  # takes no place on disk
@@ -196,10 +189,9 @@ def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, cont
 @pytest.mark.parametrize("place", ["data/0/extra", "0/extra"])
 def test_a_link_in_an_episode_is_not_published(tmp_path, place):
     """Nor where an empty folder ``data`` is put beside the episodes."""
-    path, secret = tmp_path / "set-v0", tmp_path / "home"
-    path.mkdir()
+    secret = tmp_path / "home"
     secret.mkdir()
-    write(path, "arrow", ACTIONS["discrete"], lengths=(3, 2, 4))
+    path, _ = write(tmp_path, "arrow", ACTIONS["discrete"], lengths=(3, 2, 4))
     if place.startswith("0"):
         for file in list((path / "data").iterdir()):
             file.rename(path / file.name)
@@ -210,9 +202,7 @@ def test_a_link_in_an_episode_is_not_published(tmp_path, place):
 
 
 def test_a_full_disk_is_not_blamed_on_the_data(tmp_path):
-    path = tmp_path / "set-v0"
-    path.mkdir()
-    write(path, "hdf5", ACTIONS["box"], lengths=(100, 200))
+    path, _ = write(tmp_path, "hdf5", ACTIONS["box"], lengths=(100, 200))
     with full_disk(20_000), pytest.raises(DataError, match="kept: it cannot be written"):
         formats.keep(path, tmp_path / "kept", [0, 1])
     assert [file.name for file in tmp_path.iterdir()] == ["set-v0"]

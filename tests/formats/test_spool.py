@@ -117,14 +117,6 @@ def test_folders_of_text_tables(tmp_path):
     assert memory.facts.order.tolist() == disk.facts.order.tolist() == [0, 1]
 
 
-def test_files_of_one_name_are_not_one_demonstration(tmp_path):
-    for name in ("run.csv", "run.tsv"):
-        (tmp_path / name).write_text("x,action\n0.5,1\n0.25,0\n".replace(",", "," if "csv" in name else "\t"))
-    for on_disk in (False, True):
-        with pytest.raises(DataError, match=r"'run': it is both in run\.csv and in run\.tsv"):
-            read_recording(tmp_path, on_disk=on_disk)
-
-
 @pytest.mark.parametrize("on_disk", [False, True])
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_an_action_that_is_not_finite_is_refused(tmp_path, on_disk, wrong):
