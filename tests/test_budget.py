@@ -16,10 +16,10 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2942, 27),
-    "data": (3439, 50),
+    "data": (3422, 48),
     "estimators": (2350, 15),
-    "faults": (2294, 81),
-    "formats": (9457, 124),
+    "faults": (2293, 81),
+    "formats": (9413, 124),
     "inference": (2734, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 FAST_CASES = (
-    *("expected faults of many dots", "command in a run file", "tiny observations"),
+    *("command in a run file", "tiny observations"),
     "very long label quoted",
 )
 

@@ -134,16 +134,6 @@ def ids_with_white_space(folder: Path) -> Found:
     return differing(({*labels.values()}, {*kept.to_pylist()}), ({"good", "bad"}, good))
 
 
-def expected_faults_of_many_dots(folder: Path) -> Found:
-    """A key of very many parts is refused before it is parsed, which takes the square of them in memory."""
-    keys = {"a." * 5_000 + "b = 1": "8 dots", "[" + "a." * 5_000 + "b]": "8 dots", "a." * 600_000 + "b=1": "is longer"}
-    for text, reason in keys.items():
-        Path("e.toml").write_text(text)
-        if wrong := ended(call("check", DATA, "--expected", "e.toml"), reason):
-            return wrong
-    return None
-
-
 def table_of_many_columns(folder: Path) -> Found:
     """Time grows with the number of columns and not with its square, and very many are refused."""
     taken = {}
@@ -308,7 +298,7 @@ def damaged_files(folder: Path) -> Found:
 CASES: dict[str, Callable[[Path], Found]] = {
     case.__name__.replace("_", " "): case
     for case in (
-        *(order_of_demonstrations, files_beside_the_labels, ids_with_white_space, expected_faults_of_many_dots),
+        *(order_of_demonstrations, files_beside_the_labels, ids_with_white_space),
         *(table_of_many_columns, command_in_a_run_file, video_times_that_are_no_numbers, secrets_in_addresses),
         *(address_of_the_review_in_the_process_list, tiny_observations, damaged_files),
         *(labels_file_replaced_while_the_review_runs, very_long_label_quoted),

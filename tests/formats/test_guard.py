@@ -169,9 +169,8 @@ def test_deep_json():
     with pytest.raises(DataError, match=path.name):
         formats.keep(path, "kept", [0])
     data = sample("CSV")
-    for name in ("deep.json", "deep.toml"):
-        Path(name).write_text(DEEP)
-        refused(name, "check", data, "--expected", name)
+    Path("deep.json").write_text(DEEP)
+    refused("deep.json", "check", data, "--expected", "deep.json")
     for option in ("--labels", "--operator"):
         refused("deep.json", "audit", data, option, "deep.json")
     refused("deep.json", "keep", data, "-o", "k.csv", "--verdicts", "deep.json")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import json
 from pathlib import Path
 
 import numpy as np
@@ -244,19 +243,3 @@ def test_other_formats_state_no_order(tmp_path, name):
         pytest.skip("needs an extra")
     found = facts(SAMPLES[name](tmp_path))
     assert (found.order, found.sessions, found.outcome) == (None, (), None)
-
-
-@pytest.mark.parametrize("on_disk", [False, True])
-@pytest.mark.parametrize("given", ["1, 2:9", [1, 2], ["1:3"]])
-def test_lists_of_episodes_of_lerobot_are_outcomes(tmp_path, on_disk, given):
-    path = lerobot(tmp_path)
-    info = json.loads((path / "meta" / "info.json").read_text())
-    splits = {"train": "0:3", "drop": given, "kept": "0:1", "odd": "a:b", "none": None}
-    (path / "meta" / "info.json").write_text(json.dumps(info | {"splits": splits}))
-    read = formats.read_recording(path, ColumnOptions(outcome="-splits.drop"), on_disk=on_disk)
-    np.testing.assert_array_equal(read.facts.outcome, [0, -1, -1])
-    options = {"splits.drop": "--outcome -splits.drop", "splits.kept": "--outcome splits.kept"}
-    assert read.description.outcomes == options
-    for wrong in ("splits.odd", "splits.other"):
-        with refused("'train', 'drop', 'kept'"):
-            facts(path, on_disk, outcome=wrong)

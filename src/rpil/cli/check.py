@@ -33,7 +33,7 @@ MAX_REASONS = 10
     "--expected",
     type=click.Path(),
     metavar="FILE",
-    help="Findings that are expected, and left out: JSON, or TOML: rule = [id, id].",
+    help="Findings that are expected, and left out: JSON of rule to a list of ids.",
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")

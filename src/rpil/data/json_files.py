@@ -1,10 +1,8 @@
-"""JSON, TOML and other text beside data: no more of a file is read than such files need."""
+"""JSON and other text beside data: no more of a file is read than such files need."""
 
 from __future__ import annotations
 
 import json
-import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +18,6 @@ LARGEST_METADATA, LARGEST_TABLE = 16 * 2**20, 64 * 2**20
 MOST_LISTS = 2 * 10**6
 """Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
 
-LARGEST_TOML = 2**20
-"""Bytes of TOML at most."""
-
-_TEXTS = r'''"""(?:\\.|[^\\])*?(?:"{3,5}|\Z)|'{3}.*?(?:'{3,5}|\Z)|"(?:\\.|[^"\\\n])*+"?|'[^'\n]*+'?|#[^\n]*+'''
-_TEXT_OF_TOML = re.compile(_TEXTS, re.DOTALL)  # or a comment, as its parser reads them from left to right
-_LONG_KEY = re.compile(r'(?<![\w-])(?:(?:""|[\w-]++)[ \t]*+\.[ \t]*+){9}')  # its parser takes the square of the parts
-
 
 def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
     """The text of a file; a `DataError` where it has more bytes than `limit`."""
@@ -39,14 +30,6 @@ def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
 def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
     """What a file of JSON holds; errors are those of `read_text` and `parse`."""
     return parse(read_text(path, limit, encoding), str(path), limit)
-
-
-def read_toml(path: Path) -> dict[str, Parsed]:
-    """What a file of TOML holds; a `DataError` where it is longer than `LARGEST_TOML`, or a key has over 9 parts."""
-    text = read_text(path, LARGEST_TOML, "utf-8-sig")
-    if _LONG_KEY.search(_TEXT_OF_TOML.sub('""', text)):
-        raise DataError(f"{path}: a key in it has more than 8 dots; write plain keys.")
-    return tomllib.loads(text)
 
 
 def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:

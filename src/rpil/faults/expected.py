@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, read_json, read_toml
+from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.faults.report import RULES, Fault
 
 ALL = "all"
@@ -25,17 +25,16 @@ def rule_name(word: str, where: str) -> str:
 def read_expected(path: StrPath) -> dict[str, set[str]]:
     """Rule to the ids, as text, of the demonstrations in which its findings are so on purpose.
 
-    The file is a JSON object of rule to a list of ids or ``"all"``, or the same in TOML: ``spike = [3, 7]``.
+    The file is a JSON object of rule to a list of ids or ``"all"``: ``{"spike": [3, 7]}``.
 
     Raises
     ------
     DataError
         One sentence that names the file and the line: another form, or a rule that does not exist.
     """
-    path = check_readable(check_extension(path, (".json", ".toml"), "what is expected"))
-    form = path.suffix[1:].upper()
-    with guarded(path.name, f"it is not valid {form} in UTF-8", "write rules with lists of ids"):
-        content = read_toml(path) if form == "TOML" else read_json(path, LARGEST_TABLE, "utf-8-sig")
+    path = check_readable(check_extension(path, (".json",), "what is expected"))
+    with guarded(path.name, "it is not valid JSON in UTF-8", "write rules with lists of ids"):
+        content = read_json(path, LARGEST_TABLE, "utf-8-sig")
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}

@@ -33,7 +33,7 @@ from rpil.data.names import (
     short_name,
 )
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import LENGTH, SPLITS, ColumnOptions, Columns, Kind, Names, check_unique
+from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, check_unique
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -139,7 +139,7 @@ class _Search:
         """The outcome, which is no observation; a `DataError` where the user names it among the `data` as well."""
         wanted = self.options.outcome
         name = (wanted or "").removeprefix("-")
-        if wanted is None or name == LENGTH or (name.startswith(SPLITS) and not any(self.named(name))):
+        if wanted is None or name == LENGTH:
             return wanted
         column = self.one(name, "outcome")
         if column is None or column in data:

@@ -22,9 +22,7 @@ Ids = Id | Sequence[Id]
 """Ids of demonstrations; in a text there may be ranges such as ``0-16``, and several with commas between them."""
 
 LENGTH = "length"
-SPLITS = "splits."
-"""What a user names in the place of a column: the number of steps of each demonstration, and, with the name of a list
-of demonstrations after it, whether LeRobot's ``meta/info.json`` lists it there."""
+"""What a user names in the place of a column: the number of steps of each demonstration."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +113,8 @@ class Columns:
     def facts(self) -> list[str]:
         """The columns of the session and of the outcome."""
         outcome = (self.outcome or LENGTH).removeprefix("-")
-        is_column = outcome != LENGTH and (outcome in self.ignored or not outcome.startswith(SPLITS))
         session = [self.session] if self.session not in (None, FILE_SESSION) else []
-        return list(dict.fromkeys([*session, *([outcome] if is_column else [])]))
+        return list(dict.fromkeys([*session, *([outcome] if outcome != LENGTH else [])]))
 
     @property
     def all(self) -> list[str]:

@@ -109,8 +109,8 @@ class Description:
 
 
 def outcome_options(names: Iterable[str]) -> dict[str, str]:
-    """The option that names each of the columns as the outcome, as a shell takes it; with a minus, more is worse."""
-    return {name.removeprefix("-"): f"--outcome {shlex.quote(name)}" for name in names}
+    """The option that names each of the columns as the outcome, as a shell takes it."""
+    return {name: f"--outcome {shlex.quote(name)}" for name in names}
 
 
 def commas(names: Iterable[object], most: int = SHORT_NAMES) -> str:

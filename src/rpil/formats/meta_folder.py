@@ -107,24 +107,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         sizes=sizes,
         lengths=lengths if are_all else {},
         unusable=tuple(unusable),
-        splits=_splits(info.get("splits")),
     )
-
-
-def _splits(given: object) -> dict[str, tuple[range, ...]]:
-    """Lists of episodes by name, written as "0:50", as "3, 5, 8:10" or as numbers; others are left out."""
-    found: dict[str, tuple[range, ...]] = {}
-    for name, value in given.items() if isinstance(given, dict) else ():
-        parts = value.split(",") if isinstance(value, str) else value if isinstance(value, list) else [value]
-        with suppress(ValueError):
-            found[name] = tuple(_numbers(str(part)) for part in parts)
-    return found
-
-
-def _numbers(text: str) -> range:
-    """The numbers from a to b - 1 of "a:b", or the only one of "a"."""
-    first, colon, last = text.partition(":")
-    return range(int(first), int(last) if colon else int(first) + 1)
 
 
 def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:

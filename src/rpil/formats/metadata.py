@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rpil.data.arrays import Id
 from rpil.data.names import quoted
-from rpil.formats.columns import SPLITS
 
 SIZES = "total_episodes", "total_frames"
-_BAD_SPLIT = re.compile(r"drop.*|bad|fail.*|exclu.*|reject.*|discard.*")
-_GOOD_SPLIT = re.compile(r"keep|kept|good|success.*|accept.*|curated")
 
 
 @dataclass(frozen=True)
@@ -29,14 +25,6 @@ class Metadata:
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
-    splits: Mapping[str, tuple[range, ...]] = field(default_factory=dict)  # lists of demonstrations by their numbers
-
-    @property
-    def split_outcomes(self) -> tuple[str, ...]:
-        """The lists whose names say that their demonstrations are good, or, with a minus before it, bad."""
-        bad = (f"-{SPLITS}{name}" for name in self.splits if _BAD_SPLIT.fullmatch(name.lower()))
-        good = (f"{SPLITS}{name}" for name in self.splits if _GOOD_SPLIT.fullmatch(name.lower()))
-        return (*bad, *good)
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""

@@ -266,7 +266,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
         missing=found.statistics.missing,
         ranges=ranges,
-        outcomes=outcome_options([*metadata.split_outcomes, *columns.outcomes]),
+        outcomes=outcome_options(columns.outcomes),
         notes=(
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *origin.notes,

@@ -14,7 +14,7 @@ from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
 from rpil.data.names import EPISODE, natural_key, plain_name, quoted
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
-from rpil.formats.columns import LENGTH, SPLITS, Columns
+from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.metadata import Metadata
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
@@ -70,7 +70,7 @@ def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[
     """
     order, order_source = _order(table, columns, offsets, ids, origin)
     sessions = () if columns.session is None else _sessions(table, columns.session, offsets, ids, origin)
-    outcome = None if columns.outcome is None else _outcome(table, columns, offsets, ids, origin)
+    outcome = None if columns.outcome is None else _outcome(table, columns, offsets, origin.source)
     return Facts(order, order_source, sessions, outcome, columns.outcome or "")
 
 
@@ -112,16 +112,12 @@ def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], ori
     return tuple(names[code] for code in low.tolist())
 
 
-def _outcome(
-    table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin
-) -> Float[Array, " M"]:
+def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration, with NaN where it is not known."""
-    wanted, source = str(columns.outcome), origin.source
+    wanted = str(columns.outcome)
     name = wanted.removeprefix("-")
     found: Array | None = np.diff(offsets).astype(float)
-    if name.startswith(SPLITS) and name not in table.column_names:
-        found = _in_split(name.removeprefix(SPLITS), ids, origin)
-    elif name != LENGTH:
+    if name != LENGTH:
         values = numbers_or_missing(table[name])
         if values is None or values.shape[1] != 1:
             raise DataError(
@@ -135,14 +131,6 @@ def _outcome(
             "outcome",
         )
     return -found if wanted != name else found
-
-
-def _in_split(name: str, ids: Sequence[Id], origin: Origin) -> Float[Array, " M"]:
-    """1 for the demonstrations that LeRobot's list of this name holds, 0 for others."""
-    if name not in origin.metadata.splits:
-        known = quoted(origin.metadata.splits) or "none"
-        raise DataError(f"{origin.source}: meta/info.json has no list of episodes called {name!r}, but {known}.")
-    return np.array([any(m in part for part in origin.metadata.splits[name]) for m in ids], dtype=float)
 
 
 def _others(columns: Columns) -> str:
