@@ -139,11 +139,6 @@ def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
     return [shown[time] for time in nearest]
 
 
-def read_times(root: Path) -> Any:
-    """The timestamps of all rows."""
-    return pq.read_table(root / "data", columns=["timestamp"])["timestamp"].to_numpy()
-
-
 def read(root: Path) -> list[dict[str, Any]]:
     """Each episode: its rows, and the frames of each camera at the times of its rows."""
     info = json.loads((root / "meta" / "info.json").read_text())

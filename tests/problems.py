@@ -22,6 +22,7 @@ from rpil.mixture.em import State
 from rpil.mixture.expert_prior import ExpertPrior
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.linear import linear_policy
+from rpil.results.record import Audit
 
 Array = NDArray[Any]
 
@@ -62,6 +63,15 @@ class Toy:
     @property
     def demonstrations(self) -> Demonstrations:
         return Demonstrations.from_arrays(self.observations, self.actions, self.offsets, self.ids)
+
+    @property
+    def means(self) -> Array:
+        """What a linear expert means to do, (N, A)."""
+        return self.observations @ self.weights[:-1] + self.weights[-1]
+
+    def is_judged_right(self, audit: Audit) -> bool:
+        """Whether the good demonstrations have the word for the better ones, and the bad ones the other."""
+        return audit.verdicts == tuple(np.where(self.is_good, audit.words.upper, audit.words.lower))
 
     def problem(self, features: str = "raw") -> FitData:
         """As EM wants it."""

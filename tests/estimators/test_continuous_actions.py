@@ -10,13 +10,12 @@ import pytest
 from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
-from problems import Toy, continuous_zoo, make, make_continuous, refused
+from problems import continuous_zoo, make, make_continuous, refused
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Box
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.box import UniformBox
 from rpil.mixture.adversaries.named import ADVERSARIES
@@ -26,17 +25,6 @@ from small import FAST, mixture
 ZOO = continuous_zoo(0)
 STEPS = (40, 60)
 MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
-ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
-
-
-def right(model: RPIL, toy: Toy) -> bool:
-    words = model.audit_.words
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
-
-
-def means(toy: Toy) -> np.ndarray:
-    """What the expert means to do."""
-    return toy.observations @ toy.weights[:-1] + toy.weights[-1]
 
 
 def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
@@ -58,7 +46,7 @@ def test_one_outlying_step_does_not_decide_a_verdict():
     spoiled.actions[3] = toy.space.high
     spoiled.actions[toy.offsets[4]] = toy.space.low
     model = RPIL(action_box=(toy.space.low, toy.space.high)).fit(spoiled.demonstrations)
-    assert right(model, toy)
+    assert toy.is_judged_right(model.audit_)
 
 
 @pytest.mark.parametrize(("n_parts", "seed"), [(1, 0), (2, 1)])
@@ -67,10 +55,10 @@ def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, n_parts, 
     toy = make_continuous(kind, seed, n_parts=n_parts, **MANY)
     model = RPIL().fit(toy.demonstrations)
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
-    assert right(model, toy) or kind == "window"
+    assert toy.is_judged_right(model.audit_) or kind == "window"
     assert model.audit_.identifiable
     np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
-    truth = model.space_.act(means(toy))
+    truth = model.space_.act(toy.means)
     naive = BehavioralCloning().fit(toy.demonstrations)
     ours, theirs = (np.abs(m.predict(toy.observations) - truth).mean() for m in (model, naive))
     assert ours < 0.05
@@ -80,15 +68,15 @@ def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, n_parts, 
 @pytest.mark.parametrize(("n_good", "n_bad"), [(4, 12), (3, 27)])
 def test_adversaries_in_the_majority_are_found(n_good, n_bad):
     toy = make_continuous("random", 2, n_good=n_good, n_bad=n_bad, steps=STEPS)
-    assert right(RPIL().fit(toy.demonstrations), toy)
+    assert toy.is_judged_right(RPIL().fit(toy.demonstrations).audit_)
 
 
 @pytest.mark.parametrize("features", ["folded", "nystroem", "auto"])
 def test_every_kind_of_features_with_continuous_actions(features):
     toy = make_continuous("random", 1, **MANY)
     model = RPIL(features).fit(toy.demonstrations)
-    assert right(model, toy)
-    score = r2_score(model.space_.act(means(toy)), model.predict(toy.observations))
+    assert toy.is_judged_right(model.audit_)
+    score = r2_score(model.space_.act(toy.means), model.predict(toy.observations))
     assert score > 0.98
     assert any(f"linear in {model.features_.kind} features" in sentence for sentence in model.audit_.assumptions)
 
@@ -129,8 +117,8 @@ def test_of_two_consistent_groups_only_answers_name_the_expert(kind, seed):
         assert set(told.audit_.verdicts[:6]) <= {"good", "open"}
         assert set(told.audit_.verdicts[6:]) <= {"bad", "open"}
         if labels is sure:  # with one answer the policy learns from both groups
-            error = np.abs(told.predict(toy.observations) - told.space_.act(means(toy))).mean()
-            assert error < 0.5 * np.abs(blind.predict(toy.observations) - told.space_.act(means(toy))).mean()
+            error = np.abs(told.predict(toy.observations) - told.space_.act(toy.means)).mean()
+            assert error < 0.5 * np.abs(blind.predict(toy.observations) - told.space_.act(toy.means)).mean()
 
 
 def test_noisy_and_clean_demonstrations_form_no_rival_groups():
@@ -160,7 +148,7 @@ def test_adversary_instance_and_fixed_prior():
     toy = make_continuous("random", 0, **MANY)
     box = Box.around(toy.actions)
     model = RPIL(adversary=UniformBox(box.log_volume), settings=mixture(prior=0.5)).fit(toy.demonstrations)
-    assert right(model, toy)
+    assert toy.is_judged_right(model.audit_)
     assert model.audit_.prior.mean == 0.5
 
 
@@ -178,8 +166,8 @@ def test_constant_part_of_an_action_and_no_noise():
 def test_regressor_as_policy():
     toy = make_continuous("random", 1, **MANY)
     model = RPIL(policy=LinearRegression()).fit(toy.demonstrations)
-    assert right(model, toy)
-    assert r2_score(model.space_.act(means(toy)), model.predict(toy.observations)) > 0.98
+    assert toy.is_judged_right(model.audit_)
+    assert r2_score(model.space_.act(toy.means), model.predict(toy.observations)) > 0.98
     with pytest.raises(DataError, match="The policy LogisticRegression is no regressor and the actions are continuous"):
         RPIL(policy=LogisticRegression()).fit(toy.demonstrations)
     with pytest.raises(DataError, match="The policy LinearRegression is a regressor and the actions are discrete"):

@@ -11,7 +11,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
-from problems import Toy, make_continuous, refused
+from problems import make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Box
 from rpil.estimators.cloning import BehavioralCloning
@@ -24,26 +24,6 @@ STEPS = (40, 60)
 MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
 
 ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
-
-
-def right(model: RPIL, toy: Toy) -> bool:
-    words = model.audit_.words
-    return model.audit_.verdicts == tuple(np.where(toy.is_good, words.upper, words.lower))
-
-
-def means(toy: Toy) -> np.ndarray:
-    """What the expert means to do."""
-    return toy.observations @ toy.weights[:-1] + toy.weights[-1]
-
-
-def test_same_seed_gives_same_bits_for_arrays_and_demonstrations():
-    toy = make_continuous("noisy", 0)
-    one, two = (RPIL(random_state=3).fit(toy.demonstrations) for _ in range(2))
-    three = RPIL(random_state=3).fit(toy.observations, toy.actions, groups=toy.groups)
-    for other in (two, three):
-        np.testing.assert_array_equal(one.log_odds_, other.log_odds_)
-        np.testing.assert_array_equal(one.policy_.weights, other.policy_.weights)
-        np.testing.assert_array_equal(one.policy_.cholesky, other.policy_.cholesky)
 
 
 def test_units_of_the_actions_do_not_matter():

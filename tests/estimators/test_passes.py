@@ -139,15 +139,6 @@ def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_
     assert min(found[f"good {k}"] for k in range(2)) > max(found[f"bad {k}"] for k in range(2))
 
 
-@pytest.mark.parametrize(("maker", "kind"), [(make, "noisy"), (make_continuous, "random")])
-def test_engines_in_memory_and_from_disk_give_the_same_fit(kind, maker):
-    _, data = demonstrations(kind, maker=maker)
-    here, streamed = (small_rpil(engine=engine).fit(data) for engine in (InMemory(), Streamed()))
-    for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
-        np.testing.assert_allclose(getattr(here.audit_, name), getattr(streamed.audit_, name), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(here.coef_, streamed.coef_, rtol=1e-6, atol=1e-6)
-
-
 def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     _, data = demonstrations("random")
     rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import log_softmax
 from sklearn.metrics import roc_auc_score
 
-from problems import Toy, make
+from problems import Toy, make, refused
 from rpil import Demonstrations, reweight
 from rpil.data.errors import DataError
 
@@ -188,11 +188,8 @@ def frozen_elsewhere(policy, observations, actions, weights):
     ],
 )
 def test_invalid_functions_and_options_are_refused_in_one_sentence(wrong, words):
-    with pytest.raises(DataError, match=words) as told:
+    with refused(words):
         reweight(Linear(), TOY.demonstrations, **({"log_prob": log_prob, "train": train} | wrong))
-    text = str(told.value)
-    assert text.endswith(".")
-    assert "\n" not in text
 
 
 def test_reweight_refuses_arrays_and_a_single_demonstration():
@@ -215,12 +212,6 @@ def test_steps_keep_weight_where_no_demonstration_is_trusted():
     found = reweight(Linear(), TOY.demonstrations, log_prob=never, train=note, max_rounds=3)
     assert "typical" not in found.audit.verdicts
     assert min(weights) > 0.0
-
-
-def test_reweight_is_a_function_and_no_module():
-    import rpil.estimators.reweight
-
-    assert rpil.reweight is rpil.estimators.reweight.reweight
 
 
 def test_reweight_of_a_torch_module_with_its_optimiser(request):

@@ -107,8 +107,6 @@ TOY = make("random", 0)
 
 ONE_ACTION = Demonstrations.from_arrays(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
 
-CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.offsets, TOY.ids)
-
 
 @pytest.mark.parametrize(
     ("model", "data", "words"),
@@ -128,7 +126,6 @@ CONTINUOUS = Demonstrations.from_arrays(TOY.observations, TOY.observations, TOY.
         (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
         (RPIL(), ONE_ACTION, "every action is 0, one class only"),
         (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
-        (RPIL(action_box=(-1, 1)), CONTINUOUS, "outside the declared box from -1 to 1; widen action_box"),
         (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
         (RPIL(labels={"d99": "good"}), TOY.demonstrations, "d99"),
         (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': unknown label 'great'"),
@@ -148,11 +145,3 @@ def test_errors_are_one_sentence(model, data, words):
 def test_zero_and_negative_sample_weights_are_refused(weight, words):
     with pytest.raises(ValueError, match=words):
         BehavioralCloning().fit(TOY.observations, TOY.actions, sample_weight=np.full(len(TOY.actions), weight))
-
-
-@pytest.mark.slow
-def test_adversary_for_other_actions_is_refused():
-    toy = make_continuous("random", 0)
-    for which in ("complement", "confusion", "constant", "normalised complement"):
-        with refused(f"'{which}' for continuous actions; choose auto, uniform"):
-            RPIL(adversary=which).fit(toy.demonstrations)

@@ -12,7 +12,6 @@ from rpil.faults.checking import check
 CLEAN = recording()
 M = 5  # the demonstration with the fault
 X, A = CLEAN[M]
-T = len(X)
 SIGN = np.array([1, -1, 1])
 
 PLANTED = {

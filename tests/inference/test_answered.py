@@ -25,9 +25,6 @@ def without(answers, m) -> Answers:
     return answers_of(np.where(np.arange(12) == m, 0, answers.labels))
 
 
-NOTHING = np.zeros(12, dtype=int)
-
-
 def judged(columns, answers, settings=SETTINGS, claimed=None) -> Answered:
     claimed = np.zeros(len(columns), dtype=int) if claimed is None else np.array(claimed)
     return module.answer_about_different(columns, answers, settings, claimed)

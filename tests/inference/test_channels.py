@@ -20,7 +20,6 @@ OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
 LOG_PROB = np.array([-1.0, -3, -1, -3, -5, -7, -1, -2])
 LOG_RATIO = LOG_PROB + np.array([1.0, 1, 1, 1, 2, 2, 0, 0])
-EVERYONE = np.ones(3, dtype=bool)
 
 
 def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:

@@ -28,7 +28,6 @@ from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
 from small import FAST
 
-TRUST = Interval(0.8, 0.5, 0.9)
 IDS = tuple(f"d{k}" for k in range(10))
 FAULTS = (Fault("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Fault("jump", "b", 0, 1, "", 1, 1, 1, "!"))
 ABOUT = About(
