@@ -193,6 +193,7 @@ WITHOUT_TESTS = {
     "data/missing.py": "tests/faults/test_rules.py",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",
+    "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
     "scale/settings.py": "values alone",
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",

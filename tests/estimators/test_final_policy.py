@@ -11,7 +11,8 @@ from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.policies.features import FeatureSettings
-from rpil.policies.selection import SelectionSettings, choose_features
+from rpil.policies.selection import choose_features
+from rpil.policies.settings import SelectionSettings
 
 
 def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):

@@ -11,8 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt, concentrate, fit_selected, search, starts
-from rpil.estimators.settings import ConcentrationSettings
+from rpil.estimators.rment import ConcentrationSettings, RMEnt, concentrate, fit_selected, search, starts
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.softmax import SoftmaxPolicy, one_hot

@@ -11,13 +11,12 @@ from sklearn.linear_model import LogisticRegression
 from problems import make, make_continuous, refused
 from rpil import RPIL, DataError, MixtureSettings, SampleSettings, Settings
 from rpil.estimators.reweight import ReweightOptions
-from rpil.estimators.settings import ConcentrationSettings
+from rpil.estimators.rment import ConcentrationSettings
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
-from rpil.policies.cross_fitted import CrossFitSettings
 from rpil.policies.features import FeatureSettings
-from rpil.policies.selection import SelectionSettings
+from rpil.policies.settings import CrossFitSettings, SelectionSettings
 from rpil.scale.settings import AscentSettings
 
 

@@ -18,7 +18,8 @@ from rpil.inference.held_out import HeldOutPolicy, held_out_model
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from rpil.inference.trust import columns_within, judge
-from rpil.policies.cross_fitted import CrossFitSettings, cross_fitted_policy
+from rpil.policies.cross_fitted import cross_fitted_policy
+from rpil.policies.settings import CrossFitSettings
 from rpil.results.record import Audit
 from rpil.results.tasks import select
 

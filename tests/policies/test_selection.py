@@ -11,7 +11,8 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import FeatureChoice, SelectionSettings, _fit_least_squares, _median, choose_features
+from rpil.policies.selection import FeatureChoice, _fit_least_squares, _median, choose_features
+from rpil.policies.settings import SelectionSettings
 
 choose = partial(choose_features, settings=SelectionSettings())
 

@@ -19,7 +19,7 @@ from rpil.estimators.validation import checked_rows, observations_and_actions, o
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import LinearPolicy
-from rpil.policies.selection import SelectionSettings
+from rpil.policies.settings import SelectionSettings
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types

@@ -11,7 +11,8 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-from rpil.policies.selection import FeatureChoice, SelectionSettings, choose_features
+from rpil.policies.selection import FeatureChoice, choose_features
+from rpil.policies.settings import SelectionSettings
 
 SINGLE_PRECISION_ENTRIES = 1_000_000
 """Entries of a design matrix above which it is in single precision: it no longer fits in the cache."""

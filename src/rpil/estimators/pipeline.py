@@ -20,7 +20,6 @@ from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
-from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, FinalPolicy, Task
 from rpil.inference.answers import Answers, check_copied_labels
@@ -29,9 +28,7 @@ from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
-from rpil.policies.cross_fitted import cross_fitted_policy
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
-from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
 from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
@@ -42,6 +39,7 @@ from rpil.results.summary import audit_from_judgement, audit_from_mixture
 from rpil.scale.sample import sample_steps
 
 if TYPE_CHECKING:
+    from rpil.estimators.final_policy import LinearPolicySpec
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.scale.protocol import Engine, Shards
@@ -76,6 +74,8 @@ class FitOptions:
     @property
     def linear(self) -> LinearPolicySpec:
         """The linear final policy."""
+        from rpil.estimators.final_policy import LinearPolicySpec
+
         settings = self.settings
         return LinearPolicySpec(
             self.features, self.C, settings.ascent.tol, settings.selection, settings.min_feature_weight
@@ -83,6 +83,8 @@ class FitOptions:
 
     def cross_fitted(self, space: Space, n_steps: int) -> CrossFittedPolicy:
         """The user's policy before it is fitted."""
+        from rpil.policies.cross_fitted import cross_fitted_policy
+
         return cross_fitted_policy(self.policy, space, n_steps, self.settings.cross_fit)
 
     def check(self, task: Task) -> None:
@@ -161,7 +163,7 @@ class TrustDecision:
     def of(
         cls,
         judgement: Judgement,
-        judge: FittedJudge,
+        judge: FittedJudge | None,
         data: FitData,
         ids: Sequence[Hashable],
         answers: Answers,
@@ -172,38 +174,33 @@ class TrustDecision:
         return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide_trust(posed: JudgeInput, options: FitOptions) -> TrustDecision:
-    """Decide which demonstrations to trust: by the judge, or by the mixture with a named adversary."""
-    data, ids, settings = posed.data, posed.demonstrations.ids, options.settings
-    n_steps, own = len(data.actions), options.policy is not None
-    if options.judges:
-        model: HeldOutModel
-        if own:
-            policy = options.cross_fitted(data.space, n_steps)
-            model = HeldOutPolicy(data, policy, settings.judge.held_out)
-        else:
-            model = held_out_model(data, options.random_state, settings.judge.held_out)
-        judgement = judge(
-            data,
-            model,
-            settings.judge,
-            seed=options.random_state,
-            answers=posed.answers,
-            order=posed.order,
-            progress=options.progress,
-        )
-        fitted = FittedJudge.of(judgement, data, settings.judge, user_policy=own)
-        decision = TrustDecision.of(judgement, fitted, data, ids, posed.answers, options.audit_settings)
-        notes = tuple(resting_sentences(data, ids))
-        return replace(decision, notes=notes)
-    from rpil.mixture.search import SearchSettings, fit_mixture
+def decide_trust(posed: JudgeInput, options: FitOptions, is_kept: bool) -> TrustDecision:
+    """The decision of the judge on which demonstrations to trust; it judges others later where it `is_kept`."""
+    data, settings, ids = posed.data, options.settings.judge, posed.demonstrations.ids
+    seed, answers, order = options.random_state, posed.answers, posed.order
+    model: HeldOutModel
+    if options.policy is None:
+        model = held_out_model(data, seed, settings.held_out)
+    else:
+        model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
+    judgement = judge(data, model, settings, seed=seed, answers=answers, order=order, progress=options.progress)
+    kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None) if is_kept else None
+    decision = TrustDecision.of(judgement, kept, data, ids, answers, options.audit_settings)
+    return replace(decision, notes=tuple(resting_sentences(data, ids)))
 
+
+def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> TrustDecision:
+    """The decision of the paper's mixture with a named adversary."""
+    from rpil.mixture.search import SearchSettings, fit_mixture
+    from rpil.policies.linear import linear_policy
+
+    data, settings, n_steps = posed.data, options.settings, len(posed.data.actions)
     assert isinstance(posed.features, FeatureMap)
     start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    audit = audit_from_mixture(data, result, share, ids, settings.audit)
+    audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
     n_iter = max(1, len(result.history) - 1)
     return TrustDecision(audit, None, result.state, n_iter, result.objective, bool(result.converged))
 
@@ -250,7 +247,9 @@ class Stages(Protocol):
 def fit(stages: Stages, options: FitOptions) -> FitResult:
     """Pose, decide, and fit the final policy, if it is kept."""
     posed = stages.pose()
-    decision = stages.extend(posed, decide_trust(posed, options))
+    is_kept = stages.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
+    decision = decide_trust(posed, options, is_kept) if options.judges else decide_by_mixture(posed, options)
+    decision = stages.extend(posed, decision)
     options.progress("the policy" if stages.keeps_policy else "the weights of the steps")
     features, policy, decision = stages.fit_policy(posed, decision)
     return FitResult(decision, posed.features, features, policy)
@@ -285,7 +284,6 @@ class FullFit:
         if posed.copies is None:
             return decision
         assert decision.judgement is not None
-        assert decision.judge is not None
         task, options, copies = self.task, self.options, posed.copies
         data = self._data(self.task.demonstrations, posed.features)
         judgement = repeated(decision.judgement, copies, data, task.answers, options.settings.judge)
@@ -318,11 +316,11 @@ class FullFit:
             features, policy = final_policy()
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
-        found, settings = decision.judgement, self.options.settings.judge.held_out
-        if found is None or (self.options.policy is not None and data.space.kind == "continuous"):
-            evidence = by_final_policy(audit, found, data, outputs, settings)
+        judgement, settings = decision.judgement, self.options.settings.judge.held_out
+        if judgement is None or (self.options.policy is not None and data.space.kind == "continuous"):
+            evidence = by_final_policy(audit, judgement, data, outputs, settings)
         else:
-            evidence = by_held_out_policies(found, judged.data, judged.copies, self.options.random_state, settings)
+            evidence = by_held_out_policies(judgement, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         features, policy = final_policy() if self.keeps_policy else (posed.features, None)

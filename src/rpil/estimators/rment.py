@@ -29,9 +29,9 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.settings_record import settings_record
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
-from rpil.estimators.settings import ConcentrationSettings
 from rpil.estimators.task import Task
 from rpil.estimators.validation import as_demonstrations
 from rpil.numerics.parallel import in_parallel
@@ -39,7 +39,19 @@ from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
-from rpil.policies.selection import SelectionSettings
+from rpil.policies.settings import SelectionSettings
+
+
+@settings_record(start_steps="[0, inf)")
+class ConcentrationSettings:
+    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
+
+    start_steps: int = 2
+    """Concentration steps of every start; two as in that paper."""
+    n_carried: int = 5
+    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
+    start_tol: float = 1e-3
+    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,22 +5,9 @@ from __future__ import annotations
 from rpil.data.settings_record import settings_record
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
-from rpil.policies.cross_fitted import CrossFitSettings
-from rpil.policies.selection import SelectionSettings
+from rpil.policies.settings import CrossFitSettings, SelectionSettings
 from rpil.results.settings import AuditSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
-
-
-@settings_record(start_steps="[0, inf)")
-class ConcentrationSettings:
-    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
-
-    start_steps: int = 2
-    """Concentration steps of every start; two as in that paper."""
-    n_carried: int = 5
-    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
-    start_tol: float = 1e-3
-    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
 
 @settings_record(min_feature_weight="[0, 1)", single_precision="[0, inf)")

@@ -25,7 +25,6 @@ from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, against_others, reliability_of, step_shares
 from rpil.inference.trimming import fit_trimmed
-from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -206,6 +205,8 @@ def conclude(
     from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
+        from rpil.mixture.demonstrator_prior import trust_by_demonstrator
+
         columns = learned_from(evidence.columns, evidence.columns_within, answers, settings.answers)
         answered = answer(columns, answers, settings.answers, evidence.copy_of, claims.words)
         from_answers = answered.log_odds - from_actions

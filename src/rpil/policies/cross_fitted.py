@@ -14,12 +14,12 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.guard import in_words
-from rpil.data.settings_record import settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.protocol import CrossFittedPolicy
+from rpil.policies.settings import CrossFitSettings
 from rpil.policies.softmax import at_actions
 from rpil.policies.student import StudentPolicy
 
@@ -31,22 +31,6 @@ MIN_PROBABILITY = 1e-12
 
 PROBABILITY_TOLERANCE = 1e-3
 """Largest deviation from one of the sum of the probabilities in a state."""
-
-
-@settings_record(n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)", start_lapse="(0, 1)")
-class CrossFitSettings:
-    """How an estimator is cross-fitted. All were chosen by hand, not tuned."""
-
-    n_folds: int = 5
-    """Folds of demonstrations, at most."""
-    min_weight: float = 1e-3
-    """Weight of a step, relative to the largest one, from which a model is fitted to it."""
-    temperatures: tuple[float, ...] = tuple(np.geomspace(0.2, 2.0, 7).tolist())
-    """Temperatures to choose from; a classifier's logits are multiplied by one."""
-    lapses: tuple[float, ...] = (1e-4, 1e-3, 0.01, 0.03, 0.1)
-    """Probabilities to choose from that the action is any, uniformly."""
-    start_lapse: float = 0.01
-    """That probability before the fit."""
 
 
 @dataclass(frozen=True, eq=False)

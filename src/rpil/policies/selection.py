@@ -19,51 +19,16 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
-from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.data.settings_record import check_settings, settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.newton import NewtonSettings, fit_softmax
-from rpil.numerics.regression import MIN_WEIGHT, ErrorSettings, column_scales, normal_equations
+from rpil.numerics.newton import fit_softmax
+from rpil.numerics.regression import MIN_WEIGHT, column_scales, normal_equations
 from rpil.numerics.types import Array, Float, Int, Num
-from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
+from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.folds import deal, out_of_fold, pieces
+from rpil.policies.settings import SelectionSettings
 from rpil.policies.softmax import one_hot
-
-for settings_class in (NewtonSettings, ErrorSettings):
-    stored()(settings_class)  # here, because numerics knows nothing of archives
-
-
-@settings_record(n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
-class SelectionSettings:
-    """How features are chosen. Unless stated otherwise, values were chosen by hand, not tuned."""
-
-    ridges: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
-    """Ridges a step to choose from, the strongest first: each fit starts from the one before."""
-    n_folds: int = 5
-    """Folds of demonstrations; one demonstration alone is cut into as many parts."""
-    max_steps: int = 6_000
-    """Steps of the demonstrations by which features are chosen, about, at most."""
-    max_columns: int = 450
-    """Columns of a feature map, at most; kinds with more are no candidates."""
-    min_trust: float = 0.1
-    """Mean weight of a demonstration's steps, relative to the largest one, from which it is used."""
-    temperatures: tuple[float, float] = (0.03, 5.0)
-    """Bounds of the temperature."""
-    newton: NewtonSettings = NewtonSettings(tol=1e-3, max_iter=20, max_cg=30)
-    """When a softmax fit stops."""
-    n_reweightings: int = 4
-    """Least-squares fits after each of which steps with large errors get less weight: a bad step that is trusted by
-    mistake must not choose."""
-    errors: ErrorSettings = ErrorSettings()
-    """Distribution of the errors by which they do."""
-    maps: FeatureSettings = FeatureSettings()
-    """How every feature map is fitted, that of the judge included."""
-
-    def __post_init__(self) -> None:
-        check_settings(self.newton, tol="[0, inf)")
-        check_settings(self.errors, min_scale="[0, inf)")
 
 
 @dataclass(frozen=True)

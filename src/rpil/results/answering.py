@@ -16,7 +16,6 @@ from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
-from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
 from rpil.results.judged import Judged
@@ -60,6 +59,8 @@ def with_answers(audit: A, known: Answers) -> A:
     check_copied_labels(known, audit.copy_of, audit.ids)
     if not known.once(audit.copy_of).any:
         return audit
+    from rpil.mixture.demonstrator_prior import trust_by_demonstrator
+
     columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
     found = answer(columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
