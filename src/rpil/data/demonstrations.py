@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import overload
 
@@ -182,20 +182,12 @@ class Demonstrations(DemonstrationSet):
 
         Where the demonstration of each row is known instead of offsets, see `from_groups`.
         """
-        rows, bounds = (
-            arrays.as_array(observations, "observations", source),
-            arrays.as_array(offsets, "offsets", source),
-        )
+        rows = arrays.as_array(observations, "observations", source)
+        bounds = arrays.as_array(offsets, "offsets", source)
         arrays.check_no_groups(bounds, len(np.atleast_1d(rows)), source)
-        return cls(
-            rows,
-            arrays.as_array(actions, "actions", source),
-            bounds,
-            () if ids is None else arrays.as_ids(ids, source),
-            arrays.as_names(observation_names, source),
-            source,
-            action_kind,
-        )
+        names = arrays.as_names(observation_names, source)
+        steps = arrays.as_array(actions, "actions", source)
+        return cls(rows, steps, bounds, () if ids is None else arrays.as_ids(ids, source), names, source, action_kind)
 
     @classmethod
     def from_episodes(
@@ -297,15 +289,12 @@ class Demonstrations(DemonstrationSet):
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
         chosen = np.atleast_1d(np.arange(self.n_demonstrations)[indices])
         rows = np.concatenate([np.arange(0), *(np.arange(self.offsets[m], self.offsets[m + 1]) for m in chosen)])
-        return Demonstrations(
-            self.observations[rows],
-            self.actions[rows],
-            np.concatenate([[0], np.cumsum(self.lengths[chosen])]),
-            tuple(self.ids[m] for m in chosen),
-            self.observation_names,
-            self.source,
-            self.action_kind,
-            self.action_names,
+        return replace(
+            self,
+            observations=self.observations[rows],
+            actions=self.actions[rows],
+            offsets=np.concatenate([[0], np.cumsum(self.lengths[chosen])]),
+            ids=tuple(self.ids[m] for m in chosen),
         )
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:

@@ -8,14 +8,15 @@ from typing import Any
 
 from rpil.data.errors import DataError
 from rpil.data.held import held_bytes
+from rpil.data.memory import MIB
 
 Parsed = Any
 """A value of JSON."""
 
-LARGEST_METADATA, LARGEST_TABLE = 16 * 2**20, 64 * 2**20
+LARGEST_METADATA, LARGEST_TABLE = 16 * MIB, 64 * MIB
 """Bytes of a text that describes data, and of one with a line for each demonstration, at most."""
 
-MOST_LISTS = 2 * 10**6
+MOST_LISTS = 2_000_000
 """Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
 
 
@@ -59,4 +60,4 @@ def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) ->
 
 def _check_size(n_bytes: int, where: str, limit: int) -> None:
     if n_bytes > limit:
-        raise DataError(f"{where}: it is longer than {limit // 2**20} MiB, which no such file needs; write it again.")
+        raise DataError(f"{where}: it is longer than {limit // MIB} MiB, which no such file needs; write it again.")

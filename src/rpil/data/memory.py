@@ -21,8 +21,11 @@ FREE_SHARE = 0.5
 BYTES_PER_NUMBER = 16
 """In tables: a number as it is read, and as it is kept."""
 
+MIB = 1_048_576
+"""Bytes of a mebibyte."""
+
 MAX_PADDING = 8
-SMALL_CHUNKS = 16 * 2**20
+SMALL_CHUNKS = 16 * MIB
 """The chunks of an array hold at most `MAX_PADDING` times its values, because the last ones along each axis may be
 filled in part, or this many bytes."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,15 +36,12 @@ def with_reference(demonstrations: Demonstrations, reference: Demonstrations) ->
             ("action", "action_kind"),
         )
     prefix = next(p for p in _prefixes() if not any(str(name).startswith(p) for name in one.ids))
-    return Demonstrations(
-        np.concatenate([one.observations, other.observations[:, columns]]),
-        np.concatenate([one.actions, other.actions]),
-        np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
-        (*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
-        one.observation_names,
-        one.source,
-        one.action_kind,
-        one.action_names,
+    return replace(
+        one,
+        observations=np.concatenate([one.observations, other.observations[:, columns]]),
+        actions=np.concatenate([one.actions, other.actions]),
+        offsets=np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
+        ids=(*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
     )
 
 

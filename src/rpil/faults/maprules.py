@@ -59,7 +59,7 @@ def compare_maps(seen: Measurements) -> Iterator[AppliedRule]:
         def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
             return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
 
-        yield AppliedRule.above(rule, called, value, limit, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+        yield AppliedRule.above(rule, called, value, limit, seen.whole, say)
 
 
 def compare_boundaries(seen: Measurements) -> Iterator[AppliedRule]:
@@ -91,7 +91,7 @@ def compare_next_states(seen: Measurements) -> Iterator[AppliedRule]:
         ("",),
         share,
         np.asarray(limit),
-        lambda m, _: (0, int(seen.lengths[m]) - 1),
+        seen.whole,
         lambda m, _: f"{100 * share[m]:.0f} % of the actions that move are the state at the next step",
     )
 
@@ -110,7 +110,7 @@ def compare_ranges(seen: Measurements) -> Iterator[AppliedRule]:
         names,
         still.astype(float),
         np.where(is_known & (usual > 0), 0.5, np.inf),
-        lambda m, _: (0, int(seen.lengths[m]) - 1),
+        seen.whole,
         lambda m, c: f"{names[c]} never moves, and in the others it does",
     )
 

@@ -28,6 +28,10 @@ class Measurements:
     seconds: float | None  # between two frames, if that is known
     settings: FaultSettings
 
+    def whole(self, m: int, _: int) -> tuple[int, int]:
+        """The first and the last step of a demonstration."""
+        return 0, int(self.lengths[m]) - 1
+
     def duration(self, steps: int) -> str:
         """Steps in words, with their time where it is known."""
         time = "" if self.seconds is None else f" ({1e3 * self.seconds * steps:.0f} ms)"
@@ -212,7 +216,7 @@ def compare_lengths(seen: Measurements) -> Iterator[AppliedRule]:
         lengths,
         np.where(lengths > high, high, low),
         severity,
-        lambda m, _: (0, int(lengths[m, 0]) - 1),
+        seen.whole,
         lambda m, _: f"it has {lengths[m, 0]:.0f} steps ({low[0]:.0f} to {high[0]:.0f} are usual)",
     )
 
@@ -239,7 +243,7 @@ def compare_scales(seen: Measurements) -> Iterator[AppliedRule]:
         return f"{columns.names[c]} has {times} its usual size, and so have its changes: perhaps another unit"
 
     limits = np.where(larger > smaller, high, low) / np.median(levels, axis=0)
-    yield AppliedRule("scale", columns.names, ratio, limits, severity, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+    yield AppliedRule("scale", columns.names, ratio, limits, severity, seen.whole, say)
 
 
 def compare_lags(seen: Measurements) -> Iterator[AppliedRule]:
@@ -257,7 +261,7 @@ def compare_lags(seen: Measurements) -> Iterator[AppliedRule]:
 
     limit = np.full((len(steps), 1), float(s.min_shift))
     whole = "lag", ("",), steps[:, None].astype(float), limit, severity[:, None]
-    yield AppliedRule(*whole, lambda m, _: (0, int(seen.lengths[m]) - 1), say)
+    yield AppliedRule(*whole, seen.whole, say)
 
 
 def is_lag_known(seen: Measurements) -> bool:

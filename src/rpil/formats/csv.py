@@ -20,6 +20,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
+from rpil.data.memory import MIB
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_unique
@@ -42,7 +43,7 @@ _Result = TypeVar("_Result")
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES = MIB
 _MAX_BLOCK_BYTES = (1 << 31) - 1
 _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
 

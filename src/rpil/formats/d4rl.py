@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import h5py
 
 _TERMINALS, _TIMEOUTS, _NEXT = "terminals", "timeouts", "next_observations"
-_ROWS_AT_ONCE = 1 << 16  # at a time
+_ROWS_AT_ONCE = 65_536  # at a time
 
 
 def claims(path: Path) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
-from rpil.data.memory import check_memory
+from rpil.data.memory import MIB, check_memory
 from rpil.formats.spool import is_on_disk
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
 _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
 _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
-_CHUNK = 1 << 24
+_CHUNK = 16 * MIB
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")

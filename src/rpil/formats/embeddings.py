@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rpil.data.arrays import are_whole
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
@@ -17,7 +18,7 @@ from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
-_INDEX, _MOST = "index", 2.0**53  # up to which a float can be any whole number
+_INDEX = "index"
 
 
 def with_embeddings(recording: Recording, path: StrPath) -> Recording:
@@ -85,6 +86,6 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
 def _checked_index(values: Array, path: Path) -> Array:
     """The numbers of steps (N,); a `DataError` where they are not one whole number in each row."""
     is_number = values.size == len(values) and values.dtype.kind in "iuf"
-    if not is_number or not ((np.floor(values) == values) & (np.abs(values) < _MOST)).all():
+    if not is_number or not are_whole(values):
         raise DataError(f"{path}: 'index' needs one whole number in each row; write it again.")
     return values.reshape(-1).astype(np.int64)

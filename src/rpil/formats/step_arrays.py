@@ -37,7 +37,7 @@ MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 
 
-_TEXTS_AT_ONCE = 1 << 16
+_TEXTS_AT_ONCE = 65_536
 _COPIES_OF_TEXTS = 3  # as they are stored, in the table, and as they are kept
 
 

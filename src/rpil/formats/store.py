@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from pyarrow import fs
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
-_BUFFER_BYTES = 1 << 18  # of a column, read at a time: a row group need not fit in memory
+_BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_BLOCK_STEPS = 1 << 20
+_BLOCK_STEPS = 1_048_576
 _WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
 

@@ -18,7 +18,7 @@ from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_memory
 from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import is_outcome
 from rpil.formats import umi, zarr_files
@@ -34,7 +34,7 @@ from rpil.numerics.types import Array
 
 _ENDS = "meta/episode_ends"
 _ATTRIBUTES = ".zattrs"
-_COPIED_BYTES = 64 * 2**20  # at a time
+_COPIED_BYTES = 64 * MIB  # at a time
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from rpil.data.arrays import LONGEST_TEXT
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
-from rpil.data.memory import check_memory, check_padding
+from rpil.data.memory import MIB, check_memory, check_padding
 from rpil.data.missing import are_chunks_filled
 from rpil.formats.description import commas
 from rpil.formats.zarr_files import Files
@@ -21,7 +21,7 @@ from rpil.numerics.types import Array
 
 _NO_CHUNK = 2**64 - 1  # in the index of a shard
 _OVERHEAD = 4096  # bytes that a codec may add to what it cannot compress
-_MAX_TEXT = 64 * 2**20  # bytes of a chunk of text
+_MAX_TEXT = 64 * MIB  # bytes of a chunk of text
 
 
 class ZarrArray:
