@@ -94,53 +94,6 @@ def path(request, tmp_path):
     return tmp_path / f"x{request.param}"
 
 
-def test_unsorted_episodes(path):
-    d = formats.read(write_table(path, **columns()))
-    assert d.ids == (3, 1)
-    assert d.observations.tolist() == [[1, 4], [3, 6], [2, 5]]
-    assert d.actions.tolist() == [0, 2, 1]
-    assert d.observation_names == ("x", "y")
-
-
-def test_without_a_prefix_whatever_is_not_reserved_is_an_observation(path):
-    reserved = ["step_index", "reward", "next.done", "is_good", "label", "weight", "timestamp"]
-    good = columns(obs_x=None, obs_y=None, x=[1, 2, 3], z=[4, 5, 6], task=["a", "b", "c"])
-    d = formats.read(write_table(path, **good, **{name: [1, 2, 3] for name in reserved}))
-    assert d.observation_names == ("x", "z")
-
-
-def test_with_a_prefix_nothing_else_is_read(path):
-    assert formats.read(write_table(path, **columns(z=["a", "b", "c"]))).observation_names == ("x", "y")
-
-
-def test_row_index_of_pandas_is_no_observation(path):
-    table = {"": [0, 1, 2], "__index_level_0__": [0, 1, 2], **columns(obs_x=None), "Unnamed: 0": [0, 1, 2]}
-    table["y"] = table.pop("obs_y")
-    assert formats.read(write_table(path, **table)).observation_names == ("y",)
-
-
-@pytest.mark.parametrize("episode", ["episode_id", "episode_ids", "episode"])
-def test_spellings(path, episode):
-    table = {
-        "observations.a": [1, 2, 3],
-        "observations.b": [4, 5, 6],
-        "actions": ["l", "r", "l"],
-        episode: ["q", "q", "p"],
-    }
-    d = formats.read(write_table(path, **table))
-    assert d.ids == ("q", "p")
-    assert d.actions.tolist() == ["l", "r", "l"]
-    assert d.observation_names == ("a", "b")
-
-
-@pytest.mark.parametrize("prefix", ["action_", "action.", "actions."])
-def test_several_action_columns_are_continuous(path, prefix):
-    d = formats.read(write_table(path, **columns(action=None, **{f"{prefix}u": [1, 2, 3], f"{prefix}v": [4, 5, 6]})))
-    assert d.actions.tolist() == [[1, 4], [3, 6], [2, 5]]
-    assert d.actions.dtype == np.float64
-    assert d.observation_names == ("x", "y")
-
-
 def test_csv_ids_are_numbers_only_where_that_loses_nothing(tmp_path):
     path = write_table(tmp_path / "x.csv", **columns(episode_index=["01", "1", "01"], action=["1.0", "2", "1e0"]))
     d = formats.read(path)

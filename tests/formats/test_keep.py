@@ -34,20 +34,6 @@ def assert_kept(path, output, kept=(0, 3), **columns):
     np.testing.assert_array_equal(after.actions, expected.actions)
 
 
-@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
-def test_own_files(tmp_path, demonstrations, suffix):
-    path, output = tmp_path / f"all{suffix}", tmp_path / f"some{suffix}"
-    formats.write(path, demonstrations, {"is_good": np.array([True, False, False, True])})
-    before = path.read_bytes()
-    formats.keep(path, output, KEPT)
-    assert_kept(path, output)
-    assert path.read_bytes() == before
-    if suffix == ".npz":
-        assert np.load(output)["is_good"].tolist() == [True, True]
-    else:
-        assert "is_good" in (pq.read_schema(output).names if suffix == ".parquet" else output.read_text())
-
-
 def test_arrays_of_any_name_are_written_and_kept(tmp_path, demonstrations):
     """Those of `numpy.savez` may not be called as its arguments are."""
     truth = {name: np.arange(4.0) for name in ("file", "allow_pickle", "path", "archive", "args")}
@@ -83,17 +69,6 @@ def test_all_columns_and_metadata_of_parquet_stay(tmp_path):
     pq.write_table(table, path)
     formats.keep(path, output, [0, 2])
     assert pq.read_table(output).equals(table.take([0, 1, 4, 5]), check_metadata=True)
-
-
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_folders(tmp_path, demonstrations, suffix):
-    path, output = tmp_path / "all", tmp_path / "some"
-    (path / "deep").mkdir(parents=True)
-    for name, rows in {"a": [0, 1], "deep/b": [2], "c": [3]}.items():
-        formats.write(path / f"{name}{suffix}", demonstrations.select(rows))
-    formats.keep(path, output, KEPT)
-    assert_kept(path, output)
-    assert sorted(file.relative_to(output).as_posix() for file in output.rglob("*.*")) == [f"a{suffix}", f"c{suffix}"]
 
 
 def test_a_folder_with_a_file_for_each_demonstration(tmp_path):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rpil
-from hostile import full_disk
 from rpil import formats
 from rpil.data.errors import DataError
 
@@ -143,13 +142,6 @@ def test_minari_episodes_without_steps_are_left_out(tmp_path, data_format):
     assert "Left out, because they have no steps: 1." in recording.description.notes
 
 
-def test_minari_in_python():
-    from minari.dataset.episode_data import EpisodeData
-
-    episodes = [EpisodeData(m, np.ones((4, 2)), np.arange(3) % 2, *(np.zeros(3),) * 3, None) for m in range(3)]
-    assert rpil.read(iter(episodes)).lengths.tolist() == [3, 3, 3]
-
-
 def test_minari_with_wrong_metadata(tmp_path):
     path, _ = write(tmp_path, "arrow", ACTIONS["box"])
     (path / "data/3/metadata.json").write_text(json.dumps({"total_steps": "many"}))
@@ -184,25 +176,3 @@ def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, cont
         with pytest.raises(DataError, match=why):
             use(path)
     assert not (tmp_path / "kept").exists()
-
-
-@pytest.mark.parametrize("place", ["data/0/extra", "0/extra"])
-def test_a_link_in_an_episode_is_not_published(tmp_path, place):
-    """Nor where an empty folder ``data`` is put beside the episodes."""
-    secret = tmp_path / "home"
-    secret.mkdir()
-    path, _ = write(tmp_path, "arrow", ACTIONS["discrete"], lengths=(3, 2, 4))
-    if place.startswith("0"):
-        for file in list((path / "data").iterdir()):
-            file.rename(path / file.name)
-    (path / place).symlink_to(secret)
-    with pytest.raises(DataError):
-        formats.keep(path, tmp_path / "kept", [0])
-    assert not (tmp_path / "kept").exists()
-
-
-def test_a_full_disk_is_not_blamed_on_the_data(tmp_path):
-    path, _ = write(tmp_path, "hdf5", ACTIONS["box"], lengths=(100, 200))
-    with full_disk(20_000), pytest.raises(DataError, match="kept: it cannot be written"):
-        formats.keep(path, tmp_path / "kept", [0, 1])
-    assert [file.name for file in tmp_path.iterdir()] == ["set-v0"]
