@@ -16,10 +16,10 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2942, 27),
-    "data": (3422, 48),
+    "data": (3413, 41),
     "estimators": (2348, 15),
-    "faults": (2293, 81),
-    "formats": (9413, 124),
+    "faults": (2297, 81),
+    "formats": (9415, 111),
     "inference": (2735, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
