@@ -238,7 +238,7 @@ CASES["large dask"] = on_dask
 CASES["reweight"] = partial(reweighted, "random")
 CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=5)
 CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"})
-report = "audit data.npz --suggest 2 --report report.html --weights weights.csv"
+report = "audit data.npz --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
 CASES["command audit json"] = partial(commanded, "audit data.npz --json --features raw", "noisy")
 CASES["command fit"] = partial(commanded, "fit data.npz -o policy.rpil", "window")

@@ -131,7 +131,7 @@ def test_a_long_id_goes_on_in_the_next_line_and_every_cell_is_whole(monkeypatch,
 )
 def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labels, lines, tmp_path):
     audit = make_audit(("typical", "open", "unlike"), ids=("good", 'a,"b"', "bad"), labels=labels)
-    text = terminal.next_steps(audit, labels_file, "rpil audit x", n_labels=1)
+    text = terminal.next_steps(audit, labels_file, "rpil audit x")
     assert [line[4:] for line in text.splitlines() if line.startswith("    ")] == lines
     assert text.splitlines()[-1] == f"Then run: rpil audit x --labels {labels_file}"
     if not labels:

@@ -14,6 +14,7 @@ from rpil.cli.check import audit_fault_lines
 from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data, show_stages
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
+    CHOICE_NAMES,
     CHOICE_OPTIONS,
     JUDGE_OPTIONS,
     OutputFile,
@@ -26,7 +27,8 @@ from rpil.cli.options import (
 )
 from rpil.cli.outputs import (
     OUTPUTS,
-    ChoiceOptions,
+    choice_asked,
+    exit_code,
     judged_within,
     lines_after_output,
     tell_if_too_many,
@@ -35,9 +37,6 @@ from rpil.cli.outputs import (
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
-
-N_LABELS = 3
-"""Demonstrations that an audit proposes to label."""
 
 
 @click.command()
@@ -73,7 +72,6 @@ N_LABELS = 3
     metavar="unlike|bad[:N]",
     help="Exit with code 1 where more than N demonstrations, by default 0, are unlike or bad.",
 )
-@click.option("--suggest", metavar="K", type=click.IntRange(1), help="Name the K labels that would say most.")
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
@@ -82,7 +80,6 @@ def audit(
     ctx: click.Context,
     /,
     file: str,
-    suggest: int | None,
     all_rows: bool,
     json_wanted: bool,
     fail_on: str | None,
@@ -94,37 +91,36 @@ def audit(
     """
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
-    wanted = ChoiceOptions.of(options, outputs["keep"])
+    if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
+        raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options)
         check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)
         faults = look_for_faults(recording, progress)
-        run = replace(run, faults=faults, asked=wanted.asked(faults))
+        run = replace(run, faults=faults, asked=choice_asked(given, faults))
         write_outputs(outputs, run, time.perf_counter() - start, progress)
     result = run.audit
     if json_wanted:
-        suggested = {"suggested": result.suggest_labels(suggest)} if suggest else {}
         click.echo(
             terminal.to_json(
                 {"run": result.run_id, "input": recording.description.to_dict()}
                 | result.to_dict()
                 | {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
-                | suggested
             )
         )
     else:
         terminal.print_lines([*recording.description.short(), *judged_within(result), ""])
         terminal.print_audit(result, all_rows)
         terminal.print_lines(audit_fault_lines(faults, result, file))
-        print_next_steps(ctx, result, given.quiet and not suggest, n_labels=suggest or N_LABELS)
+        print_next_steps(ctx, result, given.quiet)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
             if not json_wanted and not given.quiet:
                 terminal.print_lines(lines_after_output(title, path, run))
-    undecided = wanted.exit_code(run.choice) if outputs["keep"] else 0
+    undecided = exit_code(run.choice, given.yes) if outputs["keep"] else 0
     return tell_if_too_many(result, fail_on) or undecided
 
 
@@ -144,9 +140,9 @@ def report(run: str, output: str) -> None:
     click.echo(f"Report: {output}")
 
 
-def print_next_steps(ctx: click.Context, audit: Audit, quiet: bool, n_labels: int = N_LABELS) -> None:
+def print_next_steps(ctx: click.Context, audit: Audit, quiet: bool) -> None:
     """Print what to do next, with the command to run then; nothing if `quiet`."""
     if quiet:
         return
     labels = ctx.params["labels"] or LABELS_FILE
-    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name))), n_labels))
+    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name)))))

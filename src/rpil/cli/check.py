@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import check_paths, open_recording, show_stages
+from rpil.cli.commands import check_paths, open_with_missing, show_stages
 from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, with_options
 from rpil.data.text import counted, printable
 
@@ -56,7 +56,6 @@ def check(
     """
     check_paths((file, expected))
     with show_stages(quiet) as progress:
-        from rpil.data.missing import allow_missing
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
         from rpil.formats.registry import find
@@ -67,9 +66,7 @@ def check(
         if options["video"] and not folder.has_defects:
             raise click.UsageError("--video is for folders of LeRobot: leave it out")
         skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
-        with allow_missing():
-            read = open_recording(file, columns, progress, options["stream"])
-            read.demonstrations  # noqa: B018  # are read here
+        read = open_with_missing(file, columns, progress, options["stream"])
         progress("checking")
         report = find_faults(read, fps=options["fps"], expected=suppressed, skip_bad=skip_bad)
         progress("looking at the videos" if options["video"] else "checking the files")

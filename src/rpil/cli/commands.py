@@ -8,7 +8,7 @@ import re
 import shlex
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -151,6 +151,16 @@ def open_recording(
     return formats.read_recording(file, columns, on_disk=stream)
 
 
+def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+    """The recording in a file, read, of whose demonstrations some may have missing values."""
+    from rpil.data.missing import allow_missing
+
+    with allow_missing():
+        recording = open_recording(file, columns, progress, stream)
+        recording.demonstrations  # noqa: B018  # are read here
+        return recording
+
+
 def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:
     """The recording in `file`, and that of the good demonstrations at --reference, which is read by the same columns.
 
@@ -183,26 +193,6 @@ def tell_of_set_aside(recording: Recording) -> None:
 
     for line in set_aside_lines(recording.set_aside):
         click.echo(line, err=True)
-
-
-def load_into_memory(demonstrations: Demonstrations | Dataset) -> Demonstrations:
-    """All demonstrations in memory."""
-    from rpil.formats.dataset import Dataset
-
-    return demonstrations.select(slice(None)) if isinstance(demonstrations, Dataset) else demonstrations
-
-
-@contextmanager
-def connect_engine(address: str | None, progress: StageProgress) -> Iterator[Engine | None]:
-    """The engine of the Dask scheduler at an address, or None without an address."""
-    if address is None:
-        yield None
-        return
-    progress(f"connecting to {address}")
-    from rpil.scale.dask import DaskEngine, connect
-
-    with connect(address) as client:
-        yield DaskEngine(client)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,12 +260,16 @@ def fitting(options: RunOptions, recording: Recording, progress: StageProgress) 
     """The options of a fit to the recording, by those of the command line."""
     from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
-    from rpil.formats.dataset import Dataset
 
     settings = CommandSettings.current().fit or Settings()
-    with connect_engine(options.scheduler, progress) as engine:
-        there = engine if isinstance(recording.demonstrations, Dataset) else None
-        yield FitOptions(options.features, options.adversary, options.seed, settings, progress, there)
+    with ExitStack() as connection:
+        engine: Engine | None = None
+        if options.scheduler:
+            progress(f"connecting to {options.scheduler}")
+            from rpil.scale.dask import DaskEngine, connect
+
+            engine = DaskEngine(connection.enter_context(connect(options.scheduler)))
+        yield FitOptions(options.features, options.adversary, options.seed, settings, progress, engine)
 
 
 def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:

@@ -11,10 +11,10 @@ import click
 from rpil.cli.commands import (
     audit_data,
     check_paths,
-    load_into_memory,
     look_for_faults,
     lost_without,
     open_recording,
+    open_with_missing,
     read_data,
     show_stages,
     tell_of_set_aside,
@@ -23,13 +23,12 @@ from rpil.cli.options import (
     CHOICE_OPTIONS,
     COLUMN_OPTIONS,
     JUDGE_OPTIONS,
-    DataFile,
     RunOptions,
     pop_columns,
     quiet_option,
     with_options,
 )
-from rpil.cli.outputs import ChoiceOptions, deciding_lines
+from rpil.cli.outputs import choice_asked, deciding_lines, exit_code
 from rpil.cli.progress import StageProgress
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
@@ -75,7 +74,6 @@ def keep(
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
-    wanted = ChoiceOptions.of(options, output)
     from rpil.formats.registry import find
 
     source = find(file)
@@ -85,10 +83,10 @@ def keep(
         if verdicts is None:
             read, table, audit = _judged(file, given, progress)
         else:
-            read, audit = _read_all(file, given, progress), None
+            read, audit = open_with_missing(file, given.columns, progress, given.stream), None
             table = _verdicts_on(read, verdicts)
-        faults = look_for_faults(read, progress, skip_bad=True) if trim or wanted.faults else None
-        asked = wanted.asked(faults, share, at_least)
+        faults = look_for_faults(read, progress, skip_bad=True) if trim or given.without_faults else None
+        asked = choice_asked(given, faults, share, at_least)
         choice, n_unnamed = _choice(read, table, asked)
         _check_left(choice, file, verdicts, table)
         lost = () if given.quiet else lost_without(read.demonstrations, choice.kept)
@@ -103,7 +101,7 @@ def keep(
     if not given.quiet:
         deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
         print_lines([*deciding, *lost, *source.commands_to_keep(read.ids, choice.kept, output)])
-    return wanted.exit_code(choice)
+    return exit_code(choice, given.yes)
 
 
 def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
@@ -156,16 +154,6 @@ def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Reco
     return read, deciding_columns(audit), audit
 
 
-def _read_all(file: str, given: RunOptions, progress: StageProgress) -> Recording:
-    """The recording in a file, of whose demonstrations some may have missing values."""
-    from rpil.data.missing import allow_missing
-
-    with allow_missing():
-        read = open_recording(file, given.columns, progress, given.stream)
-        read.demonstrations  # noqa: B018  # are read here
-        return read
-
-
 def _verdicts_on(read: Recording, path: str) -> Table:
     """The rows of a file of verdicts about the demonstrations that are read; others in the same file have none."""
     from rpil.data.id_values import check_ids
@@ -181,7 +169,7 @@ def _verdicts_on(read: Recording, path: str) -> Table:
 @click.option(
     "-o",
     "--output",
-    type=DataFile(),
+    type=click.Path(),
     metavar="OUT.parquet|OUT.csv|OUT.npz",
     required=True,
     help="The file to write.",
@@ -193,14 +181,13 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
     """
-    check_paths((file, options["operator"]), output)
-    operator = options["operator"]
-    columns = pop_columns(options)
+    operator, columns = options["operator"], pop_columns(options)
     with show_stages(quiet) as progress:
         from rpil import formats
 
+        check_paths((file, operator), formats.check_format(output))
         recording = open_recording(file, columns, progress)
-        demonstrations = load_into_memory(recording.demonstrations)
+        demonstrations = recording.demonstrations.select(slice(None))  # in memory
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}
         ids = [str(name) for name in demonstrations.ids]

@@ -42,11 +42,18 @@ class RunOptions:
     scheduler: str | None
     quiet: bool
     reference: str | None = None
+    ignore: tuple[str, ...] = ()
+    """What is kept: rules that reject nobody."""
+    without_faults: tuple[str, ...] = ()
+    """Rules of ``rpil check`` that reject."""
+    yes: bool = False
+    """Whether a choice is accepted where answers are too few to reject unlike ones."""
 
     @classmethod
     def of(cls, options: dict[str, Value]) -> RunOptions:
         columns = pop_columns(options)
         options.pop("session", None)  # is one of the columns
+        options["adversary"] = options["adversary"].replace("-", " ")
         return cls(columns, **options)
 
     def stated(self, recording: Recording, reference: Recording | None = None) -> Statements:
@@ -56,25 +63,13 @@ class RunOptions:
         return Statements.of(recording, self.labels, self.operator, reference=reference)
 
 
-class NameChoice(click.Choice[str]):
-    """A choice among names of the library, in which the shell may write hyphens for spaces.
-
-    The names are written here once more, because the modules that define them take seconds to import, too long for
-    ``--help``; `tests/cli/test_options.py` compares them.
-    """
-
-    def __init__(self, *names: str) -> None:
-        super().__init__([name.replace(" ", "-") for name in names])
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
-
-
-FEATURE_CHOICE = NameChoice("auto", "raw", "folded", "nystroem")
-ADVERSARY_CHOICE = NameChoice(
-    *("auto", "constant", "uniform", "marginal", "complement", "normalised complement", "confusion", "own policy")
+# The names once more: the modules that define them take too long to import for --help; a test compares them.
+FEATURE_CHOICE = click.Choice(("auto", "raw", "folded", "nystroem"))
+ADVERSARY_CHOICE = click.Choice(
+    ("auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy")
 )
-ERROR_CHOICE = NameChoice("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
+"""With hyphens for the spaces of the library."""
+ERROR_CHOICE = click.Choice(("corrupted", "random", "flip", "shift", "noisy", "window", "sensor"))
 
 
 class OutputFile(click.Path):
@@ -86,18 +81,6 @@ class OutputFile(click.Path):
 
     def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
-
-
-class DataFile(click.Path):
-    """A file of demonstrations to write, in one of the formats that are written."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=str)
-
-    def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from rpil.formats import check_format
-
-        return str(check_format(value))
 
 
 if TYPE_CHECKING:

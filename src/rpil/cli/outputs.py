@@ -6,7 +6,7 @@ import re
 import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ import click
 
 from rpil.cli.commands import AuditRun, tell_if_interrupted
 from rpil.cli.label import WITHOUT
-from rpil.cli.options import CHOICE_NAMES, Value, command_words
+from rpil.cli.options import CHOICE_NAMES, RunOptions, command_words
 from rpil.cli.progress import StageProgress
 from rpil.data.text import printable
 
@@ -115,36 +115,24 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     return [*lines, *run.lost, *find(run.source).commands_to_keep(every, ids, path)]
 
 
-@dataclass(frozen=True)
-class ChoiceOptions:
-    """What `rpil.cli.options.CHOICE_OPTIONS` say, in their order."""
+def choice_asked(
+    options: RunOptions, report: FaultReport | None, share: float | None = None, at_least: float | None = None
+) -> Asked:
+    """What a user asks for; a line on stderr where a rule that was named could not be applied."""
+    from rpil.results.choice import Asked
 
-    ignored: tuple[str, ...]
-    faults: tuple[str, ...]
-    accepted: bool
+    unknown, faults = (report.not_checked, report.findings) if report else ({}, ())
+    for rule in filter(unknown.__contains__, options.without_faults):
+        click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
+    faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
+    return Asked(share, at_least, {*options.ignore}, faulty)
 
-    @classmethod
-    def of(cls, options: dict[str, Value], output: str | None) -> ChoiceOptions:
-        """Those among `options`, which lose them; refused where they say what an `output` holds that is not written."""
-        given = [options.pop(name) for name in CHOICE_NAMES]
-        if any(given) and output is None:
-            raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
-        return cls(*given)
 
-    def asked(self, report: FaultReport | None, share: float | None = None, at_least: float | None = None) -> Asked:
-        """What a user asks for; a line on stderr where a rule that was named could not be applied."""
-        from rpil.results.choice import Asked
-
-        unknown, found = (report.not_checked, report.findings) if report else ({}, ())
-        for rule in filter(unknown.__contains__, self.faults):
-            click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
-        return Asked(share, at_least, {*self.ignored}, {str(one.id) for one in found if one.rule in self.faults})
-
-    def exit_code(self, choice: Choice) -> int:
-        """`UNDECIDED` where demonstrations are undecided, which is said on stderr, unless that is accepted; else 0."""
-        if choice.undecided:
-            click.echo(f"rpil: {choice.reason}", err=True)
-        return UNDECIDED if choice.undecided and not self.accepted else 0
+def exit_code(choice: Choice, is_accepted: bool) -> int:
+    """`UNDECIDED` where demonstrations are undecided, which is said on stderr, unless that is accepted; else 0."""
+    if choice.undecided:
+        click.echo(f"rpil: {choice.reason}", err=True)
+    return UNDECIDED if choice.undecided and not is_accepted else 0
 
 
 def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:

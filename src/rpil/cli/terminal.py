@@ -34,6 +34,7 @@ MAX_DEMONSTRATORS = 4
 MAX_IDS = 20  # in one line
 NO_PROBABILITY = "Demonstrations without a word have a place in the ranking, and no probability."
 N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
+N_LABELS = 3  # demonstrations that an audit proposes to label
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
 
 
@@ -211,7 +212,7 @@ def verdict_sentence(audit: Audit) -> str:
     return f"{size}: {counts}."
 
 
-def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) -> str:
+def next_steps(audit: Audit, labels_file: str, command: str) -> str:
     """What to do next: the question that decides most, or the demonstrations to label, what to write to `labels_file`,
     and what to run then. `command` is the command without ``--labels``."""
     from rpil.results.answering import NEXT_STEPS
@@ -228,7 +229,7 @@ def next_steps(audit: Audit, labels_file: str, command: str, n_labels: int = 3) 
             *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, exists),
         ]
     else:
-        to_label = audit.suggest_labels(n_labels)
+        to_label = audit.suggest_labels(N_LABELS)
         if not to_label:
             return "\n".join([*lines, "Every demonstration has a label already."])
         name = printable(to_label[0])
