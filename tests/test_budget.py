@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3413, 41),
     "estimators": (2348, 15),
     "faults": (2297, 81),
-    "formats": (9415, 111),
+    "formats": (9393, 111),
     "inference": (2735, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),

@@ -163,13 +163,13 @@ def test_format_recipe(package, monkeypatch, tmp_path):
     np.testing.assert_array_equal(again.actions, toy.actions)
     assert again.ids == toy.ids
     assert json.loads(path.read_text().splitlines()[-1])["is_good"] == 0
-    formats.keep(path, kept, ["d3", "d1"])
+    registry.find(path).keep(kept, ["d3", "d1"])
     assert formats.read(kept).ids == ("d1", "d3")
     assert {*kept.read_text().splitlines()} < {*path.read_text().splitlines()}
     with pytest.raises(DataError, match=r"give it the extension \.jsonl"):
-        formats.keep(path, tmp_path / "kept.csv", ["d1"])
+        registry.find(path).keep(tmp_path / "kept.csv", ["d1"])
     with pytest.raises(DataError, match="no demonstration is called '9'"):
-        formats.keep(path, tmp_path / "none.jsonl", [9])
+        registry.find(path).keep(tmp_path / "none.jsonl", [9])
 
 
 def test_format_in_commands_recipe(package, monkeypatch, tmp_path):

@@ -51,6 +51,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import limited
 from rpil.faults.expected import read_expected
 from rpil.formats.dataset import Dataset
+from rpil.formats.registry import find
 from rpil.results.choice import read_verdicts
 from samples import SAMPLES, demonstrations
 
@@ -73,7 +74,7 @@ class TooSlowError(BaseException):
 
 def read_data(path: Path, output: Path) -> None:
     """Keep demonstrations, read them from disk where that is possible, and into memory: the last decides."""
-    try_out(lambda: formats.keep(path, output, KEPT.get(path.name, (0, 2))))
+    try_out(lambda: find(path).keep(output, KEPT.get(path.name, (0, 2))))
     if path.suffix == ".parquet" or path.is_dir():
         try_out(lambda: describe(path, on_disk=True))
     describe(path)

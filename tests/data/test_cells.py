@@ -11,6 +11,7 @@ import rpil
 from rpil import formats
 from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
 from rpil.formats.csv import write_tables
+from rpil.formats.registry import find
 from rpil.formats.weights import write_weights
 from rpil.results.choice import read_verdicts
 
@@ -63,7 +64,7 @@ def test_tables_come_back(tmp_path, actions):
     assert recording.demonstrations.ids == tuple(FORMULAS)
     np.testing.assert_array_equal(recording.demonstrations.actions, data.actions)
     assert set(recording.description.operators) == {"@Ann"}
-    formats.keep(tmp_path / "a.csv", tmp_path / "b.csv", FORMULAS[:2])
+    find(tmp_path / "a.csv").keep(tmp_path / "b.csv", FORMULAS[:2])
     assert formats.read(tmp_path / "b.csv").ids == tuple(FORMULAS[:2])
     kept = (tmp_path / "b.csv").read_text().splitlines()
     assert {*kept} <= {*(tmp_path / "a.csv").read_text().splitlines()}  # the user's own lines
@@ -79,7 +80,7 @@ def _is_number(text):
 def test_keep_gives_the_lines_of_the_user_back_as_they_are(tmp_path):
     (tmp_path / "a.csv").write_text("episode_index,action,x\n=1+1,a,1\n=1+1,b,2\n-5,a,1\n-5,b,2\n")
     assert formats.read(tmp_path / "a.csv").ids == ("=1+1", "-5")
-    formats.keep(tmp_path / "a.csv", tmp_path / "b.csv", ["=1+1"])
+    find(tmp_path / "a.csv").keep(tmp_path / "b.csv", ["=1+1"])
     assert (tmp_path / "b.csv").read_text() == "episode_index,action,x\n=1+1,a,1\n=1+1,b,2\n"
 
 

@@ -15,6 +15,7 @@ from hostile import assert_refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.folders import check_folder, check_inside, copy_folder
+from rpil.formats.registry import find
 
 TABLE = pa.table({"episode_index": [0, 0, 1, 1], "observation.x": [0.5, 1.5, 2.5, 3.5], "action": [0, 1, 1, 0]})
 
@@ -41,7 +42,7 @@ def secret(tmp_path):
 READERS = {
     "read": rpil.read,
     "open_dataset": rpil.open_dataset,
-    "keep": lambda path: formats.keep(path, path.parent / "kept", [0]),
+    "keep": lambda path: find(path).keep(path.parent / "kept", [0]),
 }
 
 
@@ -66,7 +67,7 @@ def test_a_link_may_stay_in_the_folder_and_the_folder_may_be_a_link(folder):
     for path in (folder, link):
         check_inside(path / "a.parquet", path)
         assert rpil.read(path).ids == (0, 1)
-    formats.keep(link, folder.parent / "kept", [0])
+    find(link).keep(folder.parent / "kept", [0])
     assert rpil.read(folder.parent / "kept").ids == (0,)
 
 
@@ -145,7 +146,7 @@ def test_a_snapshot_of_the_hub_links_to_its_blobs_alone(folder, secret):
         file.symlink_to(os.path.relpath(blobs / file.name, file.parent))
     assert rpil.read(snapshot).ids == (0, 1)
     assert rpil.read(snapshot / "data").ids == (0, 1)
-    formats.keep(snapshot, folder.parent / "kept", [1])
+    find(snapshot).keep(folder.parent / "kept", [1])
     assert not any(file.is_symlink() for file in (folder.parent / "kept").rglob("*"))
     (snapshot / "data" / "c.parquet").symlink_to("../../../../home/key.parquet")
     with pytest.raises(DataError, match=r"c\.parquet: it is a link that leads out"):

@@ -6,6 +6,7 @@ import pytest
 from hdf5_files import aloha, d4rl, h5py, robomimic
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 
 def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
@@ -34,7 +35,7 @@ def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
 
 def test_kept_files_are_numbered_from_zero(tmp_path, monkeypatch):
     folder, output = aloha(tmp_path / "cube", 11), tmp_path / "kept"
-    formats.keep(folder, output, ["episode_10", "episode_2"])
+    find(folder).keep(output, ["episode_10", "episode_2"])
     assert (
         output / "kept.csv"
     ).read_text() == "link,file\nepisode_0.hdf5,episode_2.hdf5\nepisode_1.hdf5,episode_10.hdf5\n"
@@ -44,9 +45,9 @@ def test_kept_files_are_numbered_from_zero(tmp_path, monkeypatch):
     assert again.ids == ("episode_0", "episode_1")
     np.testing.assert_array_equal(again.observations, first.observations)
     with pytest.raises(DataError, match="kept: it is there already"):
-        formats.keep(folder, output, ["episode_1"])
+        find(folder).keep(output, ["episode_1"])
     monkeypatch.setattr("pathlib.Path.hardlink_to", lambda *_: os.link("no", "where"))  # as to another disk
-    formats.keep(folder, tmp_path / "copied", ["episode_2"])
+    find(folder).keep(tmp_path / "copied", ["episode_2"])
     assert (tmp_path / "copied" / "episode_0.hdf5").read_bytes() == (folder / "episode_2.hdf5").read_bytes()
 
 
@@ -54,7 +55,7 @@ def test_other_names_stay(tmp_path):
     folder = aloha(tmp_path / "cube")
     for file in list(folder.iterdir()):
         file.rename(folder / f"take_{file.name}")
-    formats.keep(folder, tmp_path / "kept", ["take_episode_2"])
+    find(folder).keep(tmp_path / "kept", ["take_episode_2"])
     assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
 
 

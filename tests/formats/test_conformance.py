@@ -19,7 +19,6 @@ import pytest
 import rpil
 import samples
 from command_line import ok
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
 from rpil.formats.registry import FORMATS, find
@@ -181,7 +180,7 @@ def test_a_truncated_file_is_one_sentence(name, path):
         largest.write_bytes(content[: int(share * len(content))])
         error = error_of(lambda: rpil.read(path))
         assert is_sentence(error) if error else is_text or np.array_equal(rpil.read(path).actions, whole.actions)
-        error = error_of(lambda: formats.keep(path, output, [0]))
+        error = error_of(lambda: find(path).keep(output, [0]))
         assert is_sentence(error) if error else rpil.read(output).ids  # of the files of others
         assert not [file for file in Path().iterdir() if file.name not in ("data", output.name)]
         shutil.rmtree(output, ignore_errors=True)

@@ -5,6 +5,7 @@ from hdf5_files import d4rl, h5py
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.registry import find
 
 
 def change(path, **arrays):
@@ -73,7 +74,7 @@ def test_files_that_do_not_say_where_demonstrations_begin(tmp_path, arrays, mess
 @pytest.mark.parametrize("form", [{}, {"timeouts": False, "following": True}, {"timeouts": False, "terminal": (0, 1)}])
 def test_kept_steps_are_as_they_were_and_end_where_they_did(tmp_path, form):
     path, output = d4rl(tmp_path / "all.hdf5", **form), tmp_path / "kept.hdf5"
-    formats.keep(path, output, [2, 0])
+    find(path).keep(output, [2, 0])
     again, first = formats.read(output), formats.read(path).select([0, 2])
     assert again.ids == (0, 1)
     assert again.lengths.tolist() == [10, 14]

@@ -6,8 +6,8 @@ import pytest
 
 import rpil
 import samples
-from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_numbers_of_sensors_are_observations(tub):
 
 
 def test_kept_tubs_hold_the_records_and_images_of_the_kept_alone(tub, tmp_path):
-    formats.keep(tub, tmp_path / "kept", ["20-25", "0-4"])
+    find(tub).keep(tmp_path / "kept", ["20-25", "0-4"])
     kept = tmp_path / "kept"
     numbers = [*range(5), *range(20, 26)]
     assert [record for record in records_of(tub) if record["_index"] in numbers] == records_of(kept)
@@ -76,7 +76,7 @@ def test_kept_tubs_hold_the_records_and_images_of_the_kept_alone(tub, tmp_path):
 def test_names_of_images_lead_nowhere_else(tub, tmp_path):
     (tmp_path / "secret").write_text("x")
     rewrite(tub, lambda record: record | {"cam/image_array": "../../secret"})
-    formats.keep(tub, tmp_path / "kept", ["0-4"])
+    find(tub).keep(tmp_path / "kept", ["0-4"])
     assert not [*(tmp_path / "kept" / "images").iterdir()]
 
 

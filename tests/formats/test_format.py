@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 import rpil
-from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, keep_one_file
-from rpil.formats.registry import ClaimedPath
+from rpil.formats.registry import ClaimedPath, find
 from samples import SAMPLES
 
 TOY = Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1]), ([[3.0]], [1])])
@@ -53,17 +52,17 @@ def test_one_file_is_whole_or_not_there(tmp_path):
 def test_a_folder_is_no_file(tmp_path, name):
     data = SAMPLES["folder of CSV"](tmp_path)
     with pytest.raises(DataError, match="the data are a folder, so name a folder"):
-        formats.keep(data, tmp_path / name, ["0"])
+        find(data).keep(tmp_path / name, ["0"])
 
 
 def test_an_extension_of_another_format(tmp_path):
     rpil.write(tmp_path / "a.csv", TOY)
     with pytest.raises(DataError, match=r"give it the extension \.csv"):
-        formats.keep(tmp_path / "a.csv", tmp_path / "b.parquet", [0])
+        find(tmp_path / "a.csv").keep(tmp_path / "b.parquet", [0])
 
 
 def test_addresses_are_not_given_back(tmp_path):
     with pytest.raises(DataError, match="only files of this computer"):
-        formats.keep("s3://bucket/data", tmp_path / "some", [1])
+        find("s3://bucket/data").keep(tmp_path / "some", [1])
     with pytest.raises(DataError, match="no such file"):
-        formats.keep(Path("s3://bucket/data"), tmp_path / "some", [1])
+        find(Path("s3://bucket/data")).keep(tmp_path / "some", [1])

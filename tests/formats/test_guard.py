@@ -22,6 +22,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import Recording, registry
 from rpil.formats.format import Format
+from rpil.formats.registry import find
 from samples import SAMPLES
 
 DEEP, HUGE = "[" * 100_000, 10**400
@@ -78,7 +79,7 @@ def test_archives_with_a_damaged_directory(name, damage):
     for command in ("info", "audit", "check"):
         refused(f"{re.escape(path.name)}.*damaged", command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):
-        formats.keep(path, f"kept{path.suffix}", [0])
+        find(path).keep(f"kept{path.suffix}", [0])
 
 
 def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
@@ -105,7 +106,7 @@ def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, nam
     monkeypatch.setattr(registry, "FORMATS", (Format("mine", lambda path: path.name == "mine", read, fail),))
     where = "a.csv" if name == "load" else "mine"  # a recording names its source
     with pytest.raises(DataError, match=f"^{where}: .*OverflowError: never seen before.*;.*[.]$"):
-        formats.keep("mine", "out", [0]) if name == "keep" else rpil.read("mine")
+        find("mine").keep("out", [0]) if name == "keep" else rpil.read("mine")
 
 
 @pytest.mark.parametrize("n_batches", [0, 1])
@@ -152,7 +153,7 @@ def test_deep_json():
     (path / "state.json").write_text(DEEP)
     refused(re.escape(path.name), "info", path)
     with pytest.raises(DataError, match=path.name):
-        formats.keep(path, "kept", [0])
+        find(path).keep("kept", [0])
     data = sample("CSV")
     Path("deep.json").write_text(DEEP)
     refused("deep.json", "check", data, "--expected", "deep.json")
@@ -214,7 +215,7 @@ def test_damaged_lerobot_is_not_kept(damage):
     LEROBOT[damage][0](path)
     Path("labels.csv").write_text("id,label\n0,good\n2,good\n")
     with pytest.raises(DataError, match=r"^[^\n]+[.]$") as caught:
-        formats.keep(path, "kept", [0, 2])
+        find(path).keep("kept", [0, 2])
     assert LEROBOT[damage][1] in str(caught.value)
     assert not [*Path().glob("*kept*")]
     refused("", "keep", path, "-o", "kept", "--verdicts", "labels.csv")
@@ -224,7 +225,7 @@ def test_ids_that_lerobot_cannot_have():
     path = sample("LeRobot")
     for name in ("a", "-1", "1.5"):
         with pytest.raises(DataError, match=f"no demonstration is called '{name}'"):
-            formats.keep(path, "k.json", [name])
+            find(path).keep("k.json", [name])
     assert not Path("k.json").exists()
 
 
@@ -232,7 +233,7 @@ def test_folders_without_tables_are_not_kept():
     Path("notes").mkdir()
     Path("notes/a.md").write_text("nothing")
     with pytest.raises(DataError, match=r"notes: no \.parquet or \.csv file"):
-        formats.keep("notes", "kept", [0])
+        find("notes").keep("kept", [0])
     assert not Path("kept").exists()
 
 

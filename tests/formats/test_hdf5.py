@@ -10,6 +10,7 @@ from hostile import MAX_BYTES, assert_refused, read_all
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.formats import hdf5
+from rpil.formats.registry import find
 from rpil.formats.robomimic import write_mask
 
 
@@ -91,7 +92,7 @@ def test_hostile_files_are_refused_in_one_sentence(tmp_path):
 
 def test_what_is_in_a_file_of_unknown_layout_is_said(tmp_path):
     of_unknown_layout(tmp_path / "home.hdf5")
-    for use in (formats.read, lambda path: formats.keep(path, tmp_path / "kept.hdf5", [0])):
+    for use in (formats.read, lambda path: find(path).keep(tmp_path / "kept.hdf5", [0])):
         with pytest.raises(DataError, match=r"home.hdf5: .*it holds actions_0 \(100, 7\), .* and 2 more"):
             use(tmp_path / "home.hdf5")
 
@@ -133,7 +134,7 @@ def test_a_mask_that_is_a_link_changes_no_other_file(tmp_path):
         file["mask"] = h5py.ExternalLink(str(other), "/mask")
     with pytest.raises(DataError, match=r"lift.hdf5"):
         write_mask(path, tmp_path / "new.hdf5", ["demo_0"])
-    formats.keep(path, tmp_path / "kept.hdf5", ["demo_0"])
+    find(path).keep(tmp_path / "kept.hdf5", ["demo_0"])
     assert other.read_bytes() == before
 
 

@@ -7,10 +7,10 @@ import pytest
 
 import rpil
 from hdf5_files import d4rl, h5py
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.missing import fill_chunks
 from rpil.formats import hdf5
+from rpil.formats.registry import find
 
 VALUES = np.arange(300.0).reshape(100, 3)
 STORED = {
@@ -125,7 +125,7 @@ def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
         rpil.read(path, observations="infos/packed")
     with h5py.File(path, "r+") as file:
         del file["infos/packed"]
-    formats.keep(path, kept, [0, 2])
+    find(path).keep(kept, [0, 2])
     with h5py.File(kept) as file:
         assert file["rewards"][:].tolist() == [1] * 5 + [0] * (len(file["rewards"]) - 5)
 

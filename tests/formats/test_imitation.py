@@ -8,6 +8,7 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 INFO = '{"py/reduce": [{"py/function": "os.system"}, {"py/tuple": ["false"]}]}'
 """What jsonpickle would run if it decoded it."""
@@ -72,7 +73,7 @@ def test_folder_of_imitation(tmp_path, discrete):
     check_equal(recording.demonstrations, given)
     assert recording.description.ignored["infos"].startswith("never decoded")
 
-    formats.keep(path, tmp_path / "kept", [7, 2])
+    find(path).keep(tmp_path / "kept", [7, 2])
     check_equal(rpil.read(tmp_path / "kept"), [given[2], given[7]])
     with pa.ipc.open_stream(tmp_path / "kept/data-00000-of-00001.arrow") as stream:
         table = stream.read_all()
@@ -88,16 +89,16 @@ def test_npz_of_imitation(tmp_path, discrete):
     given = trajectories(discrete=discrete)
     path = write_npz(tmp_path / "old.npz", given)
     check_equal(rpil.read(path), given)
-    formats.keep(path, tmp_path / "kept.npz", [11, 0])
+    find(path).keep(tmp_path / "kept.npz", [11, 0])
     check_equal(rpil.read(tmp_path / "kept.npz"), [given[0], given[11]])
     with np.load(tmp_path / "kept.npz", allow_pickle=False) as kept:
         assert len(kept["infos"]) == len(kept["acts"]) == 13
         assert kept["indices"].tolist() == [1]
         assert kept["terminal"].shape == (2,)
     with pytest.raises(DataError, match=r"kept\.csv: .*extension"):
-        formats.keep(path, tmp_path / "kept.csv", [0])
+        find(path).keep(tmp_path / "kept.csv", [0])
     with pytest.raises(DataError, match="no demonstration is called '12'"):
-        formats.keep(path, tmp_path / "kept.npz", [12])
+        find(path).keep(tmp_path / "kept.npz", [12])
 
 
 class Harm:

@@ -13,6 +13,7 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
+from rpil.formats.registry import find
 
 KEPT = [3, 0]
 
@@ -39,7 +40,7 @@ def test_arrays_of_any_name_are_written_and_kept(tmp_path, demonstrations):
     truth = {name: np.arange(4.0) for name in ("file", "allow_pickle", "path", "archive", "args")}
     path, output = tmp_path / "all.npz", tmp_path / "some.npz"
     formats.write(path, demonstrations, truth)
-    formats.keep(path, output, KEPT)
+    find(path).keep(output, KEPT)
     assert_kept(path, output)
     for file, values in ((path, [0, 1, 2, 3]), (output, [0, 3])):
         with zipfile.ZipFile(file) as stored:
@@ -56,7 +57,7 @@ def test_lines_of_text_stay_as_they_are(tmp_path):
     path, output = tmp_path / "t.csv.gz", tmp_path / "kept.csv.gz"
     text = head + rows["07"] + "# a comment\n" + rows["1"] + rows["a"] + rows["07"]
     path.write_bytes(gzip.compress(text.encode("cp1252")))
-    formats.keep(path, output, ["a", "07"], ColumnOptions(id="run", action="force"))
+    find(path).keep(output, ["a", "07"], ColumnOptions(id="run", action="force"))
     kept = gzip.decompress(output.read_bytes()).decode("cp1252")
     assert kept == head + rows["07"] + "# a comment\n" + rows["a"] + rows["07"]
 
@@ -67,7 +68,7 @@ def test_all_columns_and_metadata_of_parquet_stay(tmp_path):
     table = pa.table(columns | {"image": images}).replace_schema_metadata({"huggingface": "{}"})
     path, output = tmp_path / "a.parquet", tmp_path / "b.parquet"
     pq.write_table(table, path)
-    formats.keep(path, output, [0, 2])
+    find(path).keep(output, [0, 2])
     assert pq.read_table(output).equals(table.take([0, 1, 4, 5]), check_metadata=True)
 
 
@@ -76,7 +77,7 @@ def test_a_folder_with_a_file_for_each_demonstration(tmp_path):
     path.mkdir()
     for name in ("run1", "run2", "run3"):
         (path / f"{name}.csv").write_text(f"x,action\n{name[-1]},left\n0,right\n")
-    formats.keep(path, tmp_path / "some", ["run2"])
+    find(path).keep(tmp_path / "some", ["run2"])
     assert [file.name for file in (tmp_path / "some").iterdir()] == ["run2.csv"]
     assert (tmp_path / "some" / "run2.csv").read_bytes() == (path / "run2.csv").read_bytes()
 
@@ -87,7 +88,7 @@ def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
     rpil.write(path, demonstrations)
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("README.txt", "recorded on Monday")
-    formats.keep(path, output, KEPT)
+    find(path).keep(output, KEPT)
     assert_kept(path, output)
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("timestamps.npy", b"\x93NUMPY\x03\x00\x10\x00\x00\x00")

@@ -11,6 +11,7 @@ import rpil
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.meta_folder import fill
+from rpil.formats.registry import find
 from samples import lerobot
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
@@ -38,7 +39,7 @@ def test_files_that_meta_does_not_list_are_left_out(tmp_path, on_disk):
     assert "data/chunk-001/episode_000002.parquet" in note
     assert recording.times().frames == {0: 5, 1: 6, 2: 7}
     assert rpil.read(stray).ids == (1,)
-    formats.keep(root, tmp_path / "kept", [0, 2])
+    find(root).keep(tmp_path / "kept", [0, 2])
     assert [len(one["rows"]) for one in folders.read(tmp_path / "kept")] == [5, 7]
     change_info(root, data_path="elsewhere/{episode_index}.parquet")  # then nothing is known of the files
     with pytest.raises(DataError):
@@ -97,7 +98,7 @@ def test_episodes_that_are_missing_are_named(tmp_path):
     root = without_videos(tmp_path / "drive", "v3.0")
     shutil.rmtree(root / "meta" / "episodes")
     with pytest.raises(DataError, match="meta/episodes has no table"):
-        formats.keep(root, tmp_path / "kept", [1])
+        find(root).keep(tmp_path / "kept", [1])
     assert not (tmp_path / "kept").exists()
 
 
@@ -112,12 +113,12 @@ def test_paths_are_filled_without_running_what_they_say():
 def test_trims_are_refused_where_they_cannot_be(tmp_path):
     root = without_videos(tmp_path / "drive", "v3.0")
     with pytest.raises(DataError, match="list of episodes cannot be trimmed"):
-        formats.keep(root, tmp_path / "keep.json", [1], trims={1: (0, 2)})
+        find(root).keep(tmp_path / "keep.json", [1], trims={1: (0, 2)})
     table = root / "data" / "chunk-000" / "file-000.parquet"
     with pytest.raises(DataError, match="only folders of LeRobot can be trimmed"):
-        formats.keep(table, tmp_path / "kept.parquet", [1], trims={1: (0, 2)})
+        find(table).keep(tmp_path / "kept.parquet", [1], trims={1: (0, 2)})
     rows = pq.read_table(table)
     shifted = rows.set_column(rows.column_names.index("frame_index"), "frame_index", [rows["index"].to_numpy() + 9])
     pq.write_table(shifted, table)
     with pytest.raises(DataError, match="frame_index does not count from 0"):
-        formats.keep(root, tmp_path / "kept", [1], trims={1: (0, 2)})
+        find(root).keep(tmp_path / "kept", [1], trims={1: (0, 2)})

@@ -8,6 +8,7 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 pytest.importorskip("h5py", reason="needs the extra hdf5")
 minari = pytest.importorskip("minari", reason="needs minari")
@@ -98,7 +99,7 @@ def test_minari_read_and_kept(tmp_path, data_format, action_space):
         np.testing.assert_array_equal(seen[:, pair], stacked(episode.observations["pair"], m + 1))
         np.testing.assert_array_equal(np.reshape(acted, (m + 1, -1)), stacked(episode.actions, m + 1))
 
-    formats.keep(path, output, [11, 2])
+    find(path).keep(output, [11, 2])
     kept = minari.MinariDataset(output / "data")
     assert (kept.total_episodes, kept.total_steps) == (2, 15)
     for episode, i in zip(kept.iterate_episodes(), (2, 11), strict=True):
@@ -108,7 +109,7 @@ def test_minari_read_and_kept(tmp_path, data_format, action_space):
     assert rpil.read(output).ids == (0, 1)
     assert len(rpil.read(path / "data")) == 12  # its other paths name the same data set
     with pytest.raises(DataError, match="no demonstration is called '12'"):
-        formats.keep(path, tmp_path / "other", [12])
+        find(path).keep(tmp_path / "other", [12])
 
 
 def test_minari_with_as_many_observations_as_actions(tmp_path):
@@ -153,7 +154,7 @@ def test_minari_with_wrong_metadata(tmp_path):
     recording = formats.read_recording(path)
     assert recording.demonstrations.lengths.tolist() == list(range(1, 13))
     assert recording.description.notes[0].isprintable()
-    formats.keep(path, tmp_path / "kept", [3, 4])
+    find(path).keep(tmp_path / "kept", [3, 4])
     assert json.loads((tmp_path / "kept/data/metadata.json").read_text())["total_steps"] == 9
 
 
@@ -172,7 +173,7 @@ def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, cont
     if not content:
         os.truncate(path / "data/metadata.json", 2**30)  # takes no place on disk
         why = "metadata.json: it is longer than 16 MiB"
-    for use in (rpil.read, lambda path: formats.keep(path, tmp_path / "kept", [0])):
+    for use in (rpil.read, lambda path: find(path).keep(tmp_path / "kept", [0])):
         with pytest.raises(DataError, match=why):
             use(path)
     assert not (tmp_path / "kept").exists()

@@ -6,8 +6,8 @@ import pytest
 
 import rpil
 import samples
-from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 
 
 @pytest.fixture
@@ -31,14 +31,14 @@ def test_files_may_lie_in_the_folder_itself_in_the_order_of_their_numbers(tmp_pa
     for old, new in (("0", "run_2"), ("1", "run_10"), ("2", "run_1")):
         shutil.copyfile(folder / old / "trajectory.npz", flat / f"{new}.npz")
     assert rpil.read(flat).ids == ("run_1", "run_2", "run_10")
-    formats.keep(flat, tmp_path / "kept", ["run_10"])
+    find(flat).keep(tmp_path / "kept", ["run_10"])
     assert [file.name for file in (tmp_path / "kept").iterdir()] == ["run_10.npz"]
     assert (tmp_path / "kept" / "run_10.npz").read_bytes() == (flat / "run_10.npz").read_bytes()
 
 
 def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
     (folder / "1" / "camera.mp4").write_bytes(b"video")
-    formats.keep(folder, tmp_path / "kept", ["1"])
+    find(folder).keep(tmp_path / "kept", ["1"])
     assert sorted(file.name for file in (tmp_path / "kept" / "1").iterdir()) == [
         "camera.mp4",
         "meta.json",

@@ -11,11 +11,11 @@ from pyarrow import fs
 import lerobot_folders as folders
 import rpil
 from hostile import write_long_list
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
 from rpil.formats.lerobot.defects import find_defects
 from rpil.formats.parquet_pages import OpenParquet, page_sizes
+from rpil.formats.registry import find
 from rpil.formats.store import opened
 
 ROWS = 500
@@ -108,11 +108,11 @@ def test_columns_that_are_kept_and_not_read_are_checked(tmp_path):
     how = {"use_dictionary": False, "compression": "zstd"}
     pq.write_table(table, path, row_group_size=ROWS, **how)  # each row group alone fits
     with limited("1MB"):
-        formats.keep(path, tmp_path / "kept.parquet", [1])
+        find(path).keep(tmp_path / "kept.parquet", [1])
     assert len(pq.read_table(tmp_path / "kept.parquet")) == ROWS
     pq.write_table(table, path, **how)
     with limited("1MB"), pytest.raises(DataError, match=r"x\.parquet: .* 2\.\d MB of memory"):
-        formats.keep(path, tmp_path / "other.parquet", [1])
+        find(path).keep(tmp_path / "other.parquet", [1])
     assert not (tmp_path / "other.parquet").exists()
 
 
@@ -129,5 +129,5 @@ def test_columns_that_statistics_name_are_checked(tmp_path, is_trim):
         (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
         assert "column 'huge': to read it would take" in defect.sentence
         with pytest.raises(DataError, match="MB of memory"):
-            formats.keep(root, tmp_path / "kept", [1], trims={1: (0, 4)} if is_trim else None)
+            find(root).keep(tmp_path / "kept", [1], trims={1: (0, 4)} if is_trim else None)
     assert not [one for one in find_defects(root, False) if one.what == "metadata"]

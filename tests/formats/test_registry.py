@@ -7,6 +7,7 @@ from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.recording import from_demonstrations
+from rpil.formats.registry import find
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
@@ -22,7 +23,7 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
     mine.write_text("mine")
     other.write_text("episode_index,action,observation.x\n0,a,1\n")
     assert formats.read_recording(mine).description.format == "mine"
-    formats.keep(mine, tmp_path / "out.csv", [1])
+    find(mine).keep(tmp_path / "out.csv", [1])
     assert kept == [(mine, tmp_path / "out.csv", [1])]
     assert rpil.read(other).ids == (0,)
 

@@ -10,6 +10,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.registry import find
 from rpil.formats.robomimic import write_mask
 from rpil.formats.step_arrays import NO_STEPS
 
@@ -98,7 +99,7 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
     with h5py.File(path, "r+") as file:
         file.attrs["made by"] = "us"
         file["other/array"] = np.arange(3)
-    formats.keep(path, tmp_path / "kept.hdf5", ["demo_10", "demo_0"])
+    find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"])
     before, after = contents(path), contents(tmp_path / "kept.hdf5")
     total = (parent, "total") if parent == "data" else ("/", "total")
     assert after.pop(total) == 10 + 12
@@ -156,7 +157,7 @@ def test_filter_keys_in_other_files_are_not_read(tmp_path):
         file.create_virtual_dataset("mask/elsewhere", layout)
         file["mask/link"] = h5py.ExternalLink(tmp_path / "other.hdf5", "names")
         file.create_group("mask/group")
-    formats.keep(path, output, ["demo_0", "demo_10"])
+    find(path).keep(output, ["demo_0", "demo_10"])
     with h5py.File(output) as file:
         assert {key: names[()].tolist() for key, names in file["mask"].items()} == {
             "train": [b"demo_0"],
@@ -164,7 +165,7 @@ def test_filter_keys_in_other_files_are_not_read(tmp_path):
         }
 
 
-@pytest.mark.parametrize("write", [formats.keep, write_mask])
+@pytest.mark.parametrize("write", [lambda path, *given: find(path).keep(*given), write_mask])
 def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, write):
     path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
     with full_disk(20_000), pytest.raises(DataError, match=r"kept\.hdf5: it cannot be written") as caught:

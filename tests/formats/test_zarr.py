@@ -11,6 +11,7 @@ import rpil
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.missing import fill_chunks
+from rpil.formats.registry import find
 
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
 numcodecs = pytest.importorskip("numcodecs")
@@ -56,7 +57,7 @@ def test_zarr_read_and_kept(tmp_path, zarr_format, zipped):
     points = rpil.read(path, observations="keypoint")
     np.testing.assert_array_equal(points.observations, arrays["keypoint"].reshape(11, 4))
 
-    formats.keep(path, output, [2, 0])
+    find(path).keep(output, [2, 0])
     kept = formats.read_recording(output).demonstrations
     rows = [0, 1, 2, 3, 9, 10]
     np.testing.assert_array_equal(kept.observations, arrays["state"][rows])
@@ -83,7 +84,7 @@ def test_zarr_without_data_or_of_another_length(tmp_path):
     with pytest.raises(DataError, match=r"3 demonstrations and 11 steps, but no array .*; copy the data as well\.$"):
         rpil.read(path)
     with pytest.raises(DataError, match="no demonstration is called '3'"):
-        formats.keep(path, tmp_path / "kept", [3])
+        find(path).keep(tmp_path / "kept", [3])
     assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
 
 
@@ -114,7 +115,7 @@ def test_a_chunk_that_is_a_link_out_of_the_store_is_not_published(tmp_path, plac
     secret.write_bytes(bytes(24))
     (path / place).unlink(missing_ok=True)
     (path / place).symlink_to(secret)
-    for use in (rpil.read, lambda path: formats.keep(path, tmp_path / "kept.zarr", [1])):
+    for use in (rpil.read, lambda path: find(path).keep(tmp_path / "kept.zarr", [1])):
         with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
             use(path)
     assert not (tmp_path / "kept.zarr").exists()
@@ -128,10 +129,10 @@ def test_a_zip_file_leaves_nothing_beside_it(tmp_path):
     output.parent.mkdir()
     script = "import os, sys; from rpil import formats; from rpil.formats import zarr\n"
     script += "zarr._create = lambda *_: os.kill(os.getpid(), 9)\n"
-    script += "formats.keep(sys.argv[1], sys.argv[2], [1])"
+    script += "find(sys.argv[1]).keep(sys.argv[2], [1])"
     subprocess.run([sys.executable, "-c", script, path, output], check=False)
     assert all(name.startswith(".kept.zarr.") for name in os.listdir(output.parent))
-    formats.keep(path, output, [1])
+    find(path).keep(output, [1])
     assert os.listdir(output.parent) == [output.name]
 
 
@@ -142,7 +143,7 @@ def test_demonstrations_without_a_chunk_are_named(tmp_path):
     with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2, .* fill_missing=True"):
         rpil.read(path)
     with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks"):
-        formats.keep(path, tmp_path / "kept", [0, 2])
+        find(path).keep(tmp_path / "kept", [0, 2])
     assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
     filled = rpil.read(path, fill_missing=True)
     np.testing.assert_array_equal(filled.actions[:9], arrays["action"][:9])
@@ -155,11 +156,11 @@ def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
     root = zarr.open_group(path)
     root.create_array("data/reward", data=np.arange(11.0) // 9, chunks=(3,))  # zarr leaves chunks of zeros out
     assert len(rpil.read(path)) == 3
-    formats.keep(path, tmp_path / "kept.zarr", [0, 2])
+    find(path).keep(tmp_path / "kept.zarr", [0, 2])
     assert zarr.open_group(tmp_path / "kept.zarr")["data/reward"][:].tolist() == [0, 0, 0, 0, 1, 1]
     (path / "data/keypoint/3.0.0").unlink()  # which may hold anything
     with pytest.raises(DataError, match="data/keypoint: 1 of its 4 chunks"):
-        formats.keep(path, tmp_path / "no.zarr", [0, 2])
+        find(path).keep(tmp_path / "no.zarr", [0, 2])
 
 
 def test_a_lost_chunk_of_one_action_is_not_made_up_by_keep(tmp_path):
@@ -167,7 +168,7 @@ def test_a_lost_chunk_of_one_action_is_not_made_up_by_keep(tmp_path):
     write_buffer(path, action=np.arange(11.0)[:, None])
     (path / "data/action/3.0").unlink()
     with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2"):
-        formats.keep(path, tmp_path / "kept.zarr", [0, 2])
+        find(path).keep(tmp_path / "kept.zarr", [0, 2])
     assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
 
 
@@ -195,7 +196,7 @@ def test_what_is_kept_has_all_its_chunks(tmp_path, zarr_format):
     with pytest.raises(DataError, match="data/action: 4 of its 4 chunks"):
         rpil.read(path)
     with fill_chunks():
-        formats.keep(path, tmp_path / "kept", [1, 2])
+        find(path).keep(tmp_path / "kept", [1, 2])
     assert rpil.read(tmp_path / "kept").actions.shape == (7, 2)
 
 
@@ -205,7 +206,7 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
     shutil.move(shutil.make_archive(str(tmp_path / "x"), "zip", tmp_path / "buffer.zarr"), path)
     assert len(rpil.read(path)) == 3
     with pytest.raises(DataError, match=r"kept\.zarr.* \.ZIP"):
-        formats.keep(path, tmp_path / "kept.zarr", [0])
+        find(path).keep(tmp_path / "kept.zarr", [0])
     other = path.rename(tmp_path / "buffer.dat")
     with pytest.raises(DataError, match="unknown extension"):
         rpil.read(other)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rpil
-from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.registry import find
 from rpil.formats.zarr_header import parse_header
 
 TOOLS = Path(__file__).parents[2] / "tools"
@@ -61,7 +61,7 @@ def test_a_store_that_runs_code_reaches_no_library(tmp_path, monkeypatch, place,
     with pytest.raises(DataError, match="'pickle'" if ".zarr" in disguise else disguise):
         rpil.read(path)
     with pytest.raises(DataError):
-        formats.keep(path, tmp_path / f"kept{path.suffix}", [0])
+        find(path).keep(tmp_path / f"kept{path.suffix}", [0])
     assert not (tmp_path / "marker").exists()
 
 

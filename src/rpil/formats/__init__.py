@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from rpil.data.arrays import ActionKind, Id, as_array
+from rpil.data.arrays import ActionKind, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -209,34 +209,6 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
         return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann", ids), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
-
-
-def keep(
-    path: StrPath,
-    output: StrPath,
-    ids: Sequence[Id],
-    options: ColumnOptions = ColumnOptions(),
-    trims: Mapping[Id, tuple[int, int]] | None = None,
-) -> None:
-    """Write some demonstrations of a file or folder, with all that it says of them, to a new one of the same format.
-
-    Parameters
-    ----------
-    ids : sequence
-        Of the demonstrations to keep, as `read` gives them; they come in the order of the file.
-    output : path
-        A file is replaced whole; a folder must not be there yet. What is at `path` is never changed.
-    options : ColumnOptions
-        Those with which `path` was read.
-    trims : mapping of id to pair of int, optional
-        The first step to keep, and the first after those to keep, of some demonstrations; of LeRobot's folders only.
-
-    Raises
-    ------
-    DataError
-        Where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
-    """
-    find(path).keep(output, ids, options, trims)
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:

@@ -94,7 +94,7 @@ class Recording:
         return self.description
 
     def keep(self, ids: Sequence[Id], output: StrPath) -> None:
-        """Write some demonstrations to a new file or folder of the same format; see `rpil.formats.keep`."""
+        """Write some demonstrations to a new file or folder of the same format."""
         if self.write_some is None:
             raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
         if isinstance(ids, str):

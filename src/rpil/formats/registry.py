@@ -104,7 +104,13 @@ class ClaimedPath:
         options: ColumnOptions = ColumnOptions(),
         trims: Mapping[Id, tuple[int, int]] | None = None,
     ) -> None:
-        """Write some demonstrations to `output`; see `rpil.formats.keep`."""
+        """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
+
+        `ids` are as `read` gives them; the demonstrations come in the order of the file. A file at `output` is replaced
+        whole, a folder must not be there yet; what is at `path` is never changed. `trims` holds the first step to keep,
+        and the first after those to keep, of some demonstrations; of LeRobot's folders only. A `DataError` where an id
+        is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
+        """
         with holding(), guarded(str(self.path)):
             new = self.check_output(output, bool(trims))
             if not ids:

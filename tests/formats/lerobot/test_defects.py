@@ -11,6 +11,7 @@ import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.lerobot.defects import find_defects, find_shots
+from rpil.formats.registry import find
 
 pytest.importorskip("av", reason="needs the extra video")
 
@@ -32,7 +33,7 @@ def test_nothing_is_found_in_a_folder_that_is_right(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
     assert found(root, look=True) == []
     if version == "v3.0":
-        formats.keep(root, tmp_path / "kept", [1, 3, 4])
+        find(root).keep(tmp_path / "kept", [1, 3, 4])
         assert found(tmp_path / "kept", look=True) == []
 
 
@@ -55,7 +56,7 @@ def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
     change_info(root, codebase_version="v3.0")
     with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):
-        formats.keep(root, tmp_path / "kept", [1])
+        find(root).keep(tmp_path / "kept", [1])
 
 
 def test_a_partial_download_is_named(tmp_path):
@@ -166,12 +167,12 @@ def test_times_that_lerobot_does_not_load_are_named(tmp_path, version, fault):
     assert defect.sentence.endswith("; write frame_index / 20 in their place")
     if version == "v3.0":
         with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
-            formats.keep(root, tmp_path / "kept", [1, 2, 3, 4])
+            find(root).keep(tmp_path / "kept", [1, 2, 3, 4])
     named = episodes.replace("all 5 episodes", "episodes 1 to 4")
     with pytest.warns(UserWarning, match=rf"drive, timestamps of {named}: LeRobot cannot load"):
-        formats.keep(root, tmp_path / "kept.json", [1, 2, 3, 4])
+        find(root).keep(tmp_path / "kept.json", [1, 2, 3, 4])
     if named == episodes:  # nothing is told of others
-        formats.keep(root, tmp_path / "right.json", [0])
+        find(root).keep(tmp_path / "right.json", [0])
 
 
 def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
@@ -201,18 +202,18 @@ def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, s
     change_episodes(root, from_timestamp=start)
     assert found(root) == [("metadata", "meta")]
     said = re.escape(f"demonstration 0: from_timestamp is {start}, to_timestamp 0.45; correct them.")
-    for use in (find_shots, lambda path: formats.keep(path, tmp_path / "kept", range(n_kept))):
+    for use in (find_shots, lambda path: find(path).keep(tmp_path / "kept", range(n_kept))):
         with pytest.raises(DataError, match=said):
             use(root)
     assert [file.name for file in tmp_path.iterdir()] == ["drive"]
-    formats.keep(root, tmp_path / "kept.json", [1, 2])
+    find(root).keep(tmp_path / "kept.json", [1, 2])
 
 
 def test_times_of_videos_with_more_frames_than_rows_are_told_by_keep(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, per_file=5)
     change_episodes(root, from_timestamp=0.0, to_timestamp=5.9)
     with pytest.warns(UserWarning, match=r"kept, frame count of 0: .*front has 118 frames for 30 rows") as told:
-        formats.keep(root, tmp_path / "kept", [1, 2])
+        find(root).keep(tmp_path / "kept", [1, 2])
     assert len(told) == 1
 
 
@@ -222,7 +223,7 @@ def test_keep_names_one_fault_of_each_kind_and_the_number_of_others(tmp_path):
         folders.write_video(file, folders.pictures(0, 4), "libx264", {"g": "2"})
     said = r"kept, frame count of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
     with pytest.warns(UserWarning, match=said) as told:
-        formats.keep(root, tmp_path / "kept", range(5))
+        find(root).keep(tmp_path / "kept", range(5))
     assert len(told) == 1
 
 

@@ -130,14 +130,14 @@ def test_metadata_that_cannot_be_opened_are_refused(dataset):
 @pytest.mark.parametrize("ids", [["99"], [0, 99]])
 def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
     with pytest.raises(DataError, match=r"called '99'; the ids are '0', '1', '2', '3'; correct them"):
-        formats.keep(dataset, dataset.with_name(output), ids)
+        find(dataset).keep(dataset.with_name(output), ids)
     assert not dataset.with_name(output).exists()
 
 
 @pytest.mark.parametrize("trims", [None, {1: (0, 2)}])
 def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset, trims):
     with pytest.raises(DataError, match="it is given back by its own ids; leave id out"):
-        formats.keep(dataset, dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"), trims)
+        find(dataset).keep(dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"), trims)
     assert not dataset.with_name("kept").exists()
 
 
@@ -160,7 +160,7 @@ def test_images_and_videos_are_not_read(dataset):
     assert ignored["observation.images.front"] == "images or nested values"
     assert ignored["observation.images.top"] == "video"
     with pytest.warns(UserWarning, match="no video of 'observation.images.top' is there"):
-        formats.keep(dataset, dataset.with_name("kept"), [1, 3])
+        find(dataset).keep(dataset.with_name("kept"), [1, 3])
     kept = pq.read_table(dataset.with_name("kept") / "data")
     assert kept["observation.images.front"].to_pylist() == [{"bytes": b"png", "path": "0.png"}] * 13
 
@@ -175,7 +175,7 @@ def test_an_unfinished_file_is_named(dataset):
 
 def test_list_and_commands(dataset):
     output = dataset.with_name("keep.json")
-    formats.keep(dataset, output, ["3", "1"])
+    find(dataset).keep(output, ["3", "1"])
     assert json.loads(output.read_text()) == {"episodes": [1, 3]}
     assert json.loads(json.dumps(rpil.read(dataset).ids)) == [0, 1, 2, 3]
     train, of_statistics, delete = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
@@ -216,7 +216,7 @@ def test_list_and_commands(dataset):
 def test_a_new_folder_is_consistent(dataset):
     output = dataset.with_name("kept")
     before = {file: file.read_bytes() for file in dataset.rglob("*.*")}
-    formats.keep(dataset, output, ["3", "1"])
+    find(dataset).keep(output, ["3", "1"])
     assert {file: file.read_bytes() for file in dataset.rglob("*.*")} == before
     old, new = rpil.read(dataset).select([1, 3]), rpil.read(output)
     assert new.ids == (0, 1)
@@ -253,10 +253,10 @@ def test_lines_of_json_of_version_2(dataset):
     assert recording.tasks["3"] == "put down"
     assert recording.description.format == "LeRobot v2.1, 2 files"
     with pytest.raises(DataError, match="meta"):  # its table of the episodes is that of version 3
-        formats.keep(dataset, dataset.with_name("kept"), [1])
+        find(dataset).keep(dataset.with_name("kept"), [1])
     (dataset / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v1.6"}))
     with pytest.raises(DataError, match=r"'v1\.6' cannot be given back"):
-        formats.keep(dataset, dataset.with_name("kept"), [1])
+        find(dataset).keep(dataset.with_name("kept"), [1])
 
 
 @pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])
@@ -265,7 +265,7 @@ def test_what_a_link_leads_to_is_not_published(dataset, place):
     secret.mkdir()
     (secret / "id_rsa").write_text("key")
     (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
-    for use in (rpil.read, rpil.open_dataset, lambda path: formats.keep(path, path.with_name("kept"), [1])):
+    for use in (rpil.read, rpil.open_dataset, lambda path: find(path).keep(path.with_name("kept"), [1])):
         with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
             use(dataset)
     assert not dataset.with_name("kept").exists()
@@ -276,7 +276,7 @@ def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
     dataset = write(tmp_path / "drive", (2000, 2000, 2000, 2000))
     output = dataset.with_name(f"kept{(dataset / path).suffix}")
     with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
-        formats.keep(dataset / path, output, [3])
+        find(dataset / path).keep(output, [3])
     assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
 
 

@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
-from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.formats.registry import find
 
@@ -56,7 +55,7 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
     old = folders.read(root)
     for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
         output = tmp_path / f"kept{len(ids)}"
-        formats.keep(root, output, ids)
+        find(root).keep(output, ids)
         new = folders.read(output)
         assert len(new) == len(ids)
         for one, m in zip(new, ids, strict=True):
@@ -71,7 +70,7 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
 def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
     root = coded_drive(tmp_path, version, coded)
     old, trims = folders.read(root), {1: (3, 9), 2: (0, 5), 4: (5, 8)}
-    formats.keep(root, tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
+    find(root).keep(tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
     new = folders.read(tmp_path / "kept")
     for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
         assert_same(one, old[m], *trims.get(m, (0, None)))
@@ -101,7 +100,7 @@ def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, ver
             table = table.append_column(name, folders.pa.array(own))
         pq.write_table(table, file)
     with pytest.warns(UserWarning, match=r"'next\.reward' of rows that are cut .* demonstrations 1\.") as told:
-        formats.keep(root, tmp_path / "kept", [0, 1, 2, 4], trims={1: (3, 9), 2: (1, 3), 4: (2, 8)})
+        find(root).keep(tmp_path / "kept", [0, 1, 2, 4], trims={1: (3, 9), 2: (1, 3), 4: (2, 8)})
     assert len(told) == 1
     table = pq.read_table(tmp_path / "kept" / "data").to_pydict()
     last = np.cumsum([9, 6, 2, 6]) - 1
@@ -118,7 +117,7 @@ def test_statistics_are_those_of_the_kept(tmp_path, version):
         (root / "meta" / "stats.json").write_text(
             json.dumps({"observation.images.front": expected, "action": {"min": 0}})
         )
-    formats.keep(root, tmp_path / "kept", ids)
+    find(root).keep(tmp_path / "kept", ids)
     found = json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())
     for name in ("min", "max", "mean", "std", "count"):
         np.testing.assert_allclose(found["observation.images.front"][name], expected[name], rtol=1e-6)
@@ -136,7 +135,7 @@ def test_statistics_that_cannot_be_joined_are_named(tmp_path):
     stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
     (root / "meta" / "stats.json").write_text(json.dumps(stats))
     with pytest.warns(UserWarning, match=r"statistics of 'images\.gone' are still those of all"):
-        formats.keep(root, tmp_path / "kept", [1])
+        find(root).keep(tmp_path / "kept", [1])
     assert json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())["images.gone"] == {"min": [0]}
 
 
@@ -146,17 +145,17 @@ def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
     file = root / "data" / "chunk-000" / "file-000.parquet"
     table = pq.read_table(file)
     pq.write_table(table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable")), file)
-    formats.keep(root, tmp_path / "kept", [0, 2, 4])
+    find(root).keep(tmp_path / "kept", [0, 2, 4])
     for one, m in zip(folders.read(tmp_path / "kept"), [0, 2, 4], strict=True):
         assert_same(one, old[m])
     monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # which are not sorted together
     with pytest.raises(DataError, match="within each other"):
-        formats.keep(root, tmp_path / "other", [0, 1])
+        find(root).keep(tmp_path / "other", [0, 1])
 
 
 def test_totals_of_version_2(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
-    formats.keep(root, tmp_path / "kept", [2, 5])
+    find(root).keep(tmp_path / "kept", [2, 5])
     info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
     assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
     assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
@@ -169,15 +168,15 @@ def test_videos_that_are_missing_are_named(tmp_path):
     for damage, message in ((pointer, "pointer of Git LFS"), (b"no video" * 40, "no video, or a damaged one")):
         video.write_bytes(damage)
         with pytest.raises(DataError, match=message):
-            formats.keep(root, tmp_path / "kept", [0, 4])
+            find(root).keep(tmp_path / "kept", [0, 4])
     video.unlink()
     with pytest.raises(DataError, match=r"file-001\.mp4: this video is not there"):
-        formats.keep(root, tmp_path / "kept", [0, 4])
-    formats.keep(root, tmp_path / "kept", [0, 1])
+        find(root).keep(tmp_path / "kept", [0, 4])
+    find(root).keep(tmp_path / "kept", [0, 1])
     assert len(folders.read(tmp_path / "kept")) == 2
     shutil.rmtree(root / "videos" / "observation.images.wrist")
     with pytest.warns(UserWarning, match="no video of 'observation.images.wrist' is there"):
-        formats.keep(root, tmp_path / "other", [0, 4])
+        find(root).keep(tmp_path / "other", [0, 4])
     assert folders.read(tmp_path / "other")[0].keys() == {"rows", "observation.images.front"}
     assert "observation.images.wrist" not in json.loads((tmp_path / "other" / "meta" / "stats.json").read_text())
 
@@ -191,11 +190,11 @@ def test_no_video_outside_the_folder_is_read(tmp_path, place):
     info = json.loads((root / "meta" / "info.json").read_text())
     (root / "meta" / "info.json").write_text(json.dumps(info | {"video_path": place}))
     with pytest.raises(DataError):
-        formats.keep(root, tmp_path / "kept", [1])
+        find(root).keep(tmp_path / "kept", [1])
     features = info["features"] | {"../../x": {"dtype": "video"}}
     (root / "meta" / "info.json").write_text(json.dumps(info | {"features": features}))
     with pytest.raises(DataError, match="no name of a camera"):
-        formats.keep(root, tmp_path / "kept", [1])
+        find(root).keep(tmp_path / "kept", [1])
 
 
 def test_a_missing_package_is_named_before_any_work(tmp_path, monkeypatch):
@@ -211,7 +210,7 @@ def test_a_missing_package_is_named_before_any_work(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("name", "ids"), [("lerobot_v3_video", [1, 2, 7, 11])])
 def test_what_lerobot_itself_wrote(tmp_path, name, ids):
     old = folders.read(REAL / name)
-    formats.keep(REAL / name, tmp_path / "kept", ids)
+    find(REAL / name).keep(tmp_path / "kept", ids)
     new = folders.read(tmp_path / "kept")
     assert len(new) == len(ids)
     for one, m in zip(new, ids, strict=True):
@@ -222,7 +221,7 @@ def test_what_lerobot_itself_wrote(tmp_path, name, ids):
 @pytest.mark.filterwarnings("ignore:.*statistics of")
 def test_a_partial_download_of_version_2(tmp_path):
     with pytest.warns(UserWarning, match=r"kept, timestamps of all 2 episodes: LeRobot cannot load .* recorded 18\.5"):
-        formats.keep(REAL / "lerobot_v21_video", tmp_path / "kept", [1, 3])
+        find(REAL / "lerobot_v21_video").keep(tmp_path / "kept", [1, 3])
     info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
     assert (info["total_episodes"], info["total_frames"]) == (2, 523)
     for number, old in enumerate((1, 3)):
@@ -237,5 +236,5 @@ def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):
     file = sorted((root / "videos").rglob("*.mp4"))[1]
     folders.write_video(file, folders.pictures(1, (9, 30)[1] - 4), "libx264", {"g": "2"})
     with pytest.warns(UserWarning, match="kept, frame count of 1: .* has 26 frames for 30 rows") as told:
-        formats.keep(root, tmp_path / "kept", [0, 1], trims={0: (2, 8)})
+        find(root).keep(tmp_path / "kept", [0, 1], trims={0: (2, 8)})
     assert len(told) == 1

@@ -7,6 +7,7 @@ import lerobot_folders as folders
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.lerobot.video import Packets, cut, look, picture
+from rpil.formats.registry import find
 
 pytest.importorskip("av", reason="needs the extra video")
 
@@ -57,7 +58,7 @@ def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path, version):
     (root / "videos").rename(tmp_path / "elsewhere")
     (root / "videos").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(DataError, match="it is a link that leads out"):
-        formats.keep(root, tmp_path / "kept", [0])
+        find(root).keep(tmp_path / "kept", [0])
     (defect,) = formats.registry.find(root).find_defects(True)
     assert "it is a link that leads out" in defect.sentence
     assert np.array_equal(sorted(path.name for path in tmp_path.iterdir()), ["drive", "elsewhere"])
