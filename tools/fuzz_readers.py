@@ -137,10 +137,6 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
     "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
-    "expected, TOML": (
-        text("e.toml", 'spike = ["é0"]\n"idle head" = ["b"]\n'),
-        lambda path, _: read_expected(path),
-    ),
 }
 
 

@@ -23,11 +23,11 @@ def server():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", fuzz.READERS)
-def test_a_hundred_mutants(server, name):
-    counts, wrong, growth = fuzz.fuzz(server, name, seed=1, n_mutants=100)
+def test_sixty_mutants(server, name):
+    counts, wrong, growth = fuzz.fuzz(server, name, seed=1, n_mutants=60)
     assert wrong == []
-    assert sum(counts.values()) == 100
-    assert counts["refused"] >= 10
+    assert sum(counts.values()) == 60
+    assert counts["refused"] >= 6
     assert growth < 100e6
 
 

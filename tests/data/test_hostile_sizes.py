@@ -253,7 +253,13 @@ def wide_texts(path):
 
 def wide_mask(file):
     file["data/demo_1/actions"] = np.ones((10, 3))
-    file.create_dataset("mask/huge", data=np.full(2, b"demo_0", "S250000000"), chunks=(1,), compression="gzip")
+    how = {"chunks": (1,), "compression": "gzip", "compression_opts": 1}
+    file.create_dataset("mask/huge", data=np.full(2, b"demo_0", "S250000000"), **how)
+
+
+def same_as(name):
+    """A file that was made before."""
+    return lambda path: path.hardlink_to(path.with_name(name))
 
 
 FILES = {
@@ -277,14 +283,14 @@ FILES = {
     "wide-chunk.hdf5": (robomimic(wide_chunk), READ),
     "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
     "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
-    "long-list-on-disk.parquet": (lambda path: write_long_list(path, 8 * 10**7), OPEN),
+    "long-list-on-disk.parquet": (same_as("long-list.parquet"), OPEN),
     "long-list-hidden.parquet": (lambda path: write_long_list(path, 8 * 10**7, says=2), READ),
     "letters.parquet": (lambda path: write_letters(path, 4 * 10**8), READ),
-    "letters-on-disk.parquet": (lambda path: write_letters(path, 4 * 10**8), OPEN),
+    "letters-on-disk.parquet": (same_as("letters.parquet"), OPEN),
     "operator.parquet": (lambda path: write_letters(path, 4 * 10**8, "operator"), "hostile:read_operator"),
     "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.results.choice:read_verdicts"),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
-    "zeros-hidden-on-disk.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), OPEN),
+    "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
     "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
     "compressed-imitation": (compressed("imitation", "data-00000-of-00001.arrow", "stream"), READ),
     "compressed-minari": (compressed("Minari, Arrow", "data/0/part-0.arrow", "file"), READ),
