@@ -15,18 +15,18 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2888, 27),
+    "cli": (2881, 25),
     "data": (3413, 41),
     "estimators": (2348, 15),
     "faults": (2297, 81),
     "formats": (9393, 111),
-    "inference": (2735, 93),
+    "inference": (2736, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
-    "policies": (1980, 69),
+    "policies": (1970, 68),
     "results": (3708, 60),
     "scale": (793, 26),
-    "simulation": (982, 23),
+    "simulation": (948, 23),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 

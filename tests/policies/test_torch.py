@@ -19,7 +19,7 @@ from rpil.inference.held_out import HeldOutPolicy
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
 from rpil.policies.networks import initial_networks
-from rpil.policies.torch import ValidationSettings, check_whole_numbers, training_and_validation
+from rpil.policies.torch import check_whole_numbers, training_and_validation
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 
@@ -150,7 +150,7 @@ def test_no_network_learns_what_it_is_judged_by():
     few = np.where(number == 4, 1.0, 0.0)
     for n_folds in (1, 3):
         for mass in (np.ones(99), rng.random(99), few):
-            learn, judge = training_and_validation(number, n_folds, mass, ValidationSettings())
+            learn, judge = training_and_validation(number, n_folds, mass)
             assert not (learn & judge).any()
             assert ((learn @ mass > 0) & (judge @ mass > 0)).any(), "somebody who learned must be judged"
             if n_folds > 1:

@@ -17,7 +17,7 @@ from rpil.data.spaces import Box, Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.simulation.environments import make
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import OneByOne, RandomPolicy, Returns, record, rollout
+from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
 from rpil.simulation.simulate import simulate
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
@@ -248,10 +248,9 @@ class Lucky(gymnasium.Wrapper):
         return *outcome, info | ({"success": 1.0} if self.n % 3 == 0 else {})
 
 
-@pytest.mark.parametrize("policy", [Always(1), OneByOne(lambda observation: 1)])
-def test_the_first_success_counts(policy, monkeypatch):
+def test_the_first_success_counts(monkeypatch):
     monkeypatch.setattr("rpil.simulation.rollouts.make", lambda env_id: Lucky(make(env_id)))
-    seen = rollout(policy, "CartPole-v1", n_episodes=5, seed=0)
+    seen = rollout(Always(1), "CartPole-v1", n_episodes=5, seed=0)
     assert seen.success.all()
     np.testing.assert_array_equal(seen.steps_to_success, 3)
     assert seen.success_ci95[1] == 1
@@ -269,21 +268,3 @@ def test_actions_may_be_given_otherwise(predict, action, env_id):
     policies = SimpleNamespace(predict=predict), Always(action)
     found, wanted = (rollout(policy, env_id, n_episodes=3, seed=0) for policy in policies)
     np.testing.assert_array_equal(found.returns, wanted.returns)
-
-
-def test_a_function_of_one_observation_is_played_episode_by_episode():
-    driver, order = expert("MountainCar-v0"), []
-
-    class Act:
-        def reset(self):
-            order.append("reset")
-
-        def __call__(self, observation):
-            order.append("step")
-            return driver.predict(observation[None])[0]
-
-    episodes = record(OneByOne(Act()), "MountainCar-v0", n_episodes=3, seed=4)
-    wanted = record(driver, "MountainCar-v0", n_episodes=3, seed=4)
-    for one, two in zip(episodes, wanted, strict=True):
-        np.testing.assert_array_equal(one.observations, two.observations)
-    assert order == [word for one in wanted for word in ["reset", *["step"] * len(one.actions)]]

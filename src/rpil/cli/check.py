@@ -13,7 +13,7 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import check_paths, open_with_missing, show_stages
 from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, with_options
-from rpil.data.text import counted, printable
+from rpil.data.text import counted, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -129,7 +129,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     if n > len(shown):
         lines.append(f"  ... and {n - len(shown):,} more; --json prints all")
     if report.set_aside:
-        lines += ["", f"Set aside, because values are missing: {terminal.join_ids(report.set_aside)}."]
+        lines += ["", f"Set aside, because values are missing: {listed(report.set_aside, terminal.MAX_IDS, ', ')}."]
     if report.n_expected:
         lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
     if report.trims:

@@ -30,8 +30,6 @@ LANDER_ENV = "LunarLander-v3"
 LANDER_FEATURES = "folded"
 """Features of every policy of the lander, so that the policies differ in their demonstrations only. "auto" gives the
 same verdicts and policies as good, and takes five times as long."""
-N_RESAMPLES = 2000
-"""Bootstrap samples for the interval of the AUROC."""
 
 POLICY_NAMES = {"trust_all": "Trust all", "rpil": "R-PIL", "oracle": "Oracle", "expert": "Expert"}
 
@@ -115,7 +113,7 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     is_better = load_truth(OVERCOOKED, "is_good")
     sides = people.log_odds[is_better == 1], people.log_odds[is_better == 0]
     rng = np.random.default_rng(seed)
-    interval = bootstrap(sides, auroc, n_resamples=N_RESAMPLES, method="percentile", random_state=rng)
+    interval = bootstrap(sides, auroc, method="percentile", random_state=rng)
     data = load_demonstrations(LUNARLANDER)
     model = fitted("LunarLander", data, LANDER_FEATURES)
     is_good = load_truth(LUNARLANDER, "is_good") == 1

@@ -16,7 +16,7 @@ import click
 
 from rpil.data.errors import shortened
 from rpil.data.privacy import without_secrets
-from rpil.data.text import printable
+from rpil.data.text import listed, printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -218,7 +218,10 @@ def next_steps(audit: Audit, labels_file: str, command: str) -> str:
     from rpil.results.answering import NEXT_STEPS
 
     exists = os.path.exists(labels_file) or bool(audit.labelled)
-    lines = [f"Group {letter}, {len(ids)} demonstrations: {join_ids(ids)}" for letter, ids in audit.groups.items()]
+    lines = [
+        f"Group {letter}, {len(ids)} demonstrations: {listed(ids, MAX_IDS, ', ')}"
+        for letter, ids in audit.groups.items()
+    ]
     lines.append(f"Next: {NEXT_STEPS[audit.finding]}")
     if audit.finding == "nothing could be learned" and not audit.question:
         return "\n".join(lines)
@@ -233,7 +236,7 @@ def next_steps(audit: Audit, labels_file: str, command: str) -> str:
         if not to_label:
             return "\n".join([*lines, "Every demonstration has a label already."])
         name = printable(to_label[0])
-        lines += [f"The labels that say most about the others, the best first: {join_ids(to_label)}."]
+        lines += [f"The labels that say most about the others, the best first: {listed(to_label, MAX_IDS, ', ')}."]
         lines += _answer_lines(to_label[0], "good", name, labels_file, exists)
     return "\n".join([*lines, f"Then run: {command} --labels {shlex.quote(labels_file)}"])
 
@@ -254,9 +257,3 @@ def _answer_lines(id_: Hashable, label: str, name: str, labels_file: str, add: b
         f"{verb} good, bad, better than or same as ... for those you can judge to {labels_file}; if {name} is {label}:",
         *(f"    {line}" for line in content),
     ]
-
-
-def join_ids(ids: Sequence[Hashable], separator: str = ", ") -> str:
-    """The ids in one line, of many the first ones."""
-    more = f"{separator}... ({len(ids) - MAX_IDS} more)" if len(ids) > MAX_IDS else ""
-    return separator.join(printable(name) for name in ids[:MAX_IDS]) + more

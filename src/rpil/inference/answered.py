@@ -82,10 +82,10 @@ def answer(
     A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
-    found = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
-    named = np.flatnonzero(np.isin(place, found.contradicting) & (answers.labels != 0))
-    of_each = found.log_odds[place], found.words[place], found.stays[place]
-    return Answered(*of_each, named, found.count, found.p_nothing)
+    different = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
+    named = np.flatnonzero(np.isin(place, different.contradicting) & (answers.labels != 0))
+    of_each = different.log_odds[place], different.words[place], different.stays[place]
+    return Answered(*of_each, named, different.count, different.p_nothing)
 
 
 def answer_about_different(
@@ -93,12 +93,12 @@ def answer_about_different(
 ) -> Answered:
     """P(good) of every demonstration where none is a copy of another.
 
-    A label says what its own demonstration is; that it contradicts other answers is named beside it. No other
+    A labelled demonstration has the word of its label; where other answers contradict it, it is named. No other
     demonstration is good before an answer calls one good, and none is bad before one is called bad; one answer alone
     neither gives nor takes a word.
     """
-    found, labels = posterior(columns, answers, settings), answers.labels
-    proba = found.proba(columns, np.where(labels == 0, answers.ranks(), np.nan))
+    fitted, labels = posterior(columns, answers, settings), answers.labels
+    proba = fitted.proba(columns, np.where(labels == 0, answers.ranks(), np.nan))
     log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
     if answers.count < 2:
         words, stays = np.zeros(len(columns), dtype=int), claimed
@@ -109,7 +109,7 @@ def answer_about_different(
     log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
     words = np.where(labels == 0, words, labels)
     stays, named = np.where(words == 0, stays, 0), contradicting(columns, answers, settings)
-    return Answered(log_odds, words, stays, named, answers.count, found.p_nothing)
+    return Answered(log_odds, words, stays, named, answers.count, fitted.p_nothing)
 
 
 def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:

@@ -4,8 +4,8 @@
 
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
 (`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". "No difference" is half a win of either, t =
-1/2 in P(yes)^t P(no)^(1 - t): the model of Davidson (1970) where such answers are rare. Labels of one sort alone, as of
-a reference, were chosen for their sort and say nothing of the share of good ones: their rows are (0, x_m). An outcome
+1/2 in P(yes)^t P(no)^(1 - t): the model of Davidson (1970) where such answers are rare. Labels that are all
+equal, as of a reference, carry no information about the share of good ones: their rows are (0, x_m). An outcome
 is an answer t in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share
 of the bad demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration
 whose outcome is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on
@@ -208,9 +208,9 @@ class AnswerPosterior:
         logit_by_channels = self._moderated(np.column_stack([np.ones(len(channels)), channels]))
         if outcome is not None:
             with np.errstate(divide="ignore"):
-                said = np.nan_to_num(logit(outcome), posinf=np.inf, neginf=-np.inf)[:, None]
+                by_outcome = np.nan_to_num(logit(outcome), posinf=np.inf, neginf=-np.inf)[:, None]
             least, most = np.log(self.error / (1 - self.luck)), np.log((1 - self.error) / self.luck)
-            logit_by_channels += np.clip(said, least, most)
+            logit_by_channels += np.clip(by_outcome, least, most)
         return np.asarray(expit(logit_by_channels) @ np.exp(self.log_weight))
 
     def proba_of(self, rows: Float[Array, "R D"]) -> Float[Array, " R"]:
@@ -301,9 +301,9 @@ def _laplace(
         if (slope * step).sum(axis=1).max() < TOL:
             break
         size = np.ones((len(w), 1))
-        while (lower := (found := log_joint(w + size * step)) < reached - TOL).any() and size.min() > MIN_STEP:
+        while (lower := (now := log_joint(w + size * step)) < reached - TOL).any() and size.min() > MIN_STEP:
             size[lower] /= 2
-        w, reached = np.where(lower[:, None], w, w + size * step), np.where(lower, reached, found)
+        w, reached = np.where(lower[:, None], w, w + size * step), np.where(lower, reached, now)
     _, information = slope_and_information(w)
     evidence = reached + 0.5 * (np.log(precision).sum(axis=1) - np.linalg.slogdet(information)[1])
     return w, np.linalg.inv(information), np.asarray(evidence)

@@ -103,7 +103,7 @@ def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Flo
 
 def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
     """Mean, deviation, first, last and mean change of every column of states and actions within each demonstration."""
-    found, inside = list[Array](), _inside(data)[:, None]
+    columns, inside = list[Array](), _inside(data)[:, None]
     begins, ends, lengths = data.offsets[:-1], data.offsets[1:] - 1, data.lengths[:, None]
     for values, begin in (
         (each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)
@@ -112,8 +112,8 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
         mean = data.sum_steps(block) / lengths
         spread = np.sqrt(data.sum_steps((block - data.per_step(mean)) ** 2) / lengths)
         changes = np.abs(np.diff(block, axis=0, append=block[-1:])) * inside
-        found += [mean, spread, block[begins], block[ends], data.sum_steps(changes) / np.maximum(lengths - 1, 1)]
-    return np.concatenate(found, axis=1)
+        columns += [mean, spread, block[begins], block[ends], data.sum_steps(changes) / np.maximum(lengths - 1, 1)]
+    return np.concatenate(columns, axis=1)
 
 
 def _in_double(matrix: Float[Array, "M S"]) -> LinearOperator:

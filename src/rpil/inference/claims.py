@@ -158,7 +158,8 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     and a policy of its own explains no more. None where actions are continuous, or the lower group is no noise.
 
     The scores of an expert are above 0, and those of actions without regard to the state below, by about as much
-    (the Kullback-Leibler divergences of the two, either way): halfway down a demonstration is unlike the others.
+    (the Kullback-Leibler divergences of the two, either way). A demonstration is unlike the others below the threshold
+    of -`noise_share` times the median gain of the upper group.
     """
     limits, upper = scoring.settings.claims, scores.score > 0
     no_groups = scores.groups.p_two < limits.min_p_two_of_noise

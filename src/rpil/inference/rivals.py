@@ -74,8 +74,8 @@ def is_learnable(
 ) -> bool:
     """Whether `size` demonstrations of a `group`, in a random order, suffice for a policy that explains them.
 
-    Where they do not, as many others without a policy are not noise, but too few. The order follows from the contents
-    of the demonstrations, so that their places in the data decide nothing.
+    If even that many members of the upper group are too few to learn from, a lower group of that size proves nothing.
+    The order follows from the contents of the demonstrations, so that their places in the data decide nothing.
     """
     in_random_order = np.argsort(deal(data, data.n_demonstrations, seed=0), kind="stable")
     few = np.zeros_like(group)

@@ -155,9 +155,9 @@ def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tu
     them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
     states = StateScale.of(data, settings.channels)
-    found = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.held_out.errors)
-    found[:, 0] = scores.score  # agreement
-    return states, columns_of(found, seen, scores.log_odds, settings.answers)
+    values = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.held_out.errors)
+    values[:, 0] = scores.score  # agreement
+    return states, columns_of(values, seen, scores.log_odds, settings.answers)
 
 
 def columns_within(
@@ -173,7 +173,7 @@ def columns_within(
     none = np.empty((data.n_demonstrations, 0))
     if groups is None:
         return none
-    upper, found = ~np.isin(np.arange(data.n_demonstrations), groups[1]), dict[bool, Array]()
+    upper, by_group = ~np.isin(np.arange(data.n_demonstrations), groups[1]), dict[bool, Array]()
     for is_upper in (True, False):
         rows = np.flatnonzero(upper == is_upper)
         own = data.select(rows)
@@ -182,9 +182,9 @@ def columns_within(
             return none
         within = Scoring.of(own, model, settings)
         scores = score_by_best_group(within, np.ones(own.n_demonstrations, dtype=bool))
-        found[is_upper] = with_group(described(within, scores, seen[rows])[1], is_upper)
-    columns = np.empty((data.n_demonstrations, found[True].shape[1]))
-    columns[upper], columns[~upper] = found[True], found[False]
+        by_group[is_upper] = with_group(described(within, scores, seen[rows])[1], is_upper)
+    columns = np.empty((data.n_demonstrations, by_group[True].shape[1]))
+    columns[upper], columns[~upper] = by_group[True], by_group[False]
     return columns
 
 

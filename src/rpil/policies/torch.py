@@ -21,17 +21,12 @@ from rpil.policies.heads import Head, Scale, initial_head
 from rpil.policies.networks import Networks, TrainingRows, TrainingSettings, initial_networks, raw_outputs, train
 from rpil.policies.protocol import Actions, Outputs
 
+N_PIECES, VALIDATED_EVERY = 20, 5
+"""Pieces into which steps are cut where no whole demonstration can be held out; one demonstration, or piece, in so many
+is validated on where there is one network. Chosen by hand, not tuned."""
 
-@dataclass(frozen=True)
-class ValidationSettings:
-    """Which steps a network is validated on. All were chosen by hand, not tuned."""
-
-    n_pieces: int = 20
-    """Pieces into which steps are cut where no whole demonstration can be held out."""
-    every: int = 5
-    """One demonstration, or piece, in so many is validated on where there is one network."""
-    min_share: float = 0.01
-    """Share of the total weight that a network must be trained on to be validated."""
+MIN_VALIDATED_SHARE = 0.01
+"""Share of the total weight that a network must be trained on to be validated. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +191,7 @@ class TorchPolicy:
     def _unit_of_step(self, data: FitData) -> Int[Array, " N"]:
         """The number of each step's unit, which is held out as a whole, of the network `number` modulo k."""
         if data.n_demonstrations < 3:  # too few to hold out
-            data = pieces(data, ValidationSettings.n_pieces)
+            data = pieces(data, N_PIECES)
         return data.per_step(deal(data, data.n_demonstrations, self.seed))
 
     def _train(
@@ -204,7 +199,7 @@ class TorchPolicy:
     ) -> tuple[_Trained, int]:
         """The networks after up to so many `epochs`, and the best epoch; `unit` (N,) is the unit of each step."""
         n_folds = len(trained.networks[0])
-        learn, validation = training_and_validation(unit, n_folds, weight, ValidationSettings())
+        learn, validation = training_and_validation(unit, n_folds, weight)
         if self.patience is None:  # without validation only the fold itself is held out
             learn = np.arange(n_folds)[:, None] != unit % n_folds if n_folds > 1 else np.ones_like(learn)
         networks, epoch = train(
@@ -225,10 +220,7 @@ def check_whole_numbers(values: Mapping[str, float]) -> None:
 
 
 def training_and_validation(
-    unit: Int[Array, " N"],
-    n_folds: int,
-    weight: Float[Array, " N"],
-    settings: ValidationSettings,
+    unit: Int[Array, " N"], n_folds: int, weight: Float[Array, " N"]
 ) -> tuple[Bool[Array, "k N"], Bool[Array, "k N"]]:
     """Steps that each network is trained on, and those of its validation loss.
 
@@ -243,12 +235,12 @@ def training_and_validation(
         validation = held_out
     else:
         held_out = np.zeros((1, len(unit)), dtype=bool)
-        validation = (unit % settings.every == 0)[None]
+        validation = (unit % VALIDATED_EVERY == 0)[None]
     learn = ~validation
     trained, validated = ((rows * weight).sum(axis=1) for rows in (learn, validation))
-    least = settings.min_share * weight.sum()
+    least = MIN_VALIDATED_SHARE * weight.sum()
     if validated[trained > least].sum() <= least:
         place = np.cumsum(weight > 0.0) / max((weight > 0.0).sum(), 1)
-        validation = ~held_out & (np.ceil(place * settings.n_pieces) % settings.every == 0)
+        validation = ~held_out & (np.ceil(place * N_PIECES) % VALIDATED_EVERY == 0)
         learn = ~held_out & ~validation
     return learn, validation

@@ -1,13 +1,12 @@
 """Playing a policy in an environment: its mean return and successes with intervals, or the episodes themselves.
 
-All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step; one
-after the other where the policy is a function of a single observation.
+All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -41,26 +40,6 @@ class RandomPolicy:
     def predict(self, observations: Array) -> Array:
         """Draw an action for every observation (n, D): (n,), or (n, A) where actions are continuous."""
         return self._actions.draw(len(observations), self._rng)
-
-
-class OneByOne:
-    """A function of one observation as a policy: it is called for one episode after the other, in the order of time.
-
-    So it may keep a state, such as a plan of several actions; ``reset()``, where it has that, begins an episode.
-    """
-
-    def __init__(self, act: Callable[[Array], object]) -> None:
-        self._act = act
-
-    def reset(self) -> None:
-        """Begin an episode."""
-        reset = getattr(self._act, "reset", None)
-        if callable(reset):
-            reset()
-
-    def predict(self, observations: Array) -> Array:
-        """An action for every observation (n, D), one by one."""
-        return np.array([np.asarray(self._act(observation)) for observation in observations])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +111,7 @@ def rollout(
     ----------
     policy : object with `predict`
         Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
-        the box of the environment; or (n,) where A is 1. A function of one observation (D,) is
-        `rpil.simulation.rollouts.OneByOne(function)`.
+        the box of the environment; or (n,) where A is 1.
     env_id : str
         An id for `rpil.simulation.environments.make`, such as "LunarLander-v3", with flat or discrete observations, and
         actions that are discrete or a flat box. A discrete observation is passed to the policy as a one-hot row.
@@ -232,19 +210,7 @@ def _seeds(seed: int, n_episodes: int) -> list[int]:
 
 
 def _play(policy: Player, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
-    """Play one episode per seed, in lockstep unless the policy takes them one by one; for a deterministic policy an
-    episode depends on its seed alone."""
-    if not isinstance(policy, OneByOne):
-        yield from _play_together(policy, env_id, seeds)
-        return
-    for episode, seed in enumerate(seeds):
-        policy.reset()
-        for step in _play_together(policy, env_id, [seed]):
-            yield replace(step, running=step.running + episode)
-
-
-def _play_together(policy: Player, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
-    """Play one episode per seed in lockstep."""
+    """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
     if not seeds:
         return
     envs: list[Any] = []

@@ -7,6 +7,7 @@ from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rpil.cli.terminal import MAX_IDS
 from rpil.data.errors import DataError
 from rpil.data.id_values import parse_answers, same_question, write_answers
 from rpil.data.text import counted, listed, printable
@@ -21,9 +22,6 @@ MIN_QUESTIONS = 4
 
 N_MOVED = 3
 """Demonstrations of which it is said how far an answer moved them."""
-
-MAX_CHANGED = 20
-"""Demonstrations with another word that are named."""
 
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
@@ -151,7 +149,7 @@ def change_lines(old: Audit, new: Audit) -> Iterator[str]:
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
         if before != word:
             moved.setdefault(word, []).append(name)
-    lists = "; ".join(f"{word}: {listed(ids, MAX_CHANGED)}" for word, ids in moved.items())
+    lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No word changed."
     distance = abs(new.ranks - old.ranks)
     most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
