@@ -88,6 +88,16 @@ def test_times_in_npz_state_the_order(tmp_path):
     assert facts(tmp_path / "b.npz").order is None
 
 
+def write_table(path: Path, frame: pa.Table) -> None:
+    """As Parquet, or as CSV, which may be compressed."""
+    if path.suffix == ".parquet":
+        pq.write_table(frame, path)
+    else:
+        text = io.BytesIO()
+        pa.csv.write_csv(frame, text)
+        path.write_bytes(gzip.compress(text.getvalue()) if path.suffix == ".gz" else text.getvalue())
+
+
 def written(folder: Path, suffix: str) -> Path:
     """The same columns in every format, with rows of the demonstrations that do not lie together in memory."""
     columns = {"episode": OWNERS, "x": STATES[:, 0], "action": STATES[:, 1], "next.success": SUCCESS}
@@ -100,9 +110,7 @@ def written(folder: Path, suffix: str) -> Path:
     elif suffix == "parquet":
         pq.write_table(pa.table(columns), path, row_group_size=4)
     else:
-        rows = zip(*(map(str, values) for values in columns.values()), strict=True)
-        text = "\n".join([",".join(columns), *map(",".join, rows), ""])
-        path.write_bytes(gzip.compress(text.encode()) if suffix == "csv.gz" else text.encode())
+        write_table(path, pa.table(columns))
     return path
 
 
@@ -141,13 +149,8 @@ def test_candidates_are_named_with_the_option(tmp_path, suffix, on_disk):
 def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix, on_disk):
     last = np.append(OWNERS[1:] != OWNERS[:-1], True).astype(int)
     columns = {"episode": OWNERS, "x": STATES[:, 0], "action": OWNERS % 2, "next.done": last, "score": np.arange(15.0)}
-    rows = zip(*(map(str, values) for values in (columns | {"success": SUCCESS}).values()), strict=True)
-    text = "\n".join([",".join([*columns, "success"]), *map(",".join, rows), ""])
     path = tmp_path / f"a.{suffix}"
-    if suffix == "parquet":
-        pq.write_table(pa.table(columns | {"success": SUCCESS}), path)
-    else:
-        path.write_bytes(gzip.compress(text.encode()) if suffix == "csv.gz" else text.encode())
+    write_table(path, pa.table(columns | {"success": SUCCESS}))
     read = formats.read_recording(path, ColumnOptions(outcome="score"), on_disk=on_disk)
     assert [*read.description.outcomes] == ["success"]
     with pytest.raises(DataError, match=r"'score' changes within .*outcome= \('success', 'length' may do\)"):
@@ -162,12 +165,8 @@ def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path,
     columns = {"x": states, "action": OWNERS % 2, "score": rewards if role == "order" else OWNERS % 3}
     columns |= {} if role == "id" else {"episode": OWNERS}
     frame, path = pa.table(columns | {"success": SUCCESS}), tmp_path / f"a.{suffix}"
-    if suffix == "parquet":
-        pq.write_table(frame, path)
-    elif suffix != "frame":
-        text = io.BytesIO()
-        pa.csv.write_csv(frame, text)
-        path.write_bytes(gzip.compress(text.getvalue()) if suffix == "csv.gz" else text.getvalue())
+    if suffix != "frame":
+        write_table(path, frame)
     options = ColumnOptions(**{role: "score"})
     source = frame if suffix == "frame" else path
     read = read_frame(source, options) if suffix == "frame" else formats.read_recording(path, options, on_disk=on_disk)

@@ -68,14 +68,6 @@ def test_a_hole_within_all_ranges_is_named_without_an_observation():
     assert found == ("No kept demonstration starts near the start of 60.",)
 
 
-def test_columns_without_a_name_are_called_observations():
-    rng = np.random.default_rng(4)
-    starts = [*rng.normal(size=(20, 1)), [50.0]]
-    episodes = [(start + rng.normal(size=(30, 1)), np.zeros(30, int)) for start in starts]
-    (found,) = lost_places(Demonstrations.from_episodes(episodes), range(20))
-    assert found.startswith("No kept demonstration starts with observation 0 above ")
-
-
 @pytest.mark.parametrize(("n", "width", "n_left_out"), [(30, 6, 10), (30, 6, 25), (100, 4, 10), (12, 2, 4)])
 def test_demonstrations_that_are_alike_hardly_ever_lose_a_place(n, width, n_left_out):
     alarms = 0

@@ -119,11 +119,6 @@ def test_competing_groups_wait_for_a_label() -> None:
     assert audit.reasons[2] == "Only an answer can tell which group is good."
 
 
-def test_no_verdict_is_explained_by_log_odds_near_zero() -> None:
-    audit = make_audit(("open", "typical"), log_odds=np.array([-0.3, 5.0]), **NO_STRETCH)
-    assert audit.reasons[0] == "Its log-odds of -0.3 nats are too close to 0 to call it typical or unlike."
-
-
 @pytest.mark.parametrize(
     ("others", "trusted", "ending"),
     [("typical", 0.6, " nats, that of the typical ones +0.60."), ("typical", -0.6, " nats."), ("open", 0.6, " nats.")],
