@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +12,6 @@ import pytest
 
 import rpil
 from command_line import call, ok, refused
-
-CODE = """
-import sys
-from rpil.cli.main import main
-main(["info", sys.argv[1]], standalone_mode=False)
-assert "sklearn" not in sys.modules
-"""
 
 
 def test_info_describes_a_file_in_words_and_as_json(folder):
@@ -74,11 +65,6 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
     shuffled = together.take(np.r_[25:50, 0:25, 50:400])
     pq.write_table(shuffled, tmp_path / "many" / "a.parquet")
     assert "steps sorted by frame_index, because rows" in ok("info", tmp_path / "many").stdout
-
-
-def test_info_imports_no_scikit_learn(folder):
-    done = subprocess.run([sys.executable, "-c", CODE, str(folder / "good.parquet")], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 def test_the_head_of_an_audit_is_what_info_says(folder):

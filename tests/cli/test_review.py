@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
 from urllib.parse import unquote, urlsplit
@@ -145,21 +146,20 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FINISHED)
-def test_no_link_is_written_through(data, tmp_path, name):
+def test_no_link_is_written_through(data, tmp_path):
     precious = tmp_path / "precious"
-    for is_there in (True, False):
-        if is_there:
-            precious.write_text("MINE")
-        Path(name).symlink_to(precious)
-        with reviewing(data, "--labels", "mine.csv") as (_, client):
+    with reviewing(data, "--labels", "mine.csv") as (_, client):
+        for name, is_there in product(FINISHED, (True, False)):
+            if is_there:
+                precious.write_text("MINE")
+            Path(name).symlink_to(precious)
             for agreed in (None, [name], FINISHED):
                 status, answer = client.post("/api/finish", version=0, replace=agreed)
                 assert (status, answer["error"][: len(name) + 14]) == (400, f"{name}: it is a link")
-        assert precious.exists() == is_there
-        assert Path(name).is_symlink()
-        Path(name).unlink()
-        precious.unlink(missing_ok=True)
+            assert precious.exists() == is_there
+            assert Path(name).is_symlink()
+            Path(name).unlink()
+            precious.unlink(missing_ok=True)
     assert list(Path().iterdir()) == []
 
 
