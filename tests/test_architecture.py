@@ -210,7 +210,6 @@ WITHOUT_TESTS = {
     "formats/dialect.py": "tests/data/test_csv_variants.py",
     "data/names.py": "as dialect.py",
     "formats/columns.py": "as dialect.py",
-    "formats/on_disk.py": "tests/formats/test_dataset.py",
     "formats/lerobot/episode_records.py": "tests/formats/lerobot/test_kept.py",
     "formats/lerobot/stats.py": "tests/formats/lerobot/test_kept.py",
     "formats/lerobot/video_faults.py": "tests/formats/lerobot/test_defects.py",

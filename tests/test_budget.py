@@ -16,10 +16,10 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2881, 25),
-    "data": (3413, 41),
+    "data": (3411, 41),
     "estimators": (2348, 15),
     "faults": (2297, 81),
-    "formats": (9393, 111),
+    "formats": (9352, 111),
     "inference": (2736, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),

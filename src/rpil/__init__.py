@@ -27,7 +27,7 @@ _HOME = {
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
     "open": "rpil.formats",
-    "open_dataset": "rpil.formats.on_disk",
+    "open_dataset": "rpil.formats",
     "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
     "rollout": "rpil.simulation.rollouts",
@@ -80,9 +80,8 @@ if TYPE_CHECKING:
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
     from rpil.faults.checking import check
-    from rpil.formats import open, read, write
+    from rpil.formats import open, open_dataset, read, write
     from rpil.formats.dataset import Dataset
-    from rpil.formats.on_disk import open_dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings

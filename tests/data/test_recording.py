@@ -185,12 +185,13 @@ def test_parts_of_the_action_keep_their_names(tmp_path, columns, names):
 
 
 @pytest.mark.parametrize("batch_rows", [3, 1000])
-def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, batch_rows):
+def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, monkeypatch, batch_rows):
     k = np.arange(40)
     table = pa.table({"session": k // 10, "episode": 0 * k, "x": np.sqrt(k), "action": k % 2})
     pq.write_table(table, tmp_path / "a.parquet")
+    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", batch_rows)
     with pytest.raises(DataError, match="row 11: column 'session' changes within this demonstration; write a column"):
-        open_dataset(tmp_path / "a.parquet", batch_rows=batch_rows)
+        open_dataset(tmp_path / "a.parquet")
     assert len(open_dataset(tmp_path / "a.parquet", options=ColumnOptions(id="episode"))) == 1
 
 

@@ -73,13 +73,14 @@ def test_every_rule_is_checked_or_says_why_not():
     assert set(report.not_checked) <= set(RULES)
 
 
-def test_from_disk_as_in_memory(tmp_path):
+def test_from_disk_as_in_memory(tmp_path, monkeypatch):
     episodes = recording(40)
     spiky = episodes[7][0].copy()
     spiky[50, 0] += 100
     in_memory = demonstrations(changed(episodes, 7, observations=spiky))
     formats.write(tmp_path / "data.parquet", in_memory)
-    on_disk = open_dataset(tmp_path / "data.parquet", batch_rows=500)
+    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 500)
+    on_disk = open_dataset(tmp_path / "data.parquet")
     found, expected = check(on_disk), check(in_memory)
     assert found.findings == expected.findings != ()
     assert found.not_checked == expected.not_checked

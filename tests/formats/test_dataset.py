@@ -11,17 +11,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from recorded import demonstrations, write_files, written
-from rpil import formats
+from rpil import formats, open_dataset
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from rpil.formats.on_disk import open_dataset
 
 BLOCK_STEPS = 700
 
 
-def open_in_batches(path):
-    """A data set of which hundreds of rows fill a batch."""
-    return open_dataset(path, batch_rows=130)
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch):
+    """Hundreds of rows fill a batch."""
+    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 130)
 
 
 def read_all(data):
@@ -71,7 +71,7 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
     table = change(flat.from_demonstrations(made(), {}))
     pq.write_table(table, tmp_path / "whole.parquet")
     memory = formats.read(tmp_path / "whole.parquet")
-    data = open_in_batches(write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1])
+    data = open_dataset(write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1])
     assert (data.n_steps, len(data), data.n_observations) == (memory.n_steps, len(memory), memory.n_observations)
     assert (data.ids, data.observation_names) == (memory.ids, memory.observation_names)
     assert data.is_discrete == memory.is_discrete
@@ -95,9 +95,7 @@ def test_a_pattern_an_address_and_one_file_can_be_opened(tmp_path):
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     pq.write_table(pa.table({"other": [1]}), folder / "_index.parquet")
     for path in (f"{folder}/*.parquet", folder.as_uri(), folder / "0.parquet"):
-        assert open_in_batches(path).n_steps == (
-            memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3
-        )
+        assert open_dataset(path).n_steps == (memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3)
 
 
 def changed(table, name, row, value):
@@ -134,7 +132,7 @@ def changed(table, name, row, value):
 def test_a_fault_of_the_files_is_reported_in_one_sentence(tmp_path, change, message):
     table = change(flat.from_demonstrations(demonstrations(), {}))
     with pytest.raises(DataError, match=message) as error:
-        read_all(open_in_batches(write_files(table, tmp_path / "many")))
+        read_all(open_dataset(write_files(table, tmp_path / "many")))
     assert str(error.value).count(". ") == 0
 
 
@@ -146,24 +144,24 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         folder / "3.parquet",
     )
     with pytest.raises(DataError, match=r"3.parquet: its columns are not those of 0.parquet; .* or take it out"):
-        open_in_batches(folder)
+        open_dataset(folder)
     (folder / "3.parquet").write_bytes(b"PAR1 this is none PAR1")
     with pytest.raises(DataError, match=r"3.parquet: not a Parquet file, or a damaged"):
-        open_in_batches(folder)
+        open_dataset(folder)
     with pytest.raises(DataError, match="there is no such file or folder"):
-        open_in_batches(tmp_path / "nothing")
+        open_dataset(tmp_path / "nothing")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match=r"no \.parquet file is there"):
-        open_in_batches(tmp_path / "empty")
+    with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
+        open_dataset(tmp_path / "empty")
     with pytest.raises(DataError, match="nowhere://x: it cannot be listed"):
-        open_in_batches("nowhere://x")
+        open_dataset("nowhere://x")
     with pytest.raises(DataError, match=r"https://a\.org/x\.csv: addresses of the web are not read; download the file"):
-        open_in_batches("https://a.org/x.csv")
+        open_dataset("https://a.org/x.csv")
 
 
 def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):
     table = flat.from_demonstrations(demonstrations(), {})
-    data = open_in_batches(write_files(table, tmp_path / "many"))
+    data = open_dataset(write_files(table, tmp_path / "many"))
     pq.write_table(table.slice(0, 50), tmp_path / "many" / "0.parquet")
     with pytest.raises(DataError, match=r"0.parquet: it has changed since the data set was opened"):
         read_all(data)
@@ -174,7 +172,7 @@ def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):
 
 def test_a_damaged_page_is_refused(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
-    data = open_in_batches(tmp_path / "a.parquet")
+    data = open_dataset(tmp_path / "a.parquet")
     content = bytearray((tmp_path / "a.parquet").read_bytes())
     column = next(
         c
@@ -189,7 +187,7 @@ def test_a_damaged_page_is_refused(tmp_path):
 
 
 def test_a_shard_can_be_pickled(tmp_path):
-    data = open_in_batches(written(tmp_path))
+    data = open_dataset(written(tmp_path))
     shard = data.shards(4, BLOCK_STEPS)[2]
     sent = pickle.dumps(shard)
     assert len(sent) < 4000

@@ -64,6 +64,7 @@ class DemonstrationSet:
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
     source: str
+    observation_names: tuple[str, ...]
     classes: Array
     low: Array
     high: Array
@@ -84,6 +85,11 @@ class DemonstrationSet:
         return int(self.offsets[-1])
 
     @property
+    def n_observations(self) -> int:
+        """D, the numbers per observation."""
+        return len(self.observation_names)
+
+    @property
     def lengths(self) -> NDArray[np.int64]:
         """Steps per demonstration, (M,)."""
         return np.diff(self.offsets)
@@ -91,10 +97,10 @@ class DemonstrationSet:
     def __len__(self) -> int:
         return self.n_demonstrations
 
-    def _described(self, n_observations: int, is_discrete: bool, source: str) -> str:
+    def __repr__(self) -> str:
         return (
-            f"<{type(self).__name__} from {source}: {self.n_demonstrations:,} demonstrations, {self.n_steps:,} steps, "
-            f"{n_observations} observations, {'discrete' if is_discrete else 'continuous'} actions>"
+            f"<{type(self).__name__} from {self.source}: {self.n_demonstrations:,} demonstrations, {self.n_steps:,} "
+            f"steps, {self.n_observations} observations, {'discrete' if self.is_discrete else 'continuous'} actions>"
         )
 
 
@@ -251,11 +257,6 @@ class Demonstrations(DemonstrationSet):
         return cls(X, y, offsets, tuple(values[chosen].tolist()), names, source, action_kind)
 
     @property
-    def n_observations(self) -> int:
-        """D, the numbers per observation."""
-        return int(self.observations.shape[1])
-
-    @property
     def n_actions(self) -> int:
         """A, the numbers per action; 0 where actions are discrete."""
         return int(self.actions.shape[1]) if self.actions.ndim == 2 else 0
@@ -327,6 +328,3 @@ class Demonstrations(DemonstrationSet):
         if isinstance(index, str):
             raise DataError(f"{self.source}: [{index!r}] takes a position; that of an id is .ids.index({index!r}).")
         return self.episode(index) if isinstance(index, int | np.integer) else self.select(index)
-
-    def __repr__(self) -> str:
-        return self._described(self.n_observations, self.is_discrete, self.source)

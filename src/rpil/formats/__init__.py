@@ -31,6 +31,7 @@ from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
+from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find, writer_of
@@ -175,6 +176,29 @@ def open(
     options = ColumnOptions(**columns)
     with fill_chunks(fill_missing):
         return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
+
+
+def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions()) -> Dataset:
+    """Open demonstrations that stay on disk, as ``rpil.open(path, on_disk=True).demonstrations``; any size is fine.
+
+    Parameters
+    ----------
+    path : path
+        A .parquet file; a folder of such files, with all folders in it (of LeRobot's, those in ``data``), taken in the
+        order of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, such as
+        ``s3://bucket/folder``. Of other formats a copy is on disk until the process ends.
+    options : ColumnOptions
+        What each column holds, where its name does not say it.
+
+    Raises
+    ------
+    DataError
+        One sentence: no files, files with different columns, missing values among the actions and ids, or a
+        demonstration whose rows are not consecutive, or not in the order of their column.
+    """
+    data = read_recording(path, options, on_disk=True).demonstrations
+    assert isinstance(data, Dataset)
+    return data
 
 
 def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:

@@ -96,7 +96,7 @@ class Dataset(DemonstrationSet):
     high: Array
 
     @property
-    def observation_names(self) -> tuple[str, ...]:
+    def observation_names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the D numbers of an observation."""
         return self.layout.observation_names
 
@@ -104,11 +104,6 @@ class Dataset(DemonstrationSet):
     def action_names(self) -> tuple[str, ...]:
         """Names of the parts of an action."""
         return self.layout.action_names
-
-    @property
-    def n_observations(self) -> int:
-        """D, the numbers per observation."""
-        return len(self.observation_names)
 
     @property
     def is_discrete(self) -> bool:
@@ -125,9 +120,6 @@ class Dataset(DemonstrationSet):
         """Bytes that all demonstrations would take in memory."""
         step = self.n_observations * self.layout.observation.itemsize
         return self.n_steps * (step + max(self.n_actions, 1) * self.layout.action.itemsize)
-
-    def __repr__(self) -> str:
-        return self._described(self.n_observations, self.is_discrete, self.source)
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[Shard]:
         """All demonstrations in order: shards, each to be iterated over for its blocks, see `shard_bounds`.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,18 +46,12 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
-def read_files(
-    filesystem: fs.FileSystem,
-    paths: Sequence[str],
-    options: ColumnOptions,
-    source: str,
-    batch_rows: int = BATCH_ROWS,
-) -> Recording:
+def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
     """Read files with the same columns into memory; within `rpil.formats.spool.on_disk` they stay where they are."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
     origin = Origin(source, _format_name(metadata, len(paths)), metadata)
     if is_on_disk():
-        return from_rows(replace(rows, batch_rows=batch_rows), columns, origin, layout)
+        return from_rows(rows, columns, origin, layout)
     check_memory(rows.n_bytes, source)
     tables, sizes = [], Counter[str]()
     for row, table, _ in rows.tables(0, rows.runs[-1][1], [*columns.all, *columns.outcomes]):

@@ -60,7 +60,6 @@ class ParquetRows:
     groups: tuple[RowGroup, ...]
     n_bytes: int
     """Of all columns that are read, decoded, at most."""
-    batch_rows: int = BATCH_ROWS
     keeper: object = None
     """What keeps a copy for as long as its rows are needed."""
     sizes: Mapping[str, int] | None = None
@@ -104,7 +103,7 @@ class ParquetRows:
                     if group.number >= file.num_row_groups or file.metadata.row_group(group.number).num_rows != n_rows:
                         raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
                     row, shift = group.first, group.row - group.first
-                    for batch in file.iter_batches(self.batch_rows, [group.number], columns, use_threads=False):
+                    for batch in file.iter_batches(BATCH_ROWS, [group.number], columns, use_threads=False):
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
