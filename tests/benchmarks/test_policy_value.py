@@ -114,26 +114,21 @@ def test_information_is_larger_where_actions_depend_on_states(discrete):
         assert pairs.mean() == pytest.approx(-np.log(1 - 0.81) / 2, abs=0.1)
 
 
-def test_the_report_pairs_tasks_and_seeds():
-    def row(task, seed, share, rule, success):
-        return {"task": task, "seed": seed, "n": 20, "share": share, "learner": "linear", "rule": rule} | {
-            "success": success
-        }
+def cell(rule, success, seed=0, task="reach", share=0.1, **more):
+    key = {"seed": seed, "n": 20, "share": share, "task": task, "learner": "linear", "rule": rule}
+    key |= {"episodes": 5, "steps": 5, "success": success, "kept": 1.0, "weight_on_good": 1.0}
+    return key | more
 
-    rows = [row("reach", 0, 0.1, ALL, 0.5), row("reach", 0, 0.5, ALL, 0.3), row("push", 0, 0.1, ALL, 0.2)]
-    rows += [row("reach", 0, 0.1, "keep", 0.6), row("reach", 0, 0.5, "keep", 0.6), row("push", 0, 0.1, "keep", 0.1)]
-    rows += [row("push", 1, 0.1, "keep", 0.9)]  # not paired
+
+def test_the_report_pairs_tasks_and_seeds():
+    rows = [cell(ALL, 0.5, 0, "reach", 0.1), cell(ALL, 0.3, 0, "reach", 0.5), cell(ALL, 0.2, 0, "push", 0.1)]
+    rows += [cell("keep", 0.6, 0, "reach", 0.1), cell("keep", 0.6, 0, "reach", 0.5), cell("keep", 0.1, 0, "push", 0.1)]
+    rows += [cell("keep", 0.9, 1, "push", 0.1)]  # not paired
     np.testing.assert_allclose(report.paired(rows, "keep"), [-0.1, 0.2])
     assert report.difference(np.array([-0.1, 0.2])) == ("+5.0", "15.0", "2")
     assert report.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert report.p_lower(np.array([-1.0, -2.0, -3.0])) == pytest.approx(0.0371, abs=1e-4)
     assert [report.p_lower(np.full(3, value)) for value in (-0.5, 0.0, 0.5)] == [0.0, 1.0, 1.0]
-
-
-def cell(rule, success, seed=0, task="reach", share=0.1, **more):
-    key = {"seed": seed, "n": 20, "share": share, "task": task, "learner": "linear", "rule": rule}
-    key |= {"episodes": 5, "steps": 5, "success": success, "kept": 1.0, "weight_on_good": 1.0}
-    return key | more
 
 
 def test_losses_are_counted_and_named():
