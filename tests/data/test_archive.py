@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import pickle
 import zipfile
 
@@ -11,6 +12,12 @@ import pytest
 from archives import LOST, members, mountain_car, npy, refused, rewrite
 from rpil import RPIL, save
 from rpil.data.errors import DataError
+
+
+def npz(**arrays):
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -51,25 +58,19 @@ def test_failed_save_keeps_the_existing_file(fitted, saved, monkeypatch):
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
-def test_load_refuses_a_missing_file(tmp_path):
-    refused(tmp_path / "nothing", "there is no such file")
-
-
-def test_load_refuses_an_empty_file(tmp_path):
-    (tmp_path / "empty").touch()
-    refused(tmp_path / "empty", "empty")
-
-
-@pytest.mark.parametrize("content", [b"hello", pickle.dumps({"a": 1}), npy(np.ones(3)), npy(np.array([{}]))])
-def test_load_refuses_other_files(content, tmp_path):
-    path = tmp_path / "other"
-    path.write_bytes(content)
-    refused(path, "no policy that rpil saved")
-
-
-def test_load_refuses_an_archive_of_demonstrations(tmp_path):
-    np.savez(tmp_path / "d.npz", observations=np.ones((2, 2)))
-    refused(tmp_path / "d.npz", "no policy that rpil saved; make one with rpil fit")
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        (None, "there is no such file"),
+        (b"", "empty"),
+        *((other, "no policy that rpil saved") for other in (b"hello", pickle.dumps({"a": 1}), npy(np.array([{}])))),
+        (npz(observations=np.ones((2, 2))), "no policy that rpil saved; make one with rpil fit"),
+    ],
+)
+def test_load_refuses_other_files(content, match, tmp_path):
+    if content is not None:
+        (tmp_path / "other").write_bytes(content)
+    refused(tmp_path / "other", match)
 
 
 def test_load_refuses_truncated_and_damaged_files(saved):

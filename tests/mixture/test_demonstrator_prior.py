@@ -58,15 +58,6 @@ def test_shrinkage_by_the_number_of_demonstrations():
     assert high[2] - low[2] > high[0] - low[0]
 
 
-def test_random_demonstrators_change_little():
-    rng = np.random.default_rng(0)
-    ratio = rng.permutation(np.repeat([20.0, -20.0], 30))
-    demonstrators = Demonstrators.from_names(rng.integers(6, size=60).tolist())
-    log_odds = demonstrator_posterior(demonstrators, ratio, np.zeros(60, dtype=int), DemonstratorSettings()).log_odds
-    assert np.abs(log_odds).max() < 0.8
-    assert np.abs(log_odds).mean() < 0.25
-
-
 def test_demonstrators_that_do_not_differ_change_nothing():
     demonstrators = Demonstrators.from_names("aabb")
     settings = DemonstratorSettings(spreads=(0.0,))

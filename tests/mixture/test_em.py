@@ -190,16 +190,6 @@ def test_labels_fix_the_posterior():
     assert posterior.log_odds[0] > 0 > posterior.log_odds[11]  # what the data say, labels not counted
 
 
-def test_select_keeps_the_data_of_a_demonstration():
-    problem = ZOO["labelled"].problem()
-    part = problem.select(np.array([13, 2]))
-    rows = np.r_[problem.offsets[13] : problem.offsets[14], problem.offsets[2] : problem.offsets[3]]
-    np.testing.assert_array_equal(part.features, problem.features[rows])
-    np.testing.assert_array_equal(part.actions, problem.actions[rows])
-    np.testing.assert_array_equal(part.lengths, problem.lengths[[13, 2]])
-    np.testing.assert_array_equal(part.labels, [-1, 0])
-
-
 def test_em_recovers_true_parameters():
     """Enough data from the model itself: the policy and the prior come back."""
     toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)

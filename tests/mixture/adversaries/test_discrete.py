@@ -113,14 +113,6 @@ def test_confusion_contains_the_normalised_complement_and_the_uniform(n_actions)
     np.testing.assert_allclose(anything.intended_action_proba(log_policy, actions), np.exp(log_policy), atol=1e-12)
 
 
-def test_given_permutation_recovers_the_intended_action():
-    swap = Confusion.given(np.eye(3)[[2, 1, 0]])
-    features, log_policy, actions = steps(3)
-    np.testing.assert_allclose(swap.intended_action_proba(log_policy, actions), np.eye(3)[2 - actions])
-    expected = log_policy[np.arange(N), 2 - actions]
-    np.testing.assert_allclose(swap.log_prob(features, log_policy, actions), expected)
-
-
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
 @pytest.mark.parametrize("name", ["complement", "normalised complement", "confusion"])
 def test_intended_action_proba_is_the_posterior(name, n_actions):
@@ -219,21 +211,3 @@ def test_impossible_action_has_no_intended_action():
     log_prob, intended = stuck.log_prob(features, log_policy, actions), stuck.intended_action_proba(log_policy, actions)
     np.testing.assert_allclose(log_prob, np.where(actions == 1, 0.0, -np.inf), atol=1e-12)
     np.testing.assert_allclose(intended, np.where(actions[:, None] == 1, np.exp(log_policy), 0.0), atol=1e-12)
-
-
-def test_soft_targets_bound_log_one_minus_pi_from_below():
-    """model.md: with q from the old policy, the M-step's gain is at most the gain of log(1 - pi): 2,000 draws."""
-    rng = np.random.default_rng(0)
-    for n_actions in (2, 3, 5):
-        old, new = log_softmax(4 * rng.normal(size=(2, 2000, n_actions)), axis=2)
-        actions = rng.integers(n_actions, size=2000)
-        q = Complement().intended_action_proba(old, actions)
-        problem = FitData(
-            np.empty((2000, 0)), actions, np.array([0, 2000]), Discrete(n_actions), np.zeros(1, dtype=int)
-        )
-        assert (q[np.arange(2000), actions] == 0).all()
-        surrogate = (q * (new - old)).sum(axis=1)
-        gain = Complement().log_prob(problem.features, new, actions) - Complement().log_prob(
-            problem.features, old, actions
-        )
-        assert (gain - surrogate).min() >= -1e-9
