@@ -15,7 +15,7 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2881, 25),
+    "cli": (2867, 25),
     "data": (3411, 41),
     "estimators": (2348, 15),
     "faults": (2297, 81),
@@ -33,7 +33,7 @@ BUDGETS = {
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 5
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 751, 123
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 750, 123
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 

@@ -131,11 +131,8 @@ class FakeDemo:
         arguments.pop("progress")("working")
         self.arguments = arguments
 
-    def to_dict(self):
-        return self.arguments | {"auroc": float("nan")}
-
     def sentences(self):
-        return ["It works."]
+        return [f"It works with {self.arguments}."]
 
     def write_report(self, path):
         Path(path).write_text("report")
@@ -143,11 +140,9 @@ class FakeDemo:
 
 def test_demo(monkeypatch):
     monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=FakeDemo))
-    assert ok("demo").stdout.splitlines() == ["It works.", "Report: rpil-demo.html"]
+    given = ok("demo", "--episodes", 7, "--seed", 2).stdout.splitlines()
+    assert given == ["It works with {'episodes': 7, 'seed': 2}.", "Report: rpil-demo.html"]
     assert Path("rpil-demo.html").read_text() == "report"
-    result = ok("demo", "--json", "--episodes", 7, "--seed", 2, "-o", "other.html")
-    assert json.loads(result.stdout) == {"episodes": 7, "seed": 2, "auroc": None}
-    assert result.stderr == "Report: other.html\n"
     refused("no folder nowhere", "demo", "--output", "nowhere/r.html")
 
 

@@ -54,14 +54,6 @@ class DemoResult:
     not_played: str = ""
     """Why there are no returns, and what to install."""
 
-    def to_dict(self) -> dict[str, object]:
-        """The numbers, as ``rpil demo --json`` prints them."""
-        returns = {name: {"mean": played.mean, "ci95": list(played.ci95)} for name, played in self.returns.items()}
-        return {
-            "overcooked": {"finding": self.people.finding, "auroc": self.auroc, "spearman": self.spearman},
-            "lunarlander": {"finding": self.lander.finding, **returns, "wrong_verdicts": self.wrong_verdicts},
-        }
-
     def sentences(self) -> list[str]:
         """The results for the terminal: of the people, of the lander, and of its policies."""
         low, high = self.auroc_ci95

@@ -23,7 +23,6 @@ from rpil.cli.options import (
     FIT_OPTIONS,
     OutputFile,
     RunOptions,
-    json_option,
     quiet_option,
     seed_option,
     with_options,
@@ -127,10 +126,9 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
     show_default=True,
     help="The report.",
 )
-@json_option
 @seed_option
 @quiet_option
-def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) -> None:
+def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
     """Run rpil on two data sets that come with it.
 
     One is of people who play a cooking game, the other of a lunar lander.
@@ -142,8 +140,4 @@ def demo(episodes: int, output: str, json_wanted: bool, seed: int, quiet: bool) 
         result = run(episodes=episodes, seed=seed, progress=progress)
         progress("writing the report")
         result.write_report(output)
-    if json_wanted:
-        click.echo(terminal.to_json(result.to_dict()))
-    else:
-        click.echo("\n".join(result.sentences()))
-    click.echo(f"Report: {output}", err=json_wanted)
+    click.echo("\n".join([*result.sentences(), f"Report: {output}"]))
