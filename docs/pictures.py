@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
-from rpil.results.plots import COLOURS, RankingDisplay
+from rpil.results.plots import COLOURS
 from rpil.results.words import SIDES
 
 Array = NDArray[Any]
@@ -190,7 +190,7 @@ def reliability() -> Any:
     demonstrations, right = partly_bad()
     audit = RPIL().fit(demonstrations).audit_
     figure, ax = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
-    RankingDisplay.from_audit(audit, ax=ax)
+    audit.plot.ranking(ax=ax)
     order = audit.ranking()
     # A random action is sometimes the right one: the share of right actions is above the share of good steps.
     ax.plot(right[order], range(len(order)), "|", color="black", markersize=9, label="actions that are the expert's")

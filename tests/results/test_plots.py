@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -20,7 +21,7 @@ from rpil.results import plots
 from rpil.results.record import Audit
 from rpil.results.words import SIDES
 
-AUDIT_DISPLAYS = [plots.RankingDisplay, plots.TimelineDisplay, plots.SessionsDisplay]
+PICTURES = "ranking", "steps", "sessions"
 
 
 @pytest.fixture(autouse=True)
@@ -37,53 +38,44 @@ def test_importing_plots_does_not_import_matplotlib() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_display_draws_on_given_axes_without_pyplot(display: type) -> None:
+@pytest.mark.parametrize("picture", PICTURES)
+def test_a_picture_is_drawn_on_given_axes_without_pyplot_or_on_new_ones(picture: str) -> None:
     import matplotlib.pyplot as plt
 
-    ax = Figure().subplots()
-    shown = display.from_audit(make_audit(), ax=ax)
-    assert repr(shown) == f"{display.__name__}()", "a notebook shows the picture, and not the audit again"
-    assert shown.ax_ is ax
-    assert shown.figure_ is ax.figure
+    ax, plot = Figure().subplots(), make_audit().plot
+    assert getattr(plot, picture)(ax=ax) is ax
     assert plt.get_fignums() == []
-
-
-@pytest.mark.parametrize("display", AUDIT_DISPLAYS)
-def test_display_makes_a_new_figure_at_each_plot(display: type) -> None:
-    shown = display.from_audit(make_audit())
-    first = shown.figure_
-    assert shown.plot() is shown
-    assert shown.figure_ is not first
+    assert getattr(plot, picture)().figure is not getattr(plot, picture)().figure
 
 
 def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
     values = np.array([1.0, 2.0, 6.0, 3.0])
-    np.testing.assert_allclose(plots.running_mean(values, 3), [1.5, 3.0, 11 / 3, 4.5])
     np.testing.assert_allclose(plots.running_mean(values), values)
-    np.testing.assert_allclose(plots.running_mean(values, 100), np.full(4, 3.0))
+    many = np.random.default_rng(0).normal(size=60)
+    expected = [many[max(k - 1, 0) : k + 2].mean() for k in range(60)]
+    np.testing.assert_allclose(plots.running_mean(many), expected)
 
 
 def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour() -> None:
     audit = make_audit()
-    ax = plots.RankingDisplay.from_audit(audit).ax_
+    ax = audit.plot.ranking()
     order = audit.ranking()
     assert [text.get_text() for text in ax.get_yticklabels()] == [str(audit.ids[m]) for m in order]
     assert ax.yaxis_inverted()
-    for line, bars in zip(ax.lines, ax.collections, strict=True):
+    (bars,) = ax.collections
+    np.testing.assert_array_equal([segment[:, 0] for segment in bars.get_segments()], audit.reliability_interval[order])
+    for line in ax.lines:
         verdict = line.get_label().split()[0]
-        assert line.get_color() == plots.COLOURS[SIDES[verdict]] == to_hex(bars.get_color()[0])
         rows = line.get_ydata()
+        assert {line.get_color(), *map(to_hex, bars.get_color()[rows])} == {plots.COLOURS[SIDES[verdict]]}
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
-        ends = [segment[:, 0] for segment in bars.get_segments()]
-        np.testing.assert_array_equal(ends, audit.reliability_interval[order[rows]])
     assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]
 
 
 def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> None:
     audit = make_audit(("typical", "typical", "unlike"), log_odds=np.array([np.inf, 4.0, -np.inf]))
-    ax = plots.RankingDisplay.from_audit(audit, quantity="log_odds").ax_
+    ax = audit.plot.ranking(quantity="log_odds")
     drawn = np.concatenate(
         [line.get_xdata() for line in ax.lines if line.get_label().startswith(("typical", "unlike"))]
     )
@@ -91,19 +83,19 @@ def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> N
 
 
 def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
-    ax = plots.RankingDisplay.from_audit(make_audit(("typical", "unlike") * 50)).ax_
+    ax = make_audit(("typical", "unlike") * 50).plot.ranking()
     assert ax.get_ylabel() == "Rank"
     assert len(ax.get_yticks()) < 20
 
 
 def test_ranking_refuses_an_unknown_quantity() -> None:
     with pytest.raises(ValueError, match="'reliability' or 'log_odds'"):
-        plots.RankingDisplay.from_audit(make_audit(), quantity="trust")
+        make_audit().plot.ranking(quantity="trust")
 
 
 def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
     audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
-    ax = plots.TimelineDisplay.from_audit(audit, demonstration="h").ax_
+    ax = audit.plot.steps("h")
     ratio = audit.step_log_ratio[audit.offsets[7] : audit.offsets[8]]
     points, _, mean, marks = ax.lines
     np.testing.assert_array_equal(points.get_ydata(), ratio)
@@ -115,24 +107,29 @@ def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None
 
 def test_timeline_shows_the_least_trusted_demonstration_by_default() -> None:
     audit = make_audit()
-    ax = plots.TimelineDisplay.from_audit(audit).ax_
+    ax = audit.plot.steps()
     assert ax.get_title() == f"Demonstration {audit.ids[audit.ranking()[-1]]}"
 
 
-@pytest.mark.parametrize("display", [plots.RankingDisplay, plots.TimelineDisplay])
-def test_names_are_text_and_not_formulas(display: type, tmp_path: Path) -> None:
+def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
+    with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
+        make_audit().plot.steps("x")
+
+
+@pytest.mark.parametrize("picture", ["ranking", "steps"])
+def test_names_are_text_and_not_formulas(picture: str, tmp_path: Path) -> None:
     audit = make_audit(("typical", "unlike"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
-    shown = display.from_audit(audit)
-    texts = [*shown.ax_.get_yticklabels(), shown.ax_.title]
+    shown = getattr(audit.plot, picture)()
+    texts = [*shown.get_yticklabels(), shown.title]
     assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}
     for ending in ("png", "svg"):
-        shown.figure_.savefig(tmp_path / f"picture.{ending}")
+        shown.figure.savefig(tmp_path / f"picture.{ending}")
     assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
 
 
-def drawn(display: plots.SessionsDisplay) -> dict[float, float]:
+def drawn(ax: Axes) -> dict[float, float]:
     """The log-odds at each place."""
-    dots = [line for line in display.ax_.lines if line.get_marker() == "o"]
+    dots = [line for line in ax.lines if line.get_marker() == "o"]
     return {x: y for line in dots for x, y in zip(*line.get_data(), strict=True)}
 
 
@@ -140,20 +137,20 @@ def test_sessions_are_drawn_one_after_the_other_in_the_order_of_recording() -> N
     sessions = ("late",) * 3 + ("early", "late") + ("early",) * 5
     order = np.array([9.0, 7.5, 8.0, 1.0, 7.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     audit = make_audit(sessions=sessions, order=order)
-    shown = plots.SessionsDisplay.from_audit(audit)
+    shown = audit.plot.sessions()
     by_place = [3, 5, 6, 7, 8, 9, 4, 1, 2, 0]
     assert drawn(shown) == dict(enumerate(audit.log_odds[by_place].tolist()))
-    bounds = [line.get_xdata()[0] for line in shown.ax_.lines if line.get_linestyle() == ":"]
+    bounds = [line.get_xdata()[0] for line in shown.lines if line.get_linestyle() == ":"]
     assert bounds == [5.5]
-    assert [text.get_text() for text in shown.ax_.get_xticklabels()] == ["early", "late"]
+    assert [text.get_text() for text in shown.get_xticklabels()] == ["early", "late"]
 
 
 def test_without_sessions_the_order_of_the_data_is_drawn() -> None:
     audit = make_audit()
-    shown = plots.SessionsDisplay.from_audit(audit)
+    shown = audit.plot.sessions()
     assert drawn(shown) == dict(enumerate(audit.log_odds.tolist()))
-    assert shown.ax_.get_xlabel() == "Place in the data"
-    assert not [line for line in shown.ax_.lines if line.get_linestyle() == ":"]
+    assert shown.get_xlabel() == "Place in the data"
+    assert not [line for line in shown.lines if line.get_linestyle() == ":"]
 
 
 def with_traces(name: str = "elbow", **changes: object) -> Audit:
@@ -165,9 +162,9 @@ def with_traces(name: str = "elbow", **changes: object) -> Audit:
 def test_evidence_is_drawn_beside_the_band_with_the_trust_in_steps_below(fps: float | None) -> None:
     audit, ax, other = with_traces(), *Figure(layout="constrained").subplots(2)
     shown = audit.plot.evidence("d", fps=fps, ax=ax)
-    assert shown.ax_ is ax
+    assert shown is ax
     assert ax.get_title() == "Demonstration d"
-    first, second, trust = shown.axes_
+    first, second, trust = shown.child_axes
     seconds = np.arange(40) / (fps or 1)
     for axes, part in zip((first, second), audit.traces["d"].parts, strict=True):
         (line,), (band,) = axes.lines, axes.collections
@@ -193,7 +190,7 @@ def test_evidence_of_one_without_traces_is_refused() -> None:
 
 def test_names_of_parts_are_text_and_not_formulas(tmp_path: Path) -> None:
     shown = with_traces(r"arm $\frac$").plot.evidence("d")
-    shown.figure_.savefig(tmp_path / "picture.svg")
+    shown.figure.savefig(tmp_path / "picture.svg")
     assert r"arm $\frac$ (75% of the evidence" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
 
 
@@ -201,15 +198,4 @@ def test_the_probability_of_discrete_actions_is_named() -> None:
     audit = with_traces()
     own = replace(audit.traces["d"], parts=audit.traces["d"].parts[:1], taken=("left",) * 40)
     shown = replace(audit, traces={"d": own}).plot.evidence("d")
-    assert shown.axes_[0].get_title(loc="left").startswith("Probability of the action taken (75%")
-
-
-def test_an_audit_draws_its_pictures() -> None:
-    audit, ax = make_audit(ids=list("abcdefghij")), Figure().subplots()
-    assert isinstance(audit.plot.ranking(quantity="log_odds"), plots.RankingDisplay)
-    shown = audit.plot.steps("d", ax=ax)
-    assert shown.ax_ is ax
-    assert ax.get_title() == "Demonstration d"
-    assert repr(audit.plot.sessions()) == "SessionsDisplay()"
-    with pytest.raises(DataError, match=r"No demonstration is called 'z'; choose one of the ids 'a', .*\.\.\."):
-        audit.plot.steps("z")
+    assert shown.child_axes[0].get_title(loc="left").startswith("Probability of the action taken (75%")
