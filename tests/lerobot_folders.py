@@ -127,6 +127,12 @@ def write(
     return root
 
 
+def change_info(root: Path, **values: Any) -> None:
+    """Give ``meta/info.json`` other values."""
+    place = root / "meta" / "info.json"
+    place.write_text(json.dumps(json.loads(place.read_text()) | values))
+
+
 def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
     """The frames shown at these times, which must be those of frames, as LeRobot demands."""
     import av

@@ -1,6 +1,5 @@
 """What LeRobot's `meta` says, where it is incomplete, odd, or not there."""
 
-import json
 import shutil
 
 import pyarrow.parquet as pq
@@ -8,6 +7,7 @@ import pytest
 
 import lerobot_folders as folders
 import rpil
+from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.meta_folder import fill
@@ -15,11 +15,6 @@ from rpil.formats.registry import find
 from samples import lerobot
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
-
-
-def change_info(root, **values):
-    place = root / "meta" / "info.json"
-    place.write_text(json.dumps(json.loads(place.read_text()) | values))
 
 
 def without_videos(root, version):

@@ -141,45 +141,25 @@ def test_what_a_header_says():
     assert parse({"zarr_format": 3, "node_type": "group"}) is None
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"shape": "x"},
-        {"shape": [-1, 2]},
-        {"shape": [True, 2]},
-        {"shape": [11.0, 2]},
-        {"chunks": [0, 2]},
-        {"chunks": [3]},
-        {"chunks": None},
-        {"order": [0, 0]},
-        {"dimension_separator": "-"},
-        {"zarr_format": 4},
-        {"filters": ["zlib"]},
-        {"compressor": [1]},
-    ],
-    ids=str,
+DAMAGED_2 = (
+    *({"shape": shape} for shape in ("x", [-1, 2], [True, 2], [11.0, 2])),
+    *({"chunks": chunks} for chunks in ([0, 2], [3], None)),
+    *({"order": [0, 0]}, {"dimension_separator": "-"}, {"zarr_format": 4}, {"filters": ["zlib"]}, {"compressor": [1]}),
 )
-def test_damaged_headers(changes):
-    with pytest.raises(DataError, match=r"^buffer.zarr: data/x: its header is damaged.*\.$"):
-        parse(FORMAT_2, **changes)
+DAMAGED_3 = (
+    *({"chunk_grid": {"name": "rectilinear"}}, {"chunk_key_encoding": {"name": "../.."}}, {"codecs": []}),
+    {"storage_transformers": [{"name": "x"}]},
+    {"codecs": [{"name": "transpose", "configuration": {"order": [0, 2]}}, BYTES]},
+    *(sharded(chunk_shape=[2, 2]), sharded(chunk_shape=[1])),
+)
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [
-        {"chunk_grid": {"name": "rectilinear"}},
-        {"chunk_key_encoding": {"name": "../.."}},
-        {"storage_transformers": [{"name": "x"}]},
-        {"codecs": []},
-        {"codecs": [{"name": "transpose", "configuration": {"order": [0, 2]}}, BYTES]},
-        sharded(chunk_shape=[2, 2]),
-        sharded(chunk_shape=[1]),
-    ],
-    ids=str,
+    ("about", "changes"), [*((FORMAT_2, one) for one in DAMAGED_2), *((FORMAT_3, one) for one in DAMAGED_3)], ids=str
 )
-def test_damaged_headers_of_format_3(changes):
+def test_damaged_headers(about, changes):
     with pytest.raises(DataError, match=r"^buffer.zarr: data/x: its header is damaged.*\.$"):
-        parse(FORMAT_3, **changes)
+        parse(about, **changes)
 
 
 @pytest.mark.parametrize("content", [b"", b"[" * 10**5, b"\xff", b"[]", b"{}", b'{"zarr_format": 2}', b"9" * 10**4])

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
+from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.lerobot.defects import find_defects, find_shots
@@ -21,11 +22,6 @@ VERSIONS = pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 
 def found(root, look=False):
     return [(one.what, one.place) for one in find_defects(root, look)]
-
-
-def change_info(root, **values):
-    place = root / "meta" / "info.json"
-    place.write_text(json.dumps(json.loads(place.read_text()) | values))
 
 
 @VERSIONS

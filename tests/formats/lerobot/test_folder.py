@@ -13,6 +13,7 @@ import pytest
 
 import rpil
 from hostile import full_disk
+from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.registry import find
@@ -94,8 +95,7 @@ def test_tasks_names_and_time(dataset):
 
 
 def test_data_are_believed_and_not_the_metadata(dataset):
-    info = json.loads((dataset / "meta" / "info.json").read_text())
-    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"total_frames": 30, "total_episodes": 5}))
+    change_info(dataset, total_frames=30, total_episodes=5)
     expected = (
         "meta/info.json says total_episodes = 5, but the data hold 4 demonstrations; the data decide.",
         "meta/info.json says total_frames = 30, but the data hold 22 steps; the data decide.",
@@ -243,8 +243,7 @@ def test_a_new_folder_is_consistent(dataset):
 
 
 def test_lines_of_json_of_version_2(dataset):
-    info = json.loads((dataset / "meta" / "info.json").read_text()) | {"codebase_version": "v2.1"}
-    (dataset / "meta" / "info.json").write_text(json.dumps(info))
+    change_info(dataset, codebase_version="v2.1")
     (dataset / "meta" / "tasks.parquet").unlink()
     lines = [{"task_index": 1, "task": "put down"}, {"task_index": 0, "task": "lift"}]
     (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)))
@@ -254,7 +253,7 @@ def test_lines_of_json_of_version_2(dataset):
     assert recording.description.format == "LeRobot v2.1, 2 files"
     with pytest.raises(DataError, match="meta"):  # its table of the episodes is that of version 3
         find(dataset).keep(dataset.with_name("kept"), [1])
-    (dataset / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v1.6"}))
+    change_info(dataset, codebase_version="v1.6")
     with pytest.raises(DataError, match=r"'v1\.6' cannot be given back"):
         find(dataset).keep(dataset.with_name("kept"), [1])
 
