@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import guard, guarded, in_words
+from rpil.data.guard import guarded, in_words
 
 FOREIGN = [
     KeyError("actions"),
@@ -78,18 +78,6 @@ def test_warnings_are_no_errors(recwarn):
     with guarded("a.npz"):
         warnings.warn("careful", UserWarning, stacklevel=1)
     assert len(recwarn) == 1
-
-
-def test_a_function_of_a_path_is_guarded():
-    @guard
-    def read(path, times=1):
-        """Read."""
-        return 1 / times
-
-    assert (read("a"), read(path="a", times=2), read.__doc__, read.__name__) == (1, 0.5, "Read.", "read")
-    for call in (lambda: read("a.csv", 0), lambda: read(path="a.csv", times=0)):
-        with pytest.raises(DataError, match=r"^a\.csv: .*ZeroDivisionError"):
-            call()
 
 
 def test_one_line_of_an_error():

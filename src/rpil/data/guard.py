@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import errno
-import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import wraps
-from typing import ParamSpec, TypeVar
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 from rpil.data.privacy import without_secrets
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _LONGEST = 100  # characters of a foreign error
@@ -41,18 +35,6 @@ def guarded(
         if type(error) is PermissionError:  # FFmpeg has one of its own, for damaged videos too
             raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
         raise DataError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
-
-
-def guard(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, whose first argument is the path of what it reads, within `guarded`."""
-    name = next(iter(inspect.signature(function).parameters))
-
-    @wraps(function)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> R:
-        with guarded(str(args[0] if args else kwargs.get(name))):
-            return function(*args, **kwargs)
-
-    return inner
 
 
 def in_words(error: BaseException) -> str:

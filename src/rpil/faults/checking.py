@@ -21,7 +21,7 @@ from rpil.faults.maprules import MAP_COMPARISONS
 from rpil.faults.measure import Learned, measure
 from rpil.faults.measured_columns import column_labels, describe_columns, pilot
 from rpil.faults.naming import learn
-from rpil.faults.report import RULES, Fault, FaultReport, Rule
+from rpil.faults.report import RULES, Fault, FaultReport
 from rpil.faults.rules import COMPARISONS, Measurements, is_lag_known
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole import learn_ends
@@ -103,7 +103,8 @@ def check(
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         seen = Measurements(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
-        why |= {name: reason for name, rule in RULES.items() if (reason := _reason(rule, seen))}
+        reasons = {need: reason for need, reason_of in NEEDS.items() if (reason := reason_of(seen))}
+        why |= {name: reasons[need] for name, rule in RULES.items() for need in rule.needs[::-1] if need in reasons}
         found += find_duplicates(seen)
         compared, unknown = _compare(seen, why)
         found += compared
@@ -189,11 +190,6 @@ def _no_times(times: Times) -> dict[str, str]:
     if not times.frames:
         why["frame count"] = "the recording does not say how many frames there should be"
     return why
-
-
-def _reason(rule: Rule, seen: Measurements) -> str | None:
-    """Why a rule does not apply to such data."""
-    return next((reason for need in rule.needs if (reason := NEEDS[need](seen))), None)
 
 
 def _too_few(seen: Measurements) -> str | None:

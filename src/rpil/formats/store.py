@@ -16,7 +16,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
-from rpil.data.guard import guard, guarded, in_words
+from rpil.data.guard import guarded, in_words
 from rpil.data.names import is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
@@ -161,7 +161,6 @@ def has_parquet(path: StrPath) -> bool:
     return bool(find_files(path)[1]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
 
 
-@guard
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     """The file system, and the Parquet files and the text tables of a data set in the order of their names.
 
@@ -173,33 +172,34 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     where = str(path)
     if where.startswith(("http://", "https://")):
         raise DataError(f"{where}: addresses of the web are not read; download the file, and give its path.")
-    try:
-        if "://" in where:
-            filesystem, place = fs.FileSystem.from_uri(where)
-        else:
-            filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
-            if not os.path.exists(place) and glob.has_magic(place):
-                return filesystem, *_matches(place)
-            check_exists(where)
-        if isinstance(filesystem, fs.LocalFileSystem):
-            check_folder(place)
-        kind = filesystem.get_file_info(place).type
-        if kind == fs.FileType.NotFound:
-            raise DataError(f"{where}: there is no such file or folder; check the path.")
-        if kind == fs.FileType.File:
-            return filesystem, *_tables([place], place)
-        data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
-        place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
-        entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
-    except ImportError as error:
-        reason = in_words(error)
-        raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
-    except PermissionError:  # which the guard names
-        raise
-    except (pa.ArrowException, OSError) as error:
-        raise DataError(f"{where}: it cannot be listed ({in_words(error)}); check the path.") from error
-    files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
-    return filesystem, choose_files(filesystem, where, place, files), texts
+    with guarded(where):
+        try:
+            if "://" in where:
+                filesystem, place = fs.FileSystem.from_uri(where)
+            else:
+                filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
+                if not os.path.exists(place) and glob.has_magic(place):
+                    return filesystem, *_matches(place)
+                check_exists(where)
+            if isinstance(filesystem, fs.LocalFileSystem):
+                check_folder(place)
+            kind = filesystem.get_file_info(place).type
+            if kind == fs.FileType.NotFound:
+                raise DataError(f"{where}: there is no such file or folder; check the path.")
+            if kind == fs.FileType.File:
+                return filesystem, *_tables([place], place)
+            data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
+            place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
+            entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
+        except ImportError as error:
+            reason = in_words(error)
+            raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
+        except PermissionError:  # which the guard names
+            raise
+        except (pa.ArrowException, OSError) as error:
+            raise DataError(f"{where}: it cannot be listed ({in_words(error)}); check the path.") from error
+        files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
+        return filesystem, choose_files(filesystem, where, place, files), texts
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
