@@ -6,7 +6,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from itertools import chain
 from typing import Any
@@ -20,12 +20,16 @@ from audits import make_audit
 from command_line import ok
 from problems import make
 from rpil import RPIL, Demonstrations, formats, load, save
-from rpil.data.archive import CLASSES
+from rpil.data.archive import CLASSES, stored
 from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
+from rpil.numerics.types import Array, Float
 from rpil.results.html.page import Article, render_page
+from rpil.results.judged import of_demonstration
+from rpil.results.record import Audit
+from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
 from rpil.scale.local import InMemory
 from rpil.scale.protocol import Engine, Shards
@@ -225,6 +229,31 @@ def test_engine_recipe():
     assert set(engine.calls) == {"map", "then", "total"}
     np.testing.assert_allclose(there.log_odds_, here.log_odds_, rtol=1e-9)
     np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)
+
+
+@stored()
+@dataclass(frozen=True, eq=False, repr=False)
+class Surprised(Audit):
+    surprise: Float[Array, " M"] = field(kw_only=True, metadata=of_demonstration(shown="surprise"))
+
+
+def test_audit_column_recipe(tmp_path):
+    plain = make_audit()
+    surprise = np.arange(10) / 4
+    audit = Surprised(**{one.name: getattr(plain, one.name) for one in fields(plain)}, surprise=surprise)
+    some = select(audit, [7, 2])
+    assert some.surprise.tolist() == [1.75, 0.5]
+    places, offsets = {"a": [2, 0], "b": [1]}, np.cumsum([0, *audit.lengths[[2, 4, 7]]])
+    joined = join_audits({"a": some, "b": select(audit, [4])}, places, (2, 4, 7), offsets)
+    assert joined.surprise.tolist() == [0.5, 1.0, 1.75]
+    audit.save(tmp_path / "audit.rpil")
+    assert Surprised.load(tmp_path / "audit.rpil").surprise.tolist() == surprise.tolist()
+    assert audit.to_frame("pyarrow")["fact_surprise"].to_pylist() == surprise.tolist()
+    assert {one["id"]: one["facts"]["surprise"] for one in audit.to_dict()["demonstrations"]}[7] == 1.75
+    assert make_view(audit, About("Audit", "toy.csv"))["demonstrations"]["facts"]["surprise"][7] == 1.75
+    replace(audit, surprise=surprise[1:]).save(tmp_path / "other.rpil")
+    with pytest.raises(DataError, match="do not belong together"):
+        Surprised.load(tmp_path / "other.rpil")
 
 
 def test_report_section_recipe():

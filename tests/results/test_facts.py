@@ -29,17 +29,15 @@ def columns(**channels):
     ],
 )
 def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
-    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), LENGTHS, (), None)
+    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), LENGTHS, None)
     assert set(found) == set(RANKS)
     assert found[fact] == pytest.approx(ranks)
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
 
 
 def test_what_is_not_known_is_left_out():
-    assert known_facts(UNKNOWN, LENGTHS, (), None) == {}
-    days = ("mon", "mon", "tue", "tue")
-    assert known_facts(UNKNOWN, LENGTHS, days, None) == {"session": days}
-    assert known_facts(UNKNOWN, LENGTHS, (), np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
+    assert known_facts(UNKNOWN, LENGTHS, None) == {}
+    assert known_facts(UNKNOWN, LENGTHS, np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
 
 
 @pytest.mark.parametrize(
@@ -52,14 +50,15 @@ def test_what_is_not_known_is_left_out():
     ],
 )
 def test_the_time_limit_is_the_largest_length_of_several_and_not_of_all(lengths, reached):
-    found = known_facts(UNKNOWN, np.array(lengths), (), None)
+    found = known_facts(UNKNOWN, np.array(lengths), None)
     assert found == reached
     assert [in_words(found, m) for m in (0, 1)] == ["", "time limit reached" if reached else ""]
 
 
 def test_facts_in_words():
     lengths = np.array([5, 9, 9, 9])
-    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), lengths, ("mon", "mon", "tue\x1b", "tue"), np.arange(4.0))
+    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), lengths, np.arange(4.0))
+    found["session"] = ("mon", "mon", "tue\x1b", "tue")
     ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50"
     assert in_words(found, 2) == f"{ranks}, time limit reached, session tue\\x1b, number 3 of 4 in order"
     assert in_words({}, 0) == ""
@@ -76,7 +75,7 @@ def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
 
 def test_the_words_of_a_style_follow_what_is_measured():
     moved = columns(motion=[1.0, 2.0, 3.0, 4.0], smoothness=[1.0, 2.0, 3.0, 4.0], short_path=[1.0, 2.0, 3.0, 4.0])
-    found = known_facts(moved, LENGTHS, (), None)
+    found = known_facts(moved, LENGTHS, None)
     assert style_in_words(found, np.full(4, 7), [0]) == (
         "1.00 of the median length, more pauses, less smooth, longer path"
     )

@@ -42,16 +42,13 @@ Fact = float | int | str
 
 
 def known_facts(
-    columns: Float[Array, "M D"],
-    lengths: Int[Array, " M"],
-    sessions: Sequence[str],
-    order: Float[Array, " M"] | None,
+    columns: Float[Array, "M D"], lengths: Int[Array, " M"], order: Float[Array, " M"] | None
 ) -> dict[str, tuple[Fact, ...]]:
     """The facts about M demonstrations by name; those that are not known are left out.
 
     The names are those of `RANKS`; "time limit", 1 where the demonstration has the largest length, as several others
-    do, else 0; "session"; and "order", the place among the demonstrations, from 1 on. `columns` are those of an audit,
-    which begin with the normal scores of the channels.
+    do, else 0; and "order", the place among the demonstrations, from 1 on. `columns` are those of an audit, which begin
+    with the normal scores of the channels.
     """
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
@@ -61,8 +58,6 @@ def known_facts(
     at_limit = at_time_limit(lengths)
     if at_limit is not None:
         found[TIME_LIMIT] = tuple(at_limit.astype(int).tolist())
-    if len(sessions):
-        found["session"] = tuple(sessions)
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found

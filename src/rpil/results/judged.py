@@ -1,6 +1,8 @@
-"""The fields of an audit, each declared once: its type, its axis, and what it is of a demonstration that is not judged.
+"""The fields of an audit, each declared once: its type, its axis, what it is of a demonstration that is not judged, and
+the name under which it is shown.
 
-What selects, joins, saves and checks audits (`rpil.results.tasks`, `rpil.results.saved`) is a loop over these fields.
+What selects, joins, saves, checks and shows audits (`rpil.results.tasks`, `rpil.results.saved`, `AuditResult.facts`) is
+a loop over these fields.
 """
 
 from __future__ import annotations
@@ -29,10 +31,17 @@ SHARE = (0.0, 1.0)
 
 
 def of_demonstration(
-    axes: str = "M", nothing: object = 0.0, limits: tuple[float, float] | None = None, type: Any = np.float64
+    axes: str = "M",
+    nothing: object = 0.0,
+    limits: tuple[float, float] | None = None,
+    type: Any = np.float64,
+    shown: str = "",
 ) -> dict[str, object]:
-    """Metadata of an array with a row for each demonstration; a row of one that is not judged is `nothing`."""
-    return {"axis": "M", "nothing": type(nothing), "limits": limits, **array_field(axes, type)}
+    """Metadata of an array with a row for each demonstration; a row of one that is not judged is `nothing`.
+
+    A column of numbers that is `shown` is a fact under this name: in tables, JSON and on the page.
+    """
+    return {"axis": "M", "nothing": type(nothing), "limits": limits, "shown": shown, **array_field(axes, type)}
 
 
 def of_step(nothing: float = 0.0, limits: tuple[float, float] | None = None) -> dict[str, object]:
@@ -82,7 +91,7 @@ class Judged:
     notes: tuple[str, ...] = ()
     deviations: tuple[str, ...] = field(default=(), metadata=TEXT)
     anchor: Anchor = "none"
-    sessions: tuple[str, ...] = field(default=(), metadata=TEXT)
+    sessions: tuple[str, ...] = field(default=(), metadata=TEXT | {"shown": "session"})
     order: Float[Array, " M"] | None = field(default=None, metadata=of_demonstration())
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})

@@ -6,7 +6,7 @@ Pictures and tables read it from here; `rpil.results.record.Audit` is what users
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Self
 
@@ -113,8 +113,11 @@ class AuditResult(Judged):
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
-        """Facts about each demonstration by name, which change no word; see `rpil.results.facts.known_facts`."""
-        return known_facts(self.columns, self.lengths, self.sessions, self.order)
+        """Facts about each demonstration by name, which change no word: see `rpil.results.facts.known_facts`, and the
+        fields that are shown."""
+        shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
+        columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}
+        return known_facts(self.columns, self.lengths, self.order) | columns
 
     @property
     def question(self) -> str | None:

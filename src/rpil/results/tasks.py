@@ -49,7 +49,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
     chosen = np.asarray(indices, dtype=np.int64)
     rows = {"M": chosen, "N": _steps_of(audit.offsets, chosen)}
     with_reasons = replace(audit, own_reasons=audit.reasons)
-    columns = {name: _taken(getattr(with_reasons, name), rows[axis]) for name, axis, _ in table_fields(Audit)}
+    columns = {name: _taken(getattr(with_reasons, name), rows[axis]) for name, axis, _ in table_fields(type(audit))}
     _, first, place = np.unique(audit.copy_of[chosen], return_index=True, return_inverse=True)
     names = dict(zip((audit.ids[m] for m in chosen.tolist()), ids or _taken(audit.ids, chosen), strict=True))
 
@@ -106,18 +106,19 @@ def join_audits(
     """
     parts = [replace(audit, own_reasons=audit.reasons, columns=_shared_columns(audit)) for audit in audits.values()]
     rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
+    kind = type(parts[0]) if parts else Audit
     numbers = {"M": rows, "N": [_steps_of(offsets, own) for own in rows]}
     sizes = {"M": len(ids), "N": int(offsets[-1])}
     columns = {
         name: _joined([getattr(part, name) for part in parts], numbers[axis], sizes[axis], nothing)
-        for name, axis, nothing in table_fields(Audit)
+        for name, axis, nothing in table_fields(kind)
         if name not in _NOT_OF_TASKS
     }
     if not parts:
         columns["columns"] = np.empty((len(ids), 0))
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
-    return Audit(
+    return kind(
         **columns,
         ids=tuple(ids),
         offsets=offsets,

@@ -30,8 +30,8 @@ demonstrations
     where the place is shown in its stead), evidence (dict of columns, the parts of log_odds), reliability, low,
     high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
     a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
-    session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1, and
-    "time limit", which is 0 or 1), kept (whether ``rpil keep`` keeps it).
+    session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1,
+    "time limit", which is 0 or 1, and columns of other names), kept (whether ``rpil keep`` keeps it).
 whole_ids
     Whether the ids are whole numbers.
 n_review
@@ -226,7 +226,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "session": list(map(str, facts.get("session", [""] * len(names)))),
         "order": list(facts.get("order", ())),
         "facts": {
-            name: [round(float(value), 3) for value in values]
+            name: [value if isinstance(value, str) else round(float(value), 3) for value in values]
             for name, values in facts.items()
             if name not in ("session", "order")
         },

@@ -87,9 +87,9 @@ const start = (article, prefix, before = null) => {
       const mean = (first) => inside.reduce((sum, m, k) => sum + (isFirst[k] === first ? values[m] : 0), 0) / (isFirst.filter((one) => one === first).length || 1);
       return Math.abs(mean(true) - mean(false));
     };
-    const fact = Object.entries(d.facts).filter(([name]) => !["length", "time limit"].includes(name)).sort((a, b) => apart(b) - apart(a))[0];
+    const fact = Object.entries(d.facts).filter(([name]) => name !== "length" && name in RANK_WORDS).sort((a, b) => apart(b) - apart(a))[0];
     groups.append(groupChart("Steps", inside.map((m) => d.n_steps[m]), isFirst));
-    if (fact) groups.append(groupChart(`Rank by ${RANK_WORDS[fact[0]] ?? fact[0]}`, inside.map((m) => fact[1][m]), isFirst));
+    if (fact) groups.append(groupChart(`Rank by ${RANK_WORDS[fact[0]]}`, inside.map((m) => fact[1][m]), isFirst));
   }
   const drawAxis = () => {
     axis?.destroy();
