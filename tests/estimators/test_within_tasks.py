@@ -76,8 +76,12 @@ def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
     assert judged.predict(demonstrations.observations).shape == demonstrations.actions.shape
     with pytest.raises(DataError, match="several tasks"):
         judged.score_demonstrations(demonstrations)
-    with pytest.raises(DataError, match="several tasks"):
-        rpil.save(judged, tmp_path / "policy")
+    rpil.save(judged, tmp_path / "policy")
+    loaded = rpil.load(tmp_path / "policy")
+    np.testing.assert_array_equal(loaded.audit_.log_odds, judged.audit_.log_odds)
+    np.testing.assert_array_equal(
+        loaded.predict(demonstrations.observations), judged.predict(demonstrations.observations)
+    )
 
 
 def test_labels_and_pairs_go_to_their_task(both):

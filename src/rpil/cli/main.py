@@ -4,7 +4,6 @@ is fast."""
 from __future__ import annotations
 
 import shlex
-import warnings
 from dataclasses import fields
 from typing import Any
 
@@ -66,13 +65,9 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
-        n_tasks = len({*recording.tasks.values()})
-        if n_tasks > 1:
-            message = f"{file}: its {n_tasks} tasks are judged and learned as one; rpil audit judges each by itself."
-            warnings.warn(message, stacklevel=1)
         with commands.fitting(run, recording, progress) as chosen:
             given = {field.name: getattr(chosen, field.name) for field in fields(chosen)}
-            model = RPIL(**given).fit_stated(recording.demonstrations, run.stated(recording))
+            model = RPIL(**given).fit(recording, labels=run.labels, demonstrators=run.operator)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])

@@ -68,10 +68,6 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
-    if isinstance(estimator, RPIL) and estimator.judge_ is None and estimator.state_ is None:
-        raise DataError(
-            f"{path}: several tasks, each judged by itself, cannot be saved as one; fit and save each task."
-        )
     if stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
@@ -185,11 +181,11 @@ def _try_out(estimator: SavedEstimator) -> None:
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
-        audit, state, judged = estimator.audit_, estimator.state_, estimator.judge_ is not None
-        check_sound(audit)
-        sound &= judged == (state is None)
-        one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
-        sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
-        sound &= state is None or np.isfinite(state.prior.log_odds)
+        state, judge = estimator.state_, estimator.judge_  # neither where several tasks were judged
+        check_sound(estimator.audit_)
+        sound &= state is None or (judge is None and np.isfinite(state.prior.log_odds))
+        if state is not None or judge is not None:
+            one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
+            sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
     if not sound:
         raise ValueError("values out of range")

@@ -14,6 +14,7 @@ from rpil.data.coding import encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames
 from rpil.data.errors import DataError
+from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.auditing import fit_task, fit_within_tasks
@@ -150,8 +151,8 @@ class RPIL(PolicyEstimator):
         X: ArrayLike | Given | Dataset | Recording,
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
-        labels: Labels | None = None,
-        demonstrators: DemonstratorNames | None = None,
+        labels: Labels | StrPath | None = None,
+        demonstrators: DemonstratorNames | str | None = None,
         outcome: Outcome | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> RPIL:
@@ -168,9 +169,9 @@ class RPIL(PolicyEstimator):
             Actions.
         groups : (N,) array
             The demonstration of each step; needed where X is an array, see the parameter of the constructor.
-        labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, or sequence of such pairs, optional
-            Answers about demonstrations, in the place of the constructor's.
-        demonstrators : mapping of id to name, or sequence of M names, optional
+        labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of pairs, or path, optional
+            Answers about demonstrations, in the place of the constructor's; of a file where it is a path.
+        demonstrators : mapping of id to name, or sequence of M names, or file or column of a `Recording`, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
@@ -191,15 +192,8 @@ class RPIL(PolicyEstimator):
             return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
         source = self._seen(X) if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
         answers = answers_of(labels, outcome, source)
-        return self.fit_task(Task.of(source, self.action_box, answers, demonstrators, order))
-
-    def fit_task(self, task: Task) -> RPIL:
-        """Decide which demonstrations of a task to trust, and fit the final policy."""
+        task = Task.of(source, self.action_box, answers, demonstrators, order)
         return self._keep(task, fit_task(task, self._options()))
-
-    def fit_stated(self, demonstrations: Demonstrations | Dataset, stated: Statements) -> RPIL:
-        """Fit all demonstrations as one task, with what is stated of them."""
-        return self.fit_task(stated.task(self._seen(demonstrations), self.action_box))
 
     def _seen(self, demonstrations: Demonstrations | Dataset) -> Demonstrations | Dataset:
         """The same demonstrations, of which the names of the observations are kept."""

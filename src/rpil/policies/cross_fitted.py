@@ -165,7 +165,7 @@ def cross_fitted_policy(
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, space.n, settings, settings.lapses[0])
+    return ClassifierPolicy(estimator, space.n, settings, settings.start_lapse)
 
 
 def _cross_fit(
