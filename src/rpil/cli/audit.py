@@ -29,7 +29,6 @@ from rpil.cli.outputs import (
     OUTPUTS,
     choice_asked,
     exit_code,
-    judged_within,
     lines_after_output,
     tell_if_too_many,
     write_outputs,
@@ -111,7 +110,8 @@ def audit(
             )
         )
     else:
-        terminal.print_lines([*recording.description.short(), *judged_within(result), ""])
+        judged_within = result.assumptions[:1] if result.within else ()
+        terminal.print_lines([*recording.description.short(), *judged_within, ""])
         terminal.print_audit(result, all_rows)
         terminal.print_lines(audit_fault_lines(faults, result, file))
         print_next_steps(ctx, result, given.quiet)

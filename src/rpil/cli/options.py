@@ -100,19 +100,14 @@ class WordLimit(TextType):
         return value
 
 
-def _ignored(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
-    """The names of `CHOICE_RULES` in texts that have commas between them."""
-    names = [word.strip() for text in texts for word in text.split(",")]
-    return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
-
-
-def _faults(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
-    """The rules of ``rpil check`` in texts that have commas between them."""
-    if not texts:
-        return ()
+def _rule_names(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of `CHOICE_RULES`, or of the rules of ``rpil check``, in texts that have commas between them."""
+    names = [name.strip() for text in texts for name in text.split(",")]
+    if param.name == "ignore" or not names:
+        return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
     from rpil.faults.expected import rule_name
 
-    return tuple(rule_name(word, param.opts[0]) for text in texts for word in text.split(","))
+    return tuple(rule_name(name, param.opts[0]) for name in names)
 
 
 seed_option = click.option(
@@ -214,10 +209,10 @@ JUDGE_OPTIONS = (
 
 CHOICE_RULES = ("labels", "answers", "unlike", "adversary")
 """Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
-_SAY_NAMES: Value = {"metavar": "RULES", "multiple": True}
+_SAY_NAMES: Value = {"metavar": "RULES", "multiple": True, "callback": _rule_names}
 CHOICE_OPTIONS = (
-    click.option("--ignore", **_SAY_NAMES, callback=_ignored, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
-    click.option("--without-faults", **_SAY_NAMES, callback=_faults, help="Reject by faults, as jump,frozen-sensor."),
+    click.option("--ignore", **_SAY_NAMES, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
+    click.option("--without-faults", **_SAY_NAMES, help="Reject by faults, as jump,frozen-sensor."),
     click.option(
         "--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject unlike ones."
     ),

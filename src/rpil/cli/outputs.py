@@ -171,8 +171,3 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
         err=True,
     )
     return 1
-
-
-def judged_within(audit: Audit) -> tuple[str, ...]:
-    """The sentence on the tasks within which demonstrations were judged; none where there is one task."""
-    return audit.assumptions[:1] if audit.within else ()

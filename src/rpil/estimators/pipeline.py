@@ -23,7 +23,6 @@ from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, FinalPolicy, Task
 from rpil.inference.answers import Answers, check_copied_labels
-from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
@@ -40,6 +39,7 @@ from rpil.scale.sample import sample_steps
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
+    from rpil.inference.fitted_judge import FittedJudge
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.scale.protocol import Engine, Shards
@@ -184,7 +184,11 @@ def decide_trust(posed: JudgeInput, options: FitOptions, is_kept: bool) -> Trust
     else:
         model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
     judgement = judge(data, model, settings, seed=seed, answers=answers, order=order, progress=options.progress)
-    kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None) if is_kept else None
+    kept = None
+    if is_kept:
+        from rpil.inference.fitted_judge import FittedJudge
+
+        kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
     decision = TrustDecision.of(judgement, kept, data, ids, answers, options.audit_settings)
     return replace(decision, notes=tuple(resting_sentences(data, ids)))
 
