@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3393, 41),
     "estimators": (2342, 15),
     "faults": (2293, 81),
-    "formats": (9352, 111),
+    "formats": (9336, 111),
     "inference": (2736, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),

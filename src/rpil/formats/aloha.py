@@ -15,11 +15,10 @@ from rpil.data.arrays import Id
 from rpil.data.cells import to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
-from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key
 from rpil.formats import d4rl, hdf5
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Closed, Part, from_parts
 
@@ -73,9 +72,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     numbered again from 0, because ACT reads as many files as it is told, by number.
     """
     files = _files(path)
-    check_ids(ids, files, path.name, "the ids")
-    wanted = set(map(str, ids))
-    kept = [file for name, file in files.items() if name in wanted]
+    kept = [files[name] for name in kept_of(files, ids, path)]
     numbered = all(re.fullmatch(r"episode_\d+", name) for name in files)
     links = [f"episode_{k}{file.suffix}" if numbered else file.name for k, file in enumerate(kept)]
     with new_folder(output) as folder:

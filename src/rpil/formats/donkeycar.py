@@ -15,11 +15,10 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, parse_lines, read_json, read_text
 from rpil.data.memory import check_memory
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Part, from_parts
 from rpil.numerics.types import Array
@@ -106,9 +105,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     Records keep their numbers, so that the gaps between demonstrations stay.
     """
     tub = _tub(path)
-    check_ids(ids, tub.stretches, path.name, "the ids")
-    wanted = {*map(str, ids)}
-    rows = [k for name, part in tub.stretches.items() if name in wanted for k in part]
+    rows = [k for name in kept_of(tub.stretches, ids, path) for k in tub.stretches[name]]
     lines = [f"{tub.lines[k]}\r\n" for k in rows]  # as Donkeycar ends them
     catalog = "catalog_0.catalog"
     about = {"created_at": tub.manifest[3].get("created_at"), "path": f"{catalog}_manifest"}

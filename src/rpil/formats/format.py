@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
+from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+
+K = TypeVar("K", int, str)
 
 Trims = Mapping[str, tuple[int, int]]
 """The first step to keep of some demonstrations, and the one after the last, by ids as text."""
@@ -123,6 +127,14 @@ def keep_by_own_ids(keep: Callable[[Path, Path, Sequence[Id]], None]) -> Keep:
         keep(path, output, ids)
 
     return checked
+
+
+def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
+    """Those of the demonstrations `there` that are called `ids`, in their order; a `DataError` on an unknown id."""
+    names = list(there)
+    check_ids(ids, names, path.name, "the ids")
+    wanted = {*map(str, ids)}
+    return [name for name in names if str(name) in wanted]
 
 
 def check_own_ids(path: Path, options: ColumnOptions) -> None:

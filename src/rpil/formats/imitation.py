@@ -18,14 +18,13 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import check_extension, new_folder, replacing
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import read_json
 from rpil.data.memory import check_memory
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.numerics.types import Array
@@ -63,8 +62,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         _keep_npz(path, check_extension(output, [".npz"]), ids)
         return
     table = _table(path)
-    check_ids(ids, range(len(table)), path.name, "the ids")
-    rows = sorted({int(i) for i in ids})
+    rows = kept_of(range(len(table)), ids, path)
     with new_folder(output) as folder:
         import pyarrow as pa
 
@@ -160,8 +158,7 @@ def _arrays(path: Path) -> dict[str, list[Array]]:
 
 def _keep_npz(path: Path, output: Path, ids: Sequence[Id]) -> None:
     arrays = _arrays(path)
-    check_ids(ids, range(len(arrays["acts"])), path.name, "the ids")
-    rows = sorted({int(i) for i in ids})
+    rows = kept_of(range(len(arrays["acts"])), ids, path)
     kept = {name: np.concatenate([parts[m] for m in rows]) for name, parts in arrays.items()}
     starts = np.cumsum([len(arrays["acts"][m]) for m in rows])[:-1]
     infos = np.full(len(kept["acts"]), "{}")  # the library wants one for each step

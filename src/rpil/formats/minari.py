@@ -13,14 +13,13 @@ from rpil.data.arrays import Id
 from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import read_json
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.parquet_pages import open_table
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
@@ -67,7 +66,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         new = folder / "data"
         new.mkdir()
         is_hdf5 = (data / _HDF5).exists()
-        lengths = _copy_groups(path, data, new, ids, output) if is_hdf5 else _copy_folders(data, new, ids, path.name)
+        lengths = _copy_groups(path, data, new, ids, output) if is_hdf5 else _copy_folders(path, data, new, ids)
         n_bytes = sum(file.stat().st_size for file in new.rglob("*") if file.is_file())
         totals = {"total_episodes": len(lengths), "total_steps": sum(lengths), "dataset_size": round(n_bytes / 1e6, 1)}
         (new / _METADATA).write_text(json.dumps({**about, **totals}))
@@ -137,17 +136,11 @@ def _copy_groups(path: Path, data: Path, new: Path, ids: Sequence[Id], output: P
     with hdf5.opened(data / _HDF5) as old_file, hdf5.writing(new / _HDF5, output) as new_file:
         hdf5.copy_attributes(old_file, new_file)
         groups = _groups(old_file)
-        for k, i in enumerate(_chosen(ids, groups, path.name)):
+        for k, i in enumerate(kept_of(groups, ids, path)):
             old_file.copy(groups[i], new_file, f"episode_{k}")
             new_file[f"episode_{k}"].attrs["id"] = k
             lengths.append(_part(groups[i], i).n_steps)
     return lengths
-
-
-def _chosen(ids: Sequence[Id], there: Mapping[int, object], source: str) -> list[int]:
-    """The numbers of the episodes to keep, in their order; a `DataError` where one is not there."""
-    check_ids(ids, there, source, "the ids")
-    return sorted({int(i) for i in ids})
 
 
 def _folders(data: Path) -> dict[int, Path]:
@@ -227,15 +220,15 @@ def _is_image(kind: pa.DataType) -> bool:
     return bool(pa.types.is_binary(kind) or (is_bytes and kind.list_size > MAX_MATRIX))
 
 
-def _copy_folders(data: Path, new: Path, ids: Sequence[Id], source: str) -> list[int]:
+def _copy_folders(path: Path, data: Path, new: Path, ids: Sequence[Id]) -> list[int]:
     """Copy folders of episodes; the number of steps of each."""
     lengths = []
     folders, kind = _folders(data), _json(data / _METADATA)["data_format"]
-    for k, i in enumerate(_chosen(ids, folders, source)):
+    for k, i in enumerate(kept_of(folders, ids, path)):
         copy_folder(folders[i], new / str(k), without=(_METADATA,))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        lengths.append(_n_steps(folders[i], len(_stored(new / str(k), kind, source)[1])))
+        lengths.append(_n_steps(folders[i], len(_stored(new / str(k), kind, path.name)[1])))
     return lengths
 
 

@@ -13,12 +13,11 @@ from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.folders import copy_folder, is_hidden
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import opened_npz
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Closed, Part, from_parts
 from rpil.formats.store import find_files
@@ -49,13 +48,12 @@ def read(path: Path, options: ColumnOptions) -> Recording:
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Copy the files called `ids`, or the folders in which they lie, with all that is beside them, to a new folder."""
     files = _files(path)
-    check_ids(ids, files, path.name, "the ids")
-    wanted = {*map(str, ids)}
+    kept = [files[name] for name in kept_of(files, ids, path)]
     with new_folder(output) as folder:
-        for name, file in files.items():
-            if name in wanted and file.parent != path:
+        for file in kept:
+            if file.parent != path:
                 copy_folder(file.parent, folder / file.parent.name)
-            elif name in wanted:
+            else:
                 (folder / file.name).write_bytes(file.read_bytes())
 
 

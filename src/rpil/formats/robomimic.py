@@ -15,12 +15,11 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
-from rpil.data.id_values import check_ids
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.metadata import Metadata
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Part, from_parts
@@ -105,7 +104,8 @@ def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):
-        names, parent, found = _checked(source, path, ids), _parent(source), _demonstrations(source)
+        parent, found = _parent(source), _demonstrations(source)
+        names = kept_of(found, ids, path)
         dropped = found.keys() - names
         for name, member in hdf5.members(source).items():
             if member == parent:
@@ -140,7 +140,7 @@ def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
     """
     path, output = Path(path), Path(output)
     with hdf5.opened(path) as file:
-        names = _checked(file, path, ids)
+        names = kept_of(_demonstrations(file), ids, path)
         is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)
         if _parent(file) == file or not is_free:
             raise DataError(f"{path.name}: only demonstrations in data have filter keys, in mask; use keep.")
@@ -151,14 +151,6 @@ def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
             if MASK in list(mask):
                 del mask[MASK]
             mask[MASK] = np.array(names, dtype="S")
-
-
-def _checked(file: h5py.File, path: Path, ids: Sequence[Id]) -> list[str]:
-    """The names of the demonstrations called `ids`, in the order of the file."""
-    found = _demonstrations(file)
-    check_ids(ids, found, path.name, "the ids")
-    wanted = set(map(str, ids))
-    return [name for name in found if name in wanted]
 
 
 def _parent(file: h5py.File) -> h5py.Group:

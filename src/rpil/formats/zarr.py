@@ -16,7 +16,6 @@ from rpil.data.arrays import LONGEST_TEXT, Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_memory
 from rpil.data.missing import are_chunks_filled, fill_chunks
@@ -24,7 +23,7 @@ from rpil.data.names import is_outcome
 from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.zarr_array import ZarrArray
@@ -100,8 +99,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """
     with _opened(path) as files:
         old, ends = _ends(files)
-        check_ids(ids, range(len(ends)), path.name, "the ids")
-        chosen = sorted(int(i) for i in ids)
+        chosen = kept_of(range(len(ends)), ids, path)
         rows = np.concatenate([np.arange(0), *(np.arange(0 if m == 0 else ends[m - 1], ends[m]) for m in chosen)])
         new_ends = np.cumsum(np.diff(ends, prepend=0)[chosen])
         arrays, closed = _data(files, ends)
