@@ -33,6 +33,15 @@ def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
     return parse(read_text(path, limit, encoding), str(path), limit)
 
 
+def object_in(text: object) -> dict[str, Parsed]:
+    """The object that a text of JSON holds; empty where it holds none."""
+    try:
+        found = json.loads(text)  # type: ignore[arg-type]
+    except (ValueError, TypeError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:
     """What a text of JSON holds; objects are `pairs` of key and value, by default a dict.
 

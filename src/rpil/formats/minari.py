@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from rpil.data.arrays import Id
 from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
-from rpil.data.json_files import read_json
+from rpil.data.json_files import object_in, read_json
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
@@ -33,7 +33,6 @@ _METADATA = "metadata.json"
 _INFOS = "infos"
 _IMAGES = "images"
 _LAST = "The last observation of a demonstration, which comes after its last action, is left out."
-_Leaf = tuple[tuple[str, ...], "pa.DataType"]
 _FOLDERS = ("arrow", "parquet")
 
 
@@ -48,9 +47,9 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     A `DataError` where a file is damaged, and where the data would take more memory than they may.
     """
     data, about = _open(path)
-    if _described(about, "action_space").get("type") == "Discrete" and options.action_kind == "auto":
+    if object_in(about.get("action_space")).get("type") == "Discrete" and options.action_kind == "auto":
         options = replace(options, action_kind="discrete")
-    environment = _described(about, "env_spec").get("id")
+    environment = object_in(about.get("env_spec")).get("id")
     notes = (f"Environment: {commas([str(environment)])}.",) if environment else ()
     if not (data / _HDF5).exists():
         return _read_tables(data, about["data_format"], path.name, options, notes)
@@ -101,15 +100,6 @@ def _json(path: Path) -> dict[str, Any]:
     try:
         found = read_json(path)
     except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _described(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """An entry of the metadata that is itself JSON; empty where it is not."""
-    try:
-        found = json.loads(about.get(name, ""))
-    except (ValueError, TypeError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

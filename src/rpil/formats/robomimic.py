@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
+from rpil.data.json_files import object_in
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
@@ -180,7 +180,7 @@ def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
 def _settings(file: h5py.File) -> Mapping[str, object]:
     """What the file says of the environment: its name, and how fast it runs."""
     parent = _parent(file)
-    found = _json_of(parent, "env_args") or _json_of(parent, "env_info")
+    found = object_in(parent.attrs.get("env_args")) or object_in(parent.attrs.get("env_info"))
     more = found.get("env_kwargs")
     name = parent.attrs.get("env")
     return {
@@ -190,18 +190,9 @@ def _settings(file: h5py.File) -> Mapping[str, object]:
     }
 
 
-def _json_of(group: h5py.Group, name: str) -> dict[str, object]:
-    """The object in an attribute that holds JSON; empty where there is none."""
-    try:
-        found = json.loads(group.attrs.get(name, ""))
-    except (ValueError, TypeError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
 def _task(group: h5py.Group, of_file: Mapping[str, object]) -> dict[str, str]:
     """The task of a demonstration, in words where it has some, or else the name of the environment."""
-    task = _json_of(group, "ep_meta").get("lang") or of_file.get("env_name")
+    task = object_in(group.attrs.get("ep_meta")).get("lang") or of_file.get("env_name")
     return {"task": task} if isinstance(task, str) and task else {}
 
 

@@ -154,35 +154,28 @@ def _write_statistics(
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """What to give LeRobot, so that it trains on the episodes `kept` among `ids`: all of it is in its version 0.6.1.
+    """What to give LeRobot, so that its version 0.6.1 trains on the episodes `kept` among `ids`.
 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """
-    chosen, name, root = set(map(str, kept)), path.resolve().name, str(path)
     is_list, version = Path(output).suffix.lower() == ".json", ""
     with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
-        version = str(read_info(file.read(LARGEST_METADATA + 1), name).get("codebase_version"))
-    if Path(output).name and not is_list and len(ids) <= MAX_LISTED:
+        version = str(read_info(file.read(LARGEST_METADATA + 1), path.name).get("codebase_version"))
+    if Path(output).name and not is_list:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
         return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
-    dropped = [name for name in ids if str(name) not in chosen]
-    train, drop = (shlex.quote(f"[{', '.join(map(str, names))}]") for names in (kept, dropped))
+    numbers = shlex.quote(f"[{', '.join(map(str, kept))}]")
     if len(ids) > MAX_LISTED and not is_list:
-        to_list = shlex.join(["rpil", "keep", root, "-o", "keep.json"])
+        to_list = shlex.join(["rpil", "keep", str(path), "-o", "keep.json"])
         return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
     if len(ids) > MAX_LISTED:
-        if list(map(str, ids)) != list(map(str, range(len(ids)))):
-            dropped = []  # the JSON file does not say which there are
-        train, drop = _read_from(output, "kept"), _read_from(output, f"sorted({{*range({len(ids)})}} - {{*kept}})")
-    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={train}"]
-    if not dropped:
-        return lines
-    new, better = f"{root.rstrip('/')}_trusted", "A folder with statistics of its own, videos too: rpil keep with -o"
-    lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {better} {new}")
-    if version == "v3.0":
-        words = ["lerobot-edit-dataset", "--repo_id", name, "--root", root, "--new_repo_id", f"{name}_trusted"]
-        words += ["--new_root", new, "--operation.type", "delete_episodes"]
-        lines.append(f"LeRobot's own command: {shlex.join(words)} --operation.episode_indices {drop}")
+        program = 'import json, sys; print(json.load(open(sys.argv[1]))["episodes"])'
+        numbers = f'"$({shlex.join(["python", "-c", program, str(output)])})"'
+    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
+    if len(kept) < len(ids):
+        better = "A folder with statistics of its own, videos too: rpil keep with -o"
+        new = f"{str(path).rstrip('/')}_trusted"
+        lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {better} {new}")
     return lines
 
 
@@ -197,12 +190,6 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
         needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
     is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
     return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
-
-
-def _read_from(output: StrPath, numbers: str) -> str:
-    """What the shell replaces by a list of `numbers`, a term of Python, in which ``kept`` are those in a JSON file."""
-    program = f'import json, sys; kept = json.load(open(sys.argv[1]))["episodes"]; print({numbers})'
-    return f'"$({shlex.join(["python", "-c", program, str(output)])})"'
 
 
 FORMAT = Format(
