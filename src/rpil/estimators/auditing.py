@@ -1,4 +1,4 @@
-"""`rpil.audit`, what the command ``rpil audit`` does, as a function; and the fit of a task, which `RPIL` calls as well.
+"""`rpil.audit`, what the command ``rpil audit`` does, as a function.
 
 Nothing here needs scikit-learn, whose import takes longer than to judge a small file.
 """
@@ -6,31 +6,25 @@ Nothing here needs scikit-learn, whose import takes longer than to judge a small
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Unpack, cast
 
-from threadpoolctl import threadpool_limits
-
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError, user_stack_level
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
 from rpil.data.recorded_facts import Outcome
-from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
+from rpil.estimators.pipeline import FitOptions
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Labels, Task
-from rpil.estimators.within_tasks import Statements, groups_of, judge_within_tasks
+from rpil.estimators.task import Labels
+from rpil.estimators.within_tasks import Statements, fit_within_tasks
 from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording, from_demonstrations
-from rpil.results.assumptions import assumption_sentences
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
-from rpil.scale.sample import is_large
 
 JUDGE_FEATURES = "folded"
 """Those of the judge: no policy is kept, for which others would be chosen."""
@@ -114,54 +108,6 @@ def audit_recording(
     changed |= changed_settings(options.settings, Settings())
     files = (path, recording.options.embeddings, *files)
     return replace(audit, provenance=Provenance.of(command, options.random_state, changed, files))
-
-
-def fit_within_tasks(
-    recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
-) -> tuple[Audit, list[tuple[Task, FitResult]]]:
-    """The audit of a recording, each task and session judged by itself, and the fits to them."""
-    fits: list[tuple[Task, FitResult]] = []
-    if len(groups_of(recording, stated)) > 1:
-        options = replace(options, engine=None)
-
-    def judge(demonstrations: Demonstrations | Dataset, stated: Statements) -> Audit:
-        task = stated.task(demonstrations, options.action_box)
-        fits.append((task, fit_task(task, options, keeps_policy)))
-        return fits[-1][1].decision.audit
-
-    return judge_within_tasks(recording, stated, judge), fits
-
-
-def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
-    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
-    assumptions."""
-    options.check(task)
-    stages: Stages = FullFit(task, options, keeps_policy)
-    may_sample, sample = options.judges and options.policy is None, options.settings.sample
-    if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
-        from rpil.estimators.passes import SampledFit
-
-        stages = SampledFit(task, options, keeps_policy)
-    with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-        result = fit(stages, options)
-    decision, prior = result.decision, options.settings.mixture.prior
-    audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
-    own = type(options.policy).__name__
-    sentences = assumption_sentences(
-        audit,
-        f"The policy is linear in {result.features.kind} features."
-        if options.policy is None
-        else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
-        p_two_groups=None if decision.judgement is None else decision.judgement.groups.p_two,
-        expert_share=prior if isinstance(prior, float) else None,
-        demonstrators=task.demonstrators.note,
-    )
-    if not decision.converged:
-        from sklearn.exceptions import ConvergenceWarning
-
-        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
-        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
-    return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
 
 
 def _opened(data: object, options: ColumnOptions) -> Recording:

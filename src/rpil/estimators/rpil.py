@@ -17,13 +17,12 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.recorded_facts import Outcome
-from rpil.estimators.auditing import fit_task, fit_within_tasks
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Features, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
-from rpil.estimators.within_tasks import Statements, groups_of
+from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
+from rpil.data.errors import user_stack_level
 from rpil.data.files import StrPath
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order
 from rpil.data.reference import with_reference
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
+from rpil.results.assumptions import assumption_sentences
 from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
+from rpil.scale.sample import is_large
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +96,6 @@ class Statements:
         return replace(self, answers=both, order=None, reference=None)  # no file states the order of two recordings
 
 
-Judge = Callable[[Demonstrations | Dataset, Statements], Audit]
-"""Judges demonstrations that belong together."""
-
-
 def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
     """The numbers of the demonstrations of each task and session; a `DataError` where sessions divide nothing."""
     if recording.options.session:
@@ -102,19 +103,23 @@ def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
     return split_by_task(recording.demonstrations.ids, recording.tasks, stated.sessions)
 
 
-def judge_within_tasks(recording: Recording, stated: Statements, judge: Judge) -> Audit:
-    """The audit of the demonstrations of a recording, each judged within its task and session.
+def fit_within_tasks(
+    recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
+) -> tuple[Audit, list[tuple[Task, FitResult]]]:
+    """The audit of the demonstrations of a recording, each judged within its task and session, and the fits to these.
 
     Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
     is not judged, and has the word of its label, if there is one.
     """
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
-        audit, n = _with_facts(_judged(demonstrations, stated, judge), stated), len(demonstrations)
-        if stated.reference is not None or n >= MIN_DEMONSTRATIONS:
-            return audit
-        few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
-        return replace(audit, notes=(few, *audit.notes))
+        audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
+        audit, n = _with_facts(audit, stated), len(demonstrations)
+        if stated.reference is None and n < MIN_DEMONSTRATIONS:
+            few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
+            audit = replace(audit, notes=(few, *audit.notes))
+        return audit, [fitted]
+    options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     audits: dict[str, Audit] = {}
@@ -124,22 +129,60 @@ def judge_within_tasks(recording: Recording, stated: Statements, judge: Judge) -
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
         n_pairs += len(of_group.answers.compared)
         if len(rows) > 1 or stated.reference is not None:
-            judged = _judged(demonstrations.select(rows), of_group, judge)
-            audits[group] = with_fewer_traces(judged, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
+            audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
+            audits[group] = with_fewer_traces(audit, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
+            fits.append(fitted)
     _warn_of_pairs(stated.answers_source, len(stated.answers.compared) - n_pairs, what)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    return _with_facts(with_labels_alone(joined, alone, stated.answers), stated)
+    return _with_facts(with_labels_alone(joined, alone, stated.answers), stated), fits
 
 
-def _judged(demonstrations: Demonstrations | Dataset, stated: Statements, judge: Judge) -> Audit:
-    """The audit of the demonstrations, which are judged together with those of the reference if there is one."""
-    if stated.reference is None:
-        return judge(demonstrations, stated)
-    n, first = len(demonstrations), demonstrations.select(slice(None))  # in memory
-    both = with_reference(first, stated.reference.demonstrations.select(slice(None)))
-    with_good = stated.with_good(stated.reference.facts.outcome, len(both) - n)
-    return select(judge(both, with_good), range(n), first.ids)
+def _fit_group(
+    demonstrations: Demonstrations | Dataset, stated: Statements, options: FitOptions, keeps_policy: bool
+) -> tuple[Audit, tuple[Task, FitResult]]:
+    """The audit of demonstrations that are judged together, beside a reference if there is one, and their fit."""
+    n, ids = len(demonstrations), demonstrations.ids
+    if stated.reference is not None:
+        first = demonstrations.select(slice(None))  # in memory
+        demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
+        stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
+    task = stated.task(demonstrations, options.action_box)
+    result = fit_task(task, options, keeps_policy)
+    audit = result.decision.audit
+    return audit if len(audit.ids) == n else select(audit, range(n), ids), (task, result)
+
+
+def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
+    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
+    assumptions."""
+    options.check(task)
+    stages: Stages = FullFit(task, options, keeps_policy)
+    may_sample, sample = options.judges and options.policy is None, options.settings.sample
+    if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
+        from rpil.estimators.passes import SampledFit
+
+        stages = SampledFit(task, options, keeps_policy)
+    with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
+        result = fit(stages, options)
+    decision, prior = result.decision, options.settings.mixture.prior
+    audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
+    own = type(options.policy).__name__
+    sentences = assumption_sentences(
+        audit,
+        f"The policy is linear in {result.features.kind} features."
+        if options.policy is None
+        else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
+        p_two_groups=None if decision.judgement is None else decision.judgement.groups.p_two,
+        expert_share=prior if isinstance(prior, float) else None,
+        demonstrators=task.demonstrators.note,
+    )
+    if not decision.converged:
+        from sklearn.exceptions import ConvergenceWarning
+
+        message = "EM stopped at max_iter before it converged; raise max_iter or tol."
+        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
+    return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
 
 
 def _with_facts(audit: Audit, stated: Statements) -> Audit:
