@@ -110,19 +110,28 @@ def test_normal_scores_are_quantiles_of_ranks():
     np.testing.assert_allclose(normal_scores(np.exp(values) * 7), found)
 
 
-def test_components_are_those_of_the_summaries_by_hand():
-    """Of four demonstrations of two steps: one state and one action, each with five summaries."""
+@pytest.mark.parametrize(("size", "most"), [(4, 3), (30, 8)])  # the scores are centred: four have three components
+def test_components_are_those_of_the_summaries_by_hand(size, most):
+    """Of demonstrations of two steps: one state and one action, each with five summaries."""
     rng = np.random.default_rng(0)
-    states, actions = rng.normal(size=(8, 1)), rng.normal(size=(8, 1))
-    data = data_of(states, actions, np.arange(0, 9, 2))
+    states, actions = rng.normal(size=(2 * size, 1)), rng.normal(size=(2 * size, 1))
+    data = data_of(states, actions, np.arange(0, 2 * size + 1, 2))
     pairs = np.concatenate([np.stack([values[::2, 0], values[1::2, 0]], axis=1)[None] for values in (states, actions)])
     of_each = [(p.mean(axis=1), p.std(axis=1), p[:, 0], p[:, 1], np.abs(p[:, 1] - p[:, 0])) for p in pairs]
     scores = normal_scores(np.stack([column for columns in of_each for column in columns], axis=1))
-    left, size, loadings = np.linalg.svd(scores, full_matrices=False)
-    for n, count in ((2, 2), (8, 3)):  # the scores are centred: four demonstrations have three at most
+    left, sizes, loadings = np.linalg.svd(scores, full_matrices=False)
+    for n in (2, 8):
         found = components(summaries(data, actions), replace(SETTINGS, n_components=n))
-        assert found.shape == (4, count)
+        count = min(n, most)
+        assert found.shape == (size, count)
         assert found[:, 0].std() == pytest.approx(1.0)
         sign = np.sign([row[np.abs(row).argmax()] for row in loadings])
-        np.testing.assert_allclose(found, (left * size * sign)[:, :count] * 2 / size[0], atol=1e-9)
-    assert components(0 * summaries(data, actions), SETTINGS).shape == (4, 0)
+        by_hand = (left * sizes * sign)[:, :count] * np.sqrt(size) / sizes[0]
+        np.testing.assert_allclose(found, by_hand, atol=1e-9)
+    assert components(0 * summaries(data, actions), SETTINGS).shape == (size, 0)
+
+
+def test_components_of_columns_that_repeat_one_another_are_the_same_bits():
+    values = np.random.default_rng(0).normal(size=(30, 2)) @ np.random.default_rng(1).normal(size=(2, 40))
+    first, second = (components(values.copy(), SETTINGS) for _ in range(2))
+    np.testing.assert_array_equal(first, second)

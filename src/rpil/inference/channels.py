@@ -7,9 +7,10 @@ are facts: they say nothing about quality until an answer does. Facts beyond mot
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, svds
+from scipy.linalg import eigh
 from scipy.special import ndtri
 
 from rpil.data.archive import stored
@@ -94,11 +95,17 @@ def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Flo
     n = min(settings.n_components, min(scores.shape) - 1)
     if n < 1 or not scores.any():
         return np.empty((len(scores), 0))
-    start = np.random.default_rng(0).normal(size=min(scores.shape))
-    left, size, loadings = svds(scores if scores.dtype == float else _in_double(scores), n, v0=start)
-    kept = np.flatnonzero(size > 1e-6 * size.max())[::-1]
-    largest = np.take_along_axis(loadings, np.abs(loadings).argmax(axis=1)[:, None], axis=1)[:, 0]
-    return np.asarray((left * size * np.sign(largest))[:, kept] * np.sqrt(len(scores)) / size.max())
+    # By the smaller of the two matrices of products, in blocks in double precision: the same bits in every run.
+    is_tall = len(scores) >= scores.shape[1]
+    longer = scores if is_tall else scores.T
+    parts = [longer[begin : begin + BLOCK_ROWS] for begin in range(0, len(longer), BLOCK_ROWS)]
+    products = reduce(np.add, (part.T.astype(float) @ part for part in parts))
+    values, vectors = eigh(products, subset_by_index=(len(products) - n, len(products) - 1))
+    size, others = np.sqrt(np.maximum(values, 0.0)), np.concatenate([part @ vectors for part in parts])
+    scaled, loadings = (others, vectors) if is_tall else (vectors * size, others)
+    kept = np.flatnonzero(size > 1e-6 * size[-1])[::-1]
+    largest = np.take_along_axis(loadings, np.abs(loadings).argmax(axis=0)[None], axis=0)[0]
+    return np.asarray((scaled * np.sign(largest))[:, kept] * np.sqrt(len(scores)) / size[-1])
 
 
 def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
@@ -114,20 +121,6 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
         changes = np.abs(np.diff(block, axis=0, append=block[-1:])) * inside
         columns += [mean, spread, block[begins], block[ends], data.sum_steps(changes) / np.maximum(lengths - 1, 1)]
     return np.concatenate(columns, axis=1)
-
-
-def _in_double(matrix: Float[Array, "M S"]) -> LinearOperator:
-    """A matrix in single precision whose products are in double precision."""
-    parts = [matrix[begin : begin + BLOCK_ROWS] for begin in range(0, len(matrix), BLOCK_ROWS)]
-    ends = np.cumsum([len(part) for part in parts])[:-1]
-
-    def transposed(vector: Array) -> Array:
-        products = [p.T.astype(float) @ v for p, v in zip(parts, np.split(vector, ends), strict=True)]
-        return np.asarray(np.sum(products, axis=0))
-
-    return LinearOperator(
-        matrix.shape, lambda vector: np.concatenate([p.astype(float) @ vector for p in parts]), transposed, dtype=float
-    )
 
 
 def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:
