@@ -95,7 +95,9 @@ def check(
         measured, kept, missing = measure(demonstrations, columns, learned, settings)
     found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
     seconds = frame_time(times, demonstrations)
-    why, usual, trims = _no_times(times), {}, {}
+    usual, trims = {}, {}
+    why = {"dropped frames": "the recording has no timestamps"} if times.timestamps is None else {}
+    why |= {} if times.frames else {"frame count": "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}
     if measured is None or (missing and not skip_bad):
         others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
@@ -180,16 +182,6 @@ def _trims(seen: Measurements) -> dict[Id, tuple[int, int]]:
     first, end = np.where(head >= least, head, 0), seen.lengths - np.where(tail >= least, tail, 0)
     idle = np.flatnonzero(((head >= least) | (tail >= least)) & (first < end)).tolist()
     return {seen.ids[m]: (int(first[m]), int(end[m])) for m in idle}
-
-
-def _no_times(times: Times) -> dict[str, str]:
-    """The rules that need what the recording does not say."""
-    why = {}
-    if times.timestamps is None:
-        why["dropped frames"] = "the recording has no timestamps"
-    if not times.frames:
-        why["frame count"] = "the recording does not say how many frames there should be"
-    return why
 
 
 def _too_few(seen: Measurements) -> str | None:

@@ -7,28 +7,19 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from rpil.faults.rules import AppliedRule, Measurements
-from rpil.numerics.types import Array
 
 TRIED = {
-    "sign": ("sign",),
-    "exchanged": ("exchanged",),
-    "offset": ("offset",),
-    "shifted action": ("actions late", "actions early"),
-    "reversed": ("reversed",),
-    "frame rate": ("frame rate",),
+    "sign": {"sign": "{} has the other sign"},
+    "exchanged": {"exchanged": "{} are exchanged"},
+    "offset": {"offset": "{} is off by a constant: perhaps its zero has moved"},
+    "shifted action": {
+        "actions late": "the actions are one step late",
+        "actions early": "the actions are one step early",
+    },
+    "reversed": {"reversed": "time is reversed: it runs backwards"},
+    "frame rate": {"frame rate": "it has half the frame rate of the others: every other step is missing"},
 }
-"""Rule to the faults that are tried."""
-
-SENTENCES = {
-    "sign": "{} has the other sign",
-    "exchanged": "{} are exchanged",
-    "offset": "{} is off by a constant: perhaps its zero has moved",
-    "actions late": "the actions are one step late",
-    "actions early": "the actions are one step early",
-    "reversed": "time is reversed: it runs backwards",
-    "frame rate": "it has half the frame rate of the others: every other step is missing",
-}
-
+"""Rule to the faults that are tried, and what is said of each."""
 
 USUAL_NEXT_STATE = 0.75
 """Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
@@ -45,8 +36,8 @@ def compare_maps(seen: Measurements) -> Iterator[AppliedRule]:
         return
     tried, every = namer.tried, np.array(seen.columns.names)
     names, outside = every[namer.window.column], np.delete(every, namer.window.column)
-    for rule, kinds in TRIED.items():
-        own = np.flatnonzero(np.isin(tried.kind, kinds))
+    for rule, sentences in TRIED.items():
+        own = np.flatnonzero(np.isin(tried.kind, [*sentences]))
         if not len(own):
             continue  # one column cannot be exchanged
         more = outside if tried.columns[own[0], 0] >= 0 else outside[:0]
@@ -56,8 +47,10 @@ def compare_maps(seen: Measurements) -> Iterator[AppliedRule]:
             limit[:] = np.where(np.isinf(limit).any(), np.inf, limit)
         value = np.pad(np.where(by.named[:, None] == own, by.gain[:, None], 0.0), ((0, 0), (0, len(more))))
 
-        def say(m: int, k: int, own: Array = own, called: tuple[str, ...] = called) -> str:
-            return f"{SENTENCES[tried.kind[own[k]]].format(called[k])}; undone, it fits the others"
+        texts = [sentences[kind] for kind in tried.kind[own]]
+
+        def say(m: int, k: int, texts: list[str] = texts, called: tuple[str, ...] = called) -> str:
+            return f"{texts[k].format(called[k])}; undone, it fits the others"
 
         yield AppliedRule.above(rule, called, value, limit, seen.whole, say)
 

@@ -39,11 +39,6 @@ def not_a_folder(output: Path) -> DataError:
     return DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
 
 
-def no_commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath) -> list[str]:
-    """No lines."""
-    return []
-
-
 @dataclass(frozen=True)
 class Defect:
     """Something of a folder that does not agree with its data; `place` is a file, or an episode."""
@@ -113,7 +108,7 @@ class Format:
     check_trim: Callable[[Path, Path], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
-    commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = no_commands
+    commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
     read_address: Callable[[StrPath, ColumnOptions], Recording] | None = None
     stays_on_disk: Callable[[StrPath], bool] = lambda _: False
