@@ -17,15 +17,9 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2852, 25),
     "data": (3402, 41),
-<<<<<<< HEAD
     "estimators": (2330, 15),
     "faults": (2278, 81),
     "formats": (9299, 111),
-=======
-    "estimators": (2342, 15),
-    "faults": (2278, 81),
-    "formats": (9299, 111),
->>>>>>> efe75041 (Faults that are tried stand once, with their sentences)
     "inference": (2736, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
