@@ -48,11 +48,11 @@ def read(path: Path, options: ColumnOptions) -> Recording:
             source=source,
             action_kind=options.action_kind,
         )
-    ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
-    columns = replace(columns, ignored=ignored | dict.fromkeys(columns.facts, "session or outcome"))
     if options.operator and options.operator not in arrays:
         raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
-    columns = replace(columns, operator=options.operator, times=(clock,) if clock else ())
+    ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")
+    ignored |= dict.fromkeys(columns.facts, "session or outcome")
+    columns = replace(columns, ignored=ignored, operator=options.operator, times=(clock,) if clock else ())
     others = dict.fromkeys([*columns.times, *columns.facts, *([options.operator] if options.operator else [])])
     per_step = {name: _per_step(arrays[name], name, steps, demonstrations) for name in others}
     return from_demonstrations(demonstrations, "NPZ", columns, per_step)

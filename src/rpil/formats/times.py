@@ -17,10 +17,8 @@ from rpil.numerics.types import Array, Float
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_SECONDS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
-_SECONDS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "msecs": 1e-3}
-
-
+_UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
+_SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
 _WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"}
 _WALL_CLOCK = 5e8, 1e10
 """Seconds since 1970 from 1985 to 2286: times of day, and times since a recorder was started, are far from these."""
