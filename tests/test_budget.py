@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3402, 41),
     "estimators": (2330, 15),
     "faults": (2278, 81),
-    "formats": (9299, 111),
+    "formats": (9297, 107),
     "inference": (2736, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
