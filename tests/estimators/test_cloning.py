@@ -23,12 +23,12 @@ def regression_objective(coef, intercept, columns, actions, sample_weight, C):
 @pytest.mark.parametrize("n_actions", [2, 3, 5])
 @pytest.mark.parametrize("features", ["raw", "folded"])
 @pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize("C", [0.1, 100.0])
-def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C):
+@pytest.mark.parametrize(("C", "options"), [(0.01, {}), (100.0, {}), (1e4, {"tol": 1e-12})])
+def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C, options):
     toy = make("random", 1, n_actions=n_actions, n_observations=3)
     X = toy.observations * [1.0, 30.0, 0.2] + [0.0, 50.0, -3.0]
     weight = np.random.default_rng(2).gamma(2.0, size=len(X)) if weighted else np.ones(len(X))
-    ours = BehavioralCloning(features=features, C=C).fit(X, toy.actions, sample_weight=weight)
+    ours = BehavioralCloning(features, C=C, **options).fit(X, toy.actions, sample_weight=weight)
     distance = np.abs(X - np.average(X, axis=0, weights=weight)) / ours.features_.spread
     columns = X if features == "raw" else np.hstack([X, distance])
     theirs = LogisticRegression(C=C, solver="newton-cholesky", tol=1e-12, max_iter=1000)
@@ -37,6 +37,7 @@ def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C):
         regression_objective(model.coef_, model.intercept_, columns, toy.actions, weight, C) for model in (ours, theirs)
     )
     assert abs(found - best) <= 1e-6 * max(1.0, best)
+    assert ours.intercept_.shape == theirs.intercept_.shape
     np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=1e-4 * np.abs(theirs.coef_).max())
     np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(columns), atol=1e-5)
 

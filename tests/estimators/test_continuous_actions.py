@@ -174,27 +174,14 @@ def test_regressor_as_policy():
         RPIL(policy=LinearRegression()).fit(make("random", 0).demonstrations)
 
 
-def test_score_demonstrations_of_new_data():
-    toy, new = (make_continuous("random", 0, **MANY) for _ in range(2))
-    model = RPIL(action_box=(toy.space.low, toy.space.high)).fit(toy.demonstrations.select(slice(0, 20, 2)))
-    fresh = new.demonstrations.select(slice(1, 20, 2))
-    found = model.score_demonstrations(fresh)
-    np.testing.assert_array_equal(found > 0, new.is_good[1::2])
-    single = [model.score_demonstrations(fresh.select([m]))[0] for m in range(10)]
-    np.testing.assert_allclose(single, found)
-    arrays = model.score_demonstrations(fresh.observations, fresh.actions, groups=fresh.groups)
-    np.testing.assert_array_equal(arrays, found)
+def test_which_actions_of_new_demonstrations_are_scored():
+    toy = make_continuous("random", 0, **MANY)
+    model = RPIL().fit(toy.demonstrations)
+    far = Demonstrations.from_arrays(toy.observations, 10 * toy.actions, toy.offsets)
+    found = model.score_demonstrations(far)  # what nobody did while it was fitted is no reason to fail
+    assert np.isfinite(found).all()
+    assert (found < 0).all()
     with refused("the actions are discrete, and the fitted ones were not"):
         model.score_demonstrations(make("random", 0, n_observations=3).demonstrations)
     with refused():  # another number of parts
         model.score_demonstrations(make_continuous("random", 0, n_parts=1).demonstrations)
-
-
-def test_score_demonstrations_outside_the_box():
-    """What nobody did while it was fitted is no reason to fail."""
-    toy = make_continuous("random", 0, **MANY)
-    model = RPIL().fit(toy.demonstrations)
-    far = Demonstrations.from_arrays(toy.observations, 10 * toy.actions, toy.offsets)
-    found = model.score_demonstrations(far)
-    assert np.isfinite(found).all()
-    assert (found < 0).all()
