@@ -176,6 +176,7 @@ def changed(array, row, column, value):
         ({"observations": {"position": X}}, "rectangular"),
         ({"actions": np.array(["a", 1, "b", "c", "d"], dtype=object)}, "mix text with numbers"),
         ({"actions": np.zeros((5, 2), dtype=int)}, "number the combinations"),
+        ({"actions": np.ones((5, 2, 2))}, "neither .N,. discrete nor .N, A. floats"),
         ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
         ({"actions": [2**63, -1, 0, 0, 0]}, "whole numbers of over 64 bits"),
         ({"actions": [2**64, 1, 0, 0, 0]}, "whole numbers of over 64 bits"),

@@ -9,8 +9,7 @@ import pytest
 import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids, keep_one_file
+from rpil.formats.format import Format
 from rpil.formats.registry import ClaimedPath, find
 from samples import SAMPLES
 
@@ -24,28 +23,6 @@ def test_what_is_left_out_cannot_be_done(tmp_path):
     assert bare.commands_to_keep([0, 1], [1]) == []
     assert bare.format.notes_on_weights == ()
     assert not bare.format.stays_on_disk(path)
-
-
-def test_ids_of_its_own():
-    kept = []
-    keep = keep_by_own_ids(lambda *given: kept.append(given))
-    keep(Path("a"), Path("b"), [1], ColumnOptions())
-    assert kept == [(Path("a"), Path("b"), [1])]
-    with pytest.raises(DataError, match="given back by its own ids"):
-        keep(Path("a"), Path("b"), [1], ColumnOptions(id="run"))
-
-
-def test_one_file_is_whole_or_not_there(tmp_path):
-    def write(path, output, ids, options):
-        output.write_text(" ".join(sorted(ids)))
-        return ids - {"9"}
-
-    keep = keep_one_file(write)
-    keep(tmp_path / "a", tmp_path / "b", [1, 2], ColumnOptions())
-    assert (tmp_path / "b").read_text() == "1 2"
-    with pytest.raises(DataError, match="no demonstration is called '9'"):
-        keep(tmp_path / "a", tmp_path / "c", [9], ColumnOptions())
-    assert [file.name for file in tmp_path.iterdir()] == ["b"]
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip", "out.json"])

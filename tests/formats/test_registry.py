@@ -1,9 +1,6 @@
-import pytest
-
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.recording import from_demonstrations
@@ -26,16 +23,6 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
     find(mine).keep(tmp_path / "out.csv", [1])
     assert kept == [(mine, tmp_path / "out.csv", [1])]
     assert rpil.read(other).ids == (0,)
-
-
-def test_what_no_format_claims_is_refused(tmp_path):
-    assert registry.find_format(tmp_path / "missing.csv") is None
-    (tmp_path / "a.xlsx").write_text("x")
-    assert registry.find_format(tmp_path / "a.xlsx") is None
-    with pytest.raises(DataError, match="no such file"):
-        formats.read_recording(tmp_path / "missing.csv")
-    with pytest.raises(DataError, match=r"unknown extension '\.xlsx'; use one of \.parquet, \.csv, \.npz"):
-        formats.read_recording(tmp_path / "a.xlsx")
 
 
 def test_every_format_has_a_name_of_its_own():

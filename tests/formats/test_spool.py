@@ -15,7 +15,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import samples
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
@@ -44,13 +43,6 @@ def both(path, options=ColumnOptions()):
     np.testing.assert_array_equal(memory.times().timestamps, disk.times().timestamps)
     assert memory.tasks == disk.tasks
     return memory, disk
-
-
-@pytest.mark.parametrize("name", samples.SAMPLES)
-def test_every_format(tmp_path, name):
-    path = samples.SAMPLES[name](tmp_path)
-    options = ColumnOptions(operator="operator") if "text" in name else ColumnOptions()
-    both(path, options)
 
 
 @pytest.mark.parametrize("name", [".", "..", ""])

@@ -3,9 +3,8 @@ import pytest
 
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.step_arrays import NO_STEPS, Part, from_parts
+from rpil.formats.step_arrays import Part, from_parts
 
 RNG = np.random.default_rng(0)
 
@@ -27,35 +26,6 @@ def recording(parts, options=ColumnOptions(), **more):
     return from_parts(parts, "demo", "toy.hdf5", "toy", options, **more)
 
 
-def test_arrays_of_several_demonstrations_become_columns():
-    parts = [part("a1", 5), part("b2", 7)]
-    read = recording(parts)
-    demonstrations, about = read.demonstrations, read.description
-    assert demonstrations.ids == ("a1", "b2")
-    assert demonstrations.observation_names == ("arm.0", "arm.1", "grip")
-    expected = [np.column_stack([p.arrays["obs/arm"], p.arrays["obs/grip"]]) for p in parts]
-    np.testing.assert_array_equal(demonstrations.observations, np.concatenate(expected))
-    np.testing.assert_array_equal(demonstrations.actions, np.concatenate([p.arrays["actions"] for p in parts]))
-    assert about.tasks == ("task of a", "task of b")
-    assert about.ignored["initial"] == NO_STEPS
-    assert {"obs/camera", "obs/jpeg", "rewards"} < set(about.ignored)
-    assert not about.notes
-
-
-def test_the_observation_after_the_last_action_is_left_out_and_named():
-    parts = [part("a", 5, extra=1), part("b", 7, extra=1)]
-    read = recording(parts)
-    grip = read.demonstrations.observations[:, 2]
-    np.testing.assert_array_equal(grip, np.concatenate([p.arrays["obs/grip"][:-1] for p in parts]))
-    assert "obs/arm, obs/grip" in read.description.notes[0]
-
-
-def test_a_demonstration_without_steps_is_left_out_and_named():
-    read = recording([part("none", 0), part("b", 7)])
-    assert read.demonstrations.ids == ("b",)
-    assert "none" in read.description.notes[0]
-
-
 def test_other_types_are_read_as_they_are():
     codes = np.array([3, 1, 3, 1, 2], ">i4")
     halves = np.array([0.5, 1, 2, 3, 4], np.float16)
@@ -66,13 +36,6 @@ def test_other_types_are_read_as_they_are():
     assert read.demonstrations.is_discrete
     np.testing.assert_array_equal(read.demonstrations.observations[:, 2], halves)
     assert read.operators == [("a", "Ann")]
-
-
-def test_columns_can_be_named():
-    options = ColumnOptions(observations="obs/grip", action="obs/arm")
-    read = recording([part("a", 5)], options)
-    assert read.demonstrations.observation_names == ("grip",)
-    assert read.demonstrations.actions.shape == (5, 2)
 
 
 @pytest.mark.parametrize(
@@ -103,8 +66,3 @@ class Declared:
 def test_declared_sizes_are_checked_before_values_are_read(array):
     with limited("100MB"), pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
         recording([part("a", 5, **{"obs/arm": array})])
-
-
-def test_numbers_in_names_sort_as_numbers():
-    names = ["demo_10", "demo_2", "a/9", "demo_2b", "10", "9"]
-    assert sorted(names, key=natural_key) == ["9", "10", "a/9", "demo_2", "demo_2b", "demo_10"]

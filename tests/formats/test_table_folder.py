@@ -10,20 +10,6 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from rpil.formats import table_folder
-from rpil.formats.columns import ColumnOptions
-
-
-def test_parquet_comes_before_text(tmp_path):
-    with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
-        table_folder.read(tmp_path, ColumnOptions())
-    demonstrations = Demonstrations.from_episodes([(np.zeros((3, 1)), [0, 1, 0])])
-    formats.write(tmp_path / "a.csv", demonstrations)
-    assert table_folder.read(tmp_path, ColumnOptions()).description.format == "CSV, 1 files"
-    formats.write(tmp_path / "b.parquet", demonstrations)
-    recording = table_folder.read(tmp_path, ColumnOptions())
-    assert recording.description.format == "Parquet"
-    assert recording.description.ignored["a.csv"] == "a text table beside Parquet files"
 
 
 def test_addresses_of_fsspec():
