@@ -287,3 +287,17 @@ def refused_file(match: str, call: Callable[..., Any], path: Path, *arguments: A
     with refused(match) as caught:
         call(path, *arguments)
     assert path.name in str(caught.value)
+
+
+def told(
+    rule: Callable[[Array], Array], n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0
+) -> tuple[Array, Array, Array]:
+    """Demonstrations of a rule on two observations: observations, actions, offsets."""
+    rng = np.random.default_rng(seed)
+    observations = rng.normal(size=(n_demonstrations * n_steps, 2))
+    return observations, rule(observations).astype(int), np.arange(n_demonstrations + 1) * n_steps
+
+
+def curved(o: Array) -> Array:
+    """A rule of which no linear policy has a half."""
+    return o[:, 0] * o[:, 1] > 0.0

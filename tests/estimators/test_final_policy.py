@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from problems import curved, told
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
@@ -13,17 +14,6 @@ from rpil.estimators.rpil import RPIL
 from rpil.policies.features import FeatureSettings
 from rpil.policies.selection import choose_features
 from rpil.policies.settings import SelectionSettings
-
-
-def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
-    """Demonstrations of a rule on two observations: observations, actions, offsets."""
-    rng = np.random.default_rng(seed)
-    observations = rng.normal(size=(n_demonstrations * n_steps, 2))
-    return observations, rule(observations).astype(int), np.arange(n_demonstrations + 1) * n_steps
-
-
-def curved(o):
-    return o[:, 0] * o[:, 1] > 0.0
 
 
 def test_cloning_takes_what_is_chosen():

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from problems import curved, told
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
@@ -17,23 +18,12 @@ from rpil.policies.settings import SelectionSettings
 choose = partial(choose_features, settings=SelectionSettings())
 
 
-def told(rule, n_demonstrations: int = 8, n_steps: int = 120, seed: int = 0):
-    """Demonstrations of a rule on two observations: observations, actions, offsets."""
-    rng = np.random.default_rng(seed)
-    observations = rng.normal(size=(n_demonstrations * n_steps, 2))
-    return observations, rule(observations).astype(int), np.arange(n_demonstrations + 1) * n_steps
-
-
 def straight(o):
     return o @ [1.0, -2.0] > 0.3
 
 
 def folded(o):
     return np.abs(o[:, 0]) > 0.7
-
-
-def curved(o):
-    return o[:, 0] * o[:, 1] > 0.0
 
 
 def wavy(o):
