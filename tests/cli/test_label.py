@@ -84,7 +84,7 @@ def test_a_run_goes_on_where_the_last_one_ended(data):
 
 def test_no_difference_is_an_answer_about_the_pair(data):
     out = label("5q", data)
-    assert "4 both bad, 5 no difference, u cannot tell" in out
+    assert "4: Both bad, 5: No difference, u: Cannot tell" in out
     first, second = re.search(r"better: (\d+) .*or (\d+) ", out).groups()
     assert rows() == ["id,label", f"{first},same as {second}"]
     assert "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad.\nNo word changed.\n" in out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,10 +36,6 @@ LABELS_FILE = "labels.csv"
 
 WITHOUT = "labels", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
-
-_OTHER_KEYS = "u cannot tell, s skip, z undo, q quit"
-_KEYS_OF_PAIR = f"1 the first, 2 the second, 3 both good, 4 both bad, 5 no difference, {_OTHER_KEYS}"
-_KEYS_OF_ONE = f"g good, b bad, {_OTHER_KEYS}"
 
 
 def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, str, bytes | None]:
@@ -103,7 +99,7 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
 
 def ask(session: Session, fps: float | None) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import contradiction_lines, count_asked, fact_lines, question_sentence
+    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
 
     click.echo("Ranks are from 0, the least of all demonstrations, to 1, the most.")
     terminal.print_lines(contradiction_lines((), session.audit))
@@ -111,7 +107,7 @@ def ask(session: Session, fps: float | None) -> None:
         number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."
         terminal.print_lines(["", f"{number} {question_sentence(session.audit, question, fps)}"])
         terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
-        key = _read_key(_KEYS_OF_PAIR if len(question) == 2 else _KEYS_OF_ONE)
+        key = _read_key(choices(question) | {"z": "Undo", "q": "Quit"})
         if key == "q":
             break
         if key == "z" and not session.given:
@@ -130,10 +126,9 @@ def ask(session: Session, fps: float | None) -> None:
         terminal.print_lines(["", "Nothing more is asked in this run."])
 
 
-def _read_key(keys: str) -> str:
+def _read_key(keys: Mapping[str, str]) -> str:
     """The key that the user gives as a line; q at the end of the input."""
-    allowed = [words.split()[0] for words in keys.split(", ")]
-    click.echo(keys)
+    click.echo(", ".join(f"{key}: {words}" for key, words in keys.items()))
     while True:
         click.echo("> ", nl=False)
         sys.stdout.flush()
@@ -142,6 +137,6 @@ def _read_key(keys: str) -> str:
         if not line:
             click.echo()
             return "q"
-        if key in allowed:
+        if key in keys:
             return key
-        click.echo(f"Give one of {', '.join(allowed)}.")
+        click.echo(f"Give one of {', '.join(keys)}.")

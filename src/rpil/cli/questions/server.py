@@ -10,11 +10,10 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from rpil.cli.questions.security import Application, Gate, guarded_by
-from rpil.cli.questions.session import ANSWER_KEYS, Session, fact_lines, question_sentence
+from rpil.cli.questions.session import Session, choices, fact_lines, question_sentence
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
-from rpil.data.text import printable
 from rpil.results.drawings import drawing
 from rpil.results.view import About, View, make_view
 
@@ -24,11 +23,9 @@ if TYPE_CHECKING:
 
     from rpil.results.record import Audit
 
-WHY = {
-    2: "Nothing is labelled yet; this answer tells the audit most.",
-    1: "Of all demonstrations without a label, this label tells the audit most about the others.",
-}
-"""Why this question is asked, by the number of demonstrations that it is about."""
+WHY_PAIR = "Nothing is labelled yet; this answer tells the audit most."
+WHY_ONE = "Of all demonstrations without a label, this label tells the audit most about the others."
+"""Why a question is asked, about two demonstrations or one."""
 
 
 @dataclass(eq=False)
@@ -60,13 +57,10 @@ class Review:
         session, audit, question = self.session, self.session.audit, self.session.question
         asked: View = {"demonstrations": [audit.index(name) for name in question]}
         if question:
-            first = [f"{printable(name)} is better" for name in question]
             asked["sentence"] = question_sentence(audit, question, self.about.fps)
-            asked["why"] = WHY[len(question)]
+            asked["why"] = WHY_PAIR if len(question) == 2 else WHY_ONE
             asked["facts"] = list(fact_lines(audit, question))
-            words = [*first, "Both good", "Both bad", "No difference"] if len(question) == 2 else ["Good", "Bad"]
-            keys = ANSWER_KEYS[len(question)]
-            asked["buttons"] = dict(zip(keys, [*words, "Cannot tell", "Skip"], strict=True))
+            asked["buttons"] = choices(question)
         return {
             "version": session.version,
             "asked": asked,
@@ -93,10 +87,10 @@ class Review:
         named, ids = given.get("demonstrations"), self.session.audit.ids
         numbers = named if isinstance(named, list) else []
         known = all(type(m) is int and 0 <= m < len(ids) for m in numbers) and len({*numbers}) == len(numbers)
-        keys = ANSWER_KEYS.get(len(numbers), "") if known else ""
-        if given.get("key") not in [*keys]:
+        question = tuple(ids[m] for m in numbers) if known else ()
+        if len(question) not in (1, 2) or given.get("key") not in [*choices(question)]:
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
-        return {"lines": self.session.answer(tuple(ids[m] for m in numbers), given["key"])}
+        return {"lines": self.session.answer(question, given["key"])}
 
 
 PageChange = Callable[[Mapping[str, Parsed]], View]

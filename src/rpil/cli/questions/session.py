@@ -27,13 +27,20 @@ Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
 Reply = tuple[Question, str]
-"""A question, and the key that was given as its answer, one of `ANSWER_KEYS`."""
+"""A question, and the key that was given as its answer, one of its `choices`."""
 
 AnswerRows = tuple[tuple[str, str], ...]
 """Answers as a file of labels has them: ids as text, and words."""
 
-ANSWER_KEYS = {1: "gbus", 2: "12345us"}
-"""The keys that answer a question about so many demonstrations."""
+
+def choices(question: Question) -> dict[str, str]:
+    """What each key answers to a question, in words."""
+    words = {"g": "Good", "b": "Bad"}
+    if len(question) == 2:
+        first, second = map(printable, question)
+        better = {"1": f"The first ({first}) is better", "2": f"The second ({second}) is better"}
+        words = better | {"3": "Both good", "4": "Both bad", "5": "No difference"}
+    return words | {"u": "Cannot tell", "s": "Skip"}
 
 
 def count_asked(given: Sequence[Reply]) -> int:
@@ -89,7 +96,7 @@ class Session:
         return path.read_bytes() == written if path.is_file() else written is None and not os.path.lexists(path)
 
     def answer(self, question: Question, key: str) -> list[str]:
-        """Answer a question, this one or another, with one of `ANSWER_KEYS`; sentences on what it changed.
+        """Answer a question, this one or another, with one of its `choices`; sentences on what it changed.
 
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
