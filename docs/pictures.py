@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
-from rpil.results.plots import COLOURS
-from rpil.results.words import SIDES
+from rpil.results.words import COLOURS, SIDES
 
 Array = NDArray[Any]
 N_ACTIONS = 4

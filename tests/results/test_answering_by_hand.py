@@ -9,11 +9,20 @@ import pytest
 
 from audits import make_audit
 from rpil import DataError
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
-from rpil.results.answering import NOT_USED, doubts_of_answers, stretch_of, verdicts_of, where_to_look
-from rpil.results.record import Demonstrator
+from rpil.results.answering import (
+    NOT_USED,
+    doubts_of_answers,
+    known_demonstrators,
+    rank_demonstrators,
+    stretch_of,
+    verdicts_of,
+    where_to_look,
+)
+from rpil.results.record import Demonstrator, Interval
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.words import WORDS
 
@@ -188,3 +197,32 @@ def test_of_copies_the_first_is_suggested_and_none_of_a_labelled_one():
     audit = two_groups(copy_of=copy_of, columns=columns)
     assert {*audit.suggest_labels(9)} == {0, 2, 3, 5}
     assert {*two_groups(copy_of=copy_of, columns=columns, labels={4: 1}).suggest_labels(9)} == {0, 3, 5}
+
+
+IDS = ("first", "second", "third", "fourth", "fifth")
+NAMES = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
+TRUST = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
+
+
+def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
+    bob, ann = rank_demonstrators(NAMES, TRUST, IDS)
+    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
+    assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
+    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
+    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
+    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
+    assert bob.trust == Interval(0.8, 0.7, 0.9)
+    assert rank_demonstrators(Demonstrators(), TRUST, IDS) == ()
+
+
+def test_without_trust_demonstrators_stand_in_the_order_of_the_data():
+    found = rank_demonstrators(NAMES, np.empty((0, 3)), IDS)
+    assert [(who.name, who.trust) for who in found] == [("Ann", None), ("Bob", None)]
+
+
+def test_the_demonstrators_of_an_audit_are_those_that_it_was_given():
+    found = known_demonstrators(rank_demonstrators(NAMES, TRUST, IDS), IDS)
+    np.testing.assert_array_equal(found.indicator, NAMES.indicator)
+    assert found.names == NAMES.names
+    assert known_demonstrators((), IDS).names == ()
+    assert known_demonstrators((Demonstrator("Ann", None, ("fifth",)),), IDS).names == (None, None, None, None, "Ann")

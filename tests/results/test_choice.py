@@ -202,8 +202,8 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
         assert choice_of(audit).rejected
 
 
-def test_words_of_the_first_version_are_read_and_unknown_ones_refused():
-    table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "uncertain"]}
+def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
+    table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "open"]}
     choice = choose(table, SETTINGS)
     assert (choice.kept, choice.rejected) == (("a", "c"), {"adversary": ("b",)})
     with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of typical"):

@@ -19,7 +19,7 @@ from audits import make_audit, make_traces
 from rpil.data.errors import DataError
 from rpil.results import plots
 from rpil.results.record import Audit
-from rpil.results.words import SIDES
+from rpil.results.words import COLOURS, SIDES
 
 PICTURES = "ranking", "steps", "sessions"
 
@@ -67,7 +67,7 @@ def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour
     for line in ax.lines:
         verdict = line.get_label().split()[0]
         rows = line.get_ydata()
-        assert {line.get_color(), *map(to_hex, bars.get_color()[rows])} == {plots.COLOURS[SIDES[verdict]]}
+        assert {line.get_color(), *map(to_hex, bars.get_color()[rows])} == {COLOURS[SIDES[verdict]]}
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
     assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]

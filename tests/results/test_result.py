@@ -10,7 +10,7 @@ import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
-from rpil.results.demonstrators import Demonstrator, Interval
+from rpil.results.judged import Demonstrator, Interval
 
 
 def test_worst_steps_are_the_most_negative_and_never_positive():

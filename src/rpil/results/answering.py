@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.coding import label_codes
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
 from rpil.data.id_values import Relation, match_pairs, parse_labels
 from rpil.data.text import printable
@@ -17,8 +18,7 @@ from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.demonstrators import known_demonstrators, rank_demonstrators
-from rpil.results.judged import Judged
+from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import Stretch, bounded, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import TWO_GROUPS
@@ -216,3 +216,24 @@ def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
     chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.answers, k)]
     return tuple(audit.ids[m] for m in chosen.tolist())
+
+
+def rank_demonstrators(
+    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
+) -> tuple[Demonstrator, ...]:
+    """The demonstrators with a name; `trust` holds the mean and the 95 % interval of each, and then the most trusted is
+    the first, or nothing."""
+    if not demonstrators.informative:
+        return ()
+    ranked = []
+    for u, name in enumerate(demonstrators.names):
+        if name is not None:
+            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
+            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])) if len(trust) else None, own))
+    return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean if demonstrator.trust else 0.0))
+
+
+def known_demonstrators(found: Sequence[Demonstrator], ids: Sequence[Hashable]) -> Demonstrators:
+    """The demonstrators of the demonstrations `ids`, of which those that were `found` have a name."""
+    who = {name: one.name for one in found for name in one.demonstrations}
+    return Demonstrators.from_names([who.get(name) for name in ids]) if found else Demonstrators()

@@ -49,9 +49,6 @@ RULES_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"
 MAX_REJECTED = 20
 """Ids of a rule that are printed."""
 
-_OLD = {"uncertain": "open"}
-"""A word that rpil 0.1 wrote, and what it is now."""
-
 
 @dataclass(frozen=True)
 class Asked:
@@ -182,7 +179,7 @@ def _by_words(table: Table, labels: Sequence[object], ignored: Set[str]) -> list
     """The rule by which its word rejects each demonstration, or nothing: a label stands above what is inferred."""
     rules = []
     for name, verdict, label in zip(table["id"], table["verdict"], labels, strict=True):
-        word = _OLD.get(str(verdict), str(verdict))
+        word = str(verdict)
         if word not in SIDES:
             known = ", ".join(SIDES)
             raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {known}.")

@@ -13,15 +13,37 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.archive import array_field
+from rpil.data.archive import array_field, stored
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.provenance import Provenance
 from rpil.results.settings import AuditSettings
 from rpil.results.traces import Traces
 from rpil.results.words import WORDS, Anchor, Verdict, Words
+
+
+@stored()
+@dataclass(frozen=True)
+class Interval:
+    """A mean with a 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@stored()
+@dataclass(frozen=True)
+class Demonstrator:
+    """A demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their words."""
+
+    name: Hashable
+    trust: Interval | None
+    """The mean P(good) that is expected of another demonstration of this demonstrator; None without answers."""
+    demonstrations: tuple[Hashable, ...]
+    """Their ids."""
+
 
 ALONE = "Not judged: it is the only demonstration of its task or session."
 """The reason for a verdict that is open for want of other demonstrations."""

@@ -16,13 +16,11 @@ from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.result import AuditResult
 from rpil.results.traces import bin_starts
-from rpil.results.words import SIDES, Side
+from rpil.results.words import COLOURS, SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish.
-COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}
 MAX_NAMED_ROWS = 40
 MAX_NAMED_SESSIONS = 12
 

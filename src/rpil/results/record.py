@@ -9,8 +9,8 @@ from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.choice import Choice
-from rpil.results.demonstrators import Demonstrator, Interval
-from rpil.results.overview import overview_text
+from rpil.results.judged import Demonstrator, Interval
+from rpil.results.overview import overview_html, overview_text
 from rpil.results.result import AuditResult
 from rpil.results.verdict_table import choice_of, verdict_columns
 
@@ -205,6 +205,4 @@ class Audit(AuditResult):
         return overview_text(self)
 
     def _repr_html_(self) -> str:
-        from rpil.results.html.notebook import overview_html
-
         return overview_html(self)

@@ -20,9 +20,8 @@ from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
-from rpil.results.demonstrators import Demonstrator, Interval
 from rpil.results.facts import Fact, known_facts, style_in_words
-from rpil.results.judged import Judged
+from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import GivenLabel, bounded, reasons_of
 from rpil.results.words import SIDES
 

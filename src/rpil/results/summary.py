@@ -16,8 +16,8 @@ from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.answering import doubts_of_answers, shown_proba, verdicts_of
-from rpil.results.demonstrators import Interval, rank_demonstrators
+from rpil.results.answering import doubts_of_answers, rank_demonstrators, shown_proba, verdicts_of
+from rpil.results.judged import Interval
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings

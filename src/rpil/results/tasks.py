@@ -14,8 +14,7 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Int
-from rpil.results.demonstrators import Interval
-from rpil.results.judged import table_fields
+from rpil.results.judged import Interval, table_fields
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
 
