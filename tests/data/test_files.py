@@ -6,22 +6,10 @@ from contextlib import suppress
 
 import pytest
 
+from problems import refused_file
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
 from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
-
-
-def one_sentence(caught, path):
-    message = str(caught.value)
-    assert path.name in message
-    assert "\n" not in message
-    assert message.endswith(".")
-
-
-def half_write(path, crash):
-    with replacing(path) as temporary:
-        temporary.write_text("half")
-        raise crash
 
 
 def test_replacing_writes(tmp_path):
@@ -35,22 +23,25 @@ def test_replacing_writes(tmp_path):
     assert os.listdir(tmp_path) == ["out.txt"]
 
 
-@pytest.mark.parametrize("crash", [RuntimeError, KeyboardInterrupt])
-def test_a_crash_leaves_the_old_file(tmp_path, crash):
+def half_write(path, crash):
+    with replacing(path) as temporary:
+        temporary.write_text("half")
+        raise crash
+
+
+@pytest.mark.parametrize(
+    ("crash", "seen"),
+    [
+        (RuntimeError(), pytest.raises(RuntimeError)),
+        (KeyboardInterrupt(), pytest.raises(KeyboardInterrupt)),
+        (OSError(28, "No space left on device"), pytest.raises(DataError, match=r"out\.txt: .*No space left.*\.$")),
+    ],
+)
+def test_a_crash_and_a_full_disk_leave_the_old_file(tmp_path, crash, seen):
     path = tmp_path / "out.txt"
     path.write_text("old")
-    with pytest.raises(crash):
+    with seen:
         half_write(path, crash)
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["out.txt"]
-
-
-def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
-    path = tmp_path / "out.txt"
-    path.write_text("old")
-    with pytest.raises(DataError, match="No space left") as caught:
-        half_write(path, OSError(28, "No space left on device"))
-    one_sentence(caught, path)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["out.txt"]
 
@@ -91,7 +82,7 @@ def test_the_next_run_removes_folders_that_a_killed_one_left(tmp_path, writer):
     assert (tmp_path / "mine" / "file").exists()
 
 
-def test_a_replaced_file_keeps_its_permissions(tmp_path):
+def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path):
     path, link, new, usual = (tmp_path / name for name in ("out.txt", "link.txt", "new.txt", "usual.txt"))
     usual.touch()
     path.touch()
@@ -102,6 +93,7 @@ def test_a_replaced_file_keeps_its_permissions(tmp_path):
             assert temporary.stat().st_mode & 0o077 & ~mode == 0  # nor may others read it before
             temporary.write_text("new")
         assert path.stat().st_mode & 0o777 == mode
+        assert link.is_symlink()
     with replacing(new) as temporary:
         temporary.write_text("new")
     assert new.stat().st_mode == usual.stat().st_mode
@@ -132,26 +124,12 @@ def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch,
     assert done[named + 1 :] == [tmp_path.stat().st_ino]
 
 
-def test_a_link_stays_a_link(tmp_path):
-    path, link = tmp_path / "out.txt", tmp_path / "link.txt"
-    path.write_text("old")
-    link.symlink_to(path)
-    with replacing(link) as temporary:
-        temporary.write_text("new")
-    assert link.is_symlink()
-    assert path.read_text() == "new"
-
-
 @pytest.mark.parametrize("check", [check_writable, lambda path: replacing(path).__enter__()])
 def test_bad_output_paths(tmp_path, monkeypatch, check):
-    for path, match in ((tmp_path / "no" / "out.txt", "no folder"), (tmp_path, "it is a folder")):
-        with pytest.raises(DataError, match=match) as caught:
-            check(path)
-        one_sentence(caught, path)
+    refused_file("no folder", check, tmp_path / "no" / "out.txt")
+    refused_file("it is a folder", check, tmp_path)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # the tests may run as root, who may do anything
-    with pytest.raises(DataError, match="may not be written") as caught:
-        check(tmp_path / "out.txt")
-    one_sentence(caught, tmp_path / "out.txt")
+    refused_file("may not be written", check, tmp_path / "out.txt")
 
 
 @pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
@@ -173,13 +151,9 @@ def test_bad_input_paths(tmp_path, monkeypatch):
     full.write_text("x")
     assert check_readable(str(full)) == full
     for path, match in ((tmp_path / "no.csv", "no such file"), (tmp_path, "folder"), (empty, "the file is empty")):
-        with pytest.raises(DataError, match=match) as caught:
-            check_readable(path)
-        one_sentence(caught, path)
+        refused_file(match, check_readable, path)
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(DataError, match="may not be read") as caught:
-        check_readable(full)
-    one_sentence(caught, full)
+    refused_file("may not be read", check_readable, full)
 
 
 def test_a_new_folder_is_whole_or_not_there(tmp_path):

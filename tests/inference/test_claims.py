@@ -207,11 +207,6 @@ def test_continuous_actions_are_never_noise_by_chance():
     assert claimed(scored(NOISE, 0.3))[0] == "nobody stands out"
 
 
-@pytest.mark.parametrize(("own", "is_noise"), [(0.19, True), (0.21, False)])
-def test_a_policy_of_noise_explains_less_than_a_tenth(own, is_noise):
-    assert (by_noise(lower=own, upper=2.0) is not None) is is_noise
-
-
 def test_no_gain_of_the_upper_group_no_noise():
     assert by_noise(upper=0.0, lower=-1.0) is None
     assert by_noise(upper=0.5, lower=-1.0) is not None
