@@ -116,20 +116,18 @@ def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -
 def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
     """The choice among all that is read, and how many are kept although the table does not name them: all without a
     named fault. Ids are compared as text."""
-    from rpil.results.choice import Asked, choose
+    from rpil.results.choice import choose
     from rpil.results.settings import KeepSettings
 
-    named, ids = {*map(str, table["id"])}, read.demonstrations.ids
+    choice, ids, named = choose(table, KeepSettings(), asked), read.demonstrations.ids, {*map(str, table["id"])}
     others = [name for name in ids if str(name) not in named]
-    choice = choose(table, KeepSettings(), asked)
-    rest = choose({"id": others, "verdict": ["open"] * len(others)}, KeepSettings(), Asked(faulty=asked.faulty))
-    rejected = {
-        rule: (*choice.rejected.get(rule, ()), *rest.rejected.get(rule, ()))
-        for rule in {**choice.rejected, **rest.rejected}
-    }
-    wanted = {*map(str, (*choice.kept, *rest.kept))}
+    faulty = [name for name in others if str(name) in asked.faulty]
+    rejected = dict(choice.rejected)
+    if faulty:
+        rejected["faults"] = (*rejected.get("faults", ()), *faulty)
+    wanted = {*map(str, (*choice.kept, *others))} - {*map(str, faulty)}
     kept = tuple(name for name in ids if str(name) in wanted)
-    return replace(choice, kept=kept, rejected=rejected), len(rest.kept)
+    return replace(choice, kept=kept, rejected=rejected), len(others) - len(faulty)
 
 
 def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
