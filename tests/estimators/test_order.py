@@ -29,8 +29,10 @@ def small_world(seed):
 @pytest.mark.parametrize("seed", [*range(8), 18, 19, 30, 33, 52])
 def test_the_order_of_demonstrations_changes_no_word_finding_doubt_or_pair(seed):
     data = small_world(seed)
-    said = []
+    said, log_odds = [], []
     for order in (np.arange(len(data)), *(np.random.default_rng(k).permutation(len(data)) for k in range(2))):
         audit = RPIL("raw").fit(data.select(order)).audit_
         said.append((audit.finding, dict(zip(audit.ids, audit.verdicts, strict=True)), audit.doubts, audit.pair))
+        log_odds.append(audit.log_odds[np.argsort(order)])
     assert said == [said[0]] * 3
+    np.testing.assert_allclose(log_odds, [log_odds[0]] * 3, rtol=0, atol=1e-6)

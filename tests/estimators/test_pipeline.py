@@ -18,19 +18,6 @@ from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 STEPS = (40, 60)
 
 
-@pytest.mark.parametrize("toy", [make("noisy", 0, steps=(30, 30)), make_continuous("noisy", 0, steps=(30, 30))])
-def test_order_of_demonstrations_does_not_matter(toy):
-    order = np.random.default_rng(1).permutation(len(toy.ids))
-    rows = np.concatenate([np.arange(toy.offsets[m], toy.offsets[m + 1]) for m in order])
-    lengths = np.diff(toy.offsets)[order]
-    shuffled = Demonstrations.from_arrays(
-        toy.observations[rows], toy.actions[rows], np.concatenate([[0], np.cumsum(lengths)])
-    )
-    one, two = RPIL().fit(toy.demonstrations), RPIL().fit(shuffled)
-    np.testing.assert_allclose(two.log_odds_, one.log_odds_[order], atol=0.05)
-    assert two.audit_.verdicts == tuple(one.audit_.verdicts[m] for m in order)
-
-
 @pytest.fixture(scope="module")
 def few() -> RPIL:
     """Fitted to so few steps that another deal of folds changes the verdicts."""
@@ -84,10 +71,10 @@ def test_user_policy_with_repeated_columns(large):
 
 
 def test_user_policy_scores_demonstrations_as_it_judged_them():
-    for toy, policy in ((make("random", 0, n_good=8, n_bad=6, steps=STEPS), LogisticRegression()),):
-        model = RPIL(policy=policy).fit(toy.demonstrations)
-        again = model.score_demonstrations(toy.demonstrations)
-        assert ((again > 0) == (model.audit_.log_odds > 0)).all()
+    toy = make("random", 0, n_good=8, n_bad=6, steps=STEPS)
+    model = RPIL(policy=LogisticRegression()).fit(toy.demonstrations)
+    again = model.score_demonstrations(toy.demonstrations)
+    assert ((again > 0) == (model.audit_.log_odds > 0)).all()
     toy = make_continuous("random", 0, n_good=8, n_bad=6, steps=(40, 60))
     far = Demonstrations.from_arrays(toy.observations, 50 * toy.actions, toy.offsets, toy.ids)
     labels = {name: "good" if m < 8 else "bad" for m, name in enumerate(far.ids)}  # without them it says two groups
