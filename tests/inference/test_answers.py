@@ -20,7 +20,7 @@ NAN, SETTINGS = np.nan, AnswerSettings()
 
 
 def test_what_is_known_is_counted():
-    assert not Answers.none().any
+    assert not Answers.none(0).any
     assert not answers_of([0, 0]).any
     some = answers_of([1, 0, -1, 0], [(0, 1)], [NAN, 2.0, 3.0, NAN])
     assert some.any

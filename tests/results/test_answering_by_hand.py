@@ -75,15 +75,6 @@ def test_answers_are_counted(labels, pairs, outcome, counts):
     assert audit.answers.labels.tolist() == [int(m in labels) for m in range(6)]
 
 
-def test_an_audit_that_knows_of_no_answers_is_answered_as_one_without_answers():
-    none, audit = two_groups(answers=Answers.none()), two_groups()
-    assert none.suggest_labels(2) == audit.suggest_labels(2)
-    found, expected = none.answered({0: "good", 3: "bad"}), audit.answered({0: "good", 3: "bad"})
-    np.testing.assert_array_equal(found.log_odds, expected.log_odds)
-    assert found.assumptions == expected.assumptions
-    assert found.answers.labels.tolist() == [1, 0, 0, -1, 0, 0]
-
-
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
     columns = np.repeat([1.0, 0.6, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.drawings import LEVELS, NO_VALUE, drawing, drawings, packed
+from rpil.results.drawings import LEVELS, NO_VALUE, drawings, packed
 from rpil.results.traces import TracedPart, Traces
 
 
@@ -36,7 +36,7 @@ def test_drawing_has_the_steps_of_its_demonstration():
     part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
     traces = {1: Traces((part,), compared_with="trusted")}
     audit = make_audit(("typical", "unlike"), lengths=[40, 1200], traces=traces)
-    drawn = drawing(audit, 1)
+    drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
     level = (ratio.max() - ratio.min()) / LEVELS
     for name, values in (("min", ratio.min(1)), ("mean", ratio.mean(1)), ("max", ratio.max(1))):
@@ -47,13 +47,13 @@ def test_drawing_has_the_steps_of_its_demonstration():
     assert drawn["compared_with"] == "trusted"
     np.testing.assert_allclose(unpacked(part, "value"), np.arange(400.0), atol=2001 / LEVELS)
     np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
-    assert drawing(audit, 0)["parts"] == []
+    assert drawings(audit, [0])["0"]["parts"] == []
 
 
 def test_discrete_actions_are_named():
     part = TracedPart("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
     audit = make_audit(("unlike",), lengths=[3], traces={0: Traces((part,), ("left", "up", "left"))})
-    taken = drawing(audit, 0)["taken"]
+    taken = drawings(audit, [0])["0"]["taken"]
     assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
 
 
@@ -61,7 +61,7 @@ def test_of_very_many_discrete_actions_the_most_frequent_are_named():
     actions = tuple(f"a{k}" for k in (*range(300), *range(100, 200)))
     part = TracedPart("action", 1.0, -3.0, np.full(400, 0.5), np.zeros(400), np.ones(400))
     audit = make_audit(("unlike",), lengths=[400], traces={0: Traces((part,), actions)})
-    taken = drawing(audit, 0)["taken"]
+    taken = drawings(audit, [0])["0"]["taken"]
     codes = base64.b64decode(taken["codes"])
     assert len(taken["names"]) == NO_VALUE
     shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
@@ -72,5 +72,5 @@ def test_of_very_many_discrete_actions_the_most_frequent_are_named():
 def test_drawings_of_several_are_those_of_each():
     audit = make_audit()
     members = [7, 0, 5]
-    assert drawings(audit, members) == {str(m): drawing(audit, m) for m in members}
+    assert drawings(audit, members) == {str(m): drawings(audit, [m])[str(m)] for m in members}
     assert drawings(audit, []) == {}

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.inference.answers import Answers
 from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weights_of, why_equal
 
 LENGTHS = np.array([2, 1, 1])
@@ -94,14 +93,6 @@ def test_who_scores_neither_high_nor_low_is_not_in_the_training_group():
     audit = make_audit(("open",) * 3, labels={0: 1, 2: -1}, anchor="answers")
     audit = replace(audit, expert_proba=np.array([0.9, 0.4, 0.1]), from_actions=np.array([2.0, 0.0, -1.0]))
     assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.4 + 0.1) / 2)
-
-
-def test_an_audit_that_knows_of_no_answers_weighs_as_one_without_answers():
-    audit = make_audit()
-    for found, expected in zip(
-        of_demonstrations(replace(audit, answers=Answers.none())), of_demonstrations(audit), strict=True
-    ):
-        np.testing.assert_array_equal(found, expected)
 
 
 def test_without_two_groups_steps_are_no_evidence_after_answers():

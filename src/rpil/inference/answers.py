@@ -59,7 +59,7 @@ class Answers:
     """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
 
     @classmethod
-    def none(cls, n_demonstrations: int = 0) -> Answers:
+    def none(cls, n_demonstrations: int) -> Answers:
         """Nothing is known."""
         return cls.of_labels(np.zeros(n_demonstrations, dtype=np.int64))
 

@@ -19,7 +19,7 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import Stretch, bounded, worst_stretch
+from rpil.results.reasons import bounded, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.words import WORDS, Verdict
@@ -103,15 +103,15 @@ def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
-    known, unknown = audit.answers, np.full(len(audit.ids), np.nan)
+    known = audit.answers
     words, more = parse_labels(labels, audit.ids)
     new = label_codes(words, audit.ids)
-    signs = np.where(new == 0, known.labels, new) if len(known.labels) else new
+    signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
     given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
     compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
-    return Answers(signs, compared, known.outcome if len(known.outcome) else unknown, tied)
+    return Answers(signs, compared, known.outcome, tied)
 
 
 def shown_proba(
@@ -145,7 +145,7 @@ def doubts_of_answers(found: Answered) -> tuple[str, ...]:
 def sentence_of(audit: Judged, known: Answers) -> str:
     """How many answers there are, about different demonstrations, and whether two groups are ranked by themselves."""
     is_within = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers) is not audit.columns
-    known = known.once(audit.copy_of) if len(known.labels) else known
+    known = known.once(audit.copy_of)
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.compared),
@@ -180,24 +180,19 @@ def question_to_dict(audit: Judged) -> dict[str, object] | None:
 
 def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
     """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
-    stretch = _stretch(audit, audit.index(name))
+    stretch = stretch_of(audit, audit.index(name))
     if stretch is None:
         return printable(name)
-    span = f"step {stretch.first}" if stretch.first == stretch.last else f"steps {stretch.first} to {stretch.last}"
-    seconds = f", {stretch.first / fps:.1f} to {(stretch.last + 1) / fps:.1f} s" if fps else ""
+    first, last = stretch
+    span = f"step {first}" if first == last else f"steps {first} to {last}"
+    seconds = f", {first / fps:.1f} to {(last + 1) / fps:.1f} s" if fps else ""
     return f"{printable(name)} (look at {span}{seconds})"
 
 
 def stretch_of(audit: Judged, m: int) -> list[int] | None:
     """The first and the last step to look at in demonstration `m`; None where no step stands out."""
-    stretch = _stretch(audit, m)
+    stretch = worst_stretch(bounded(audit.step_log_ratio[audit.steps(m)]))
     return None if stretch is None else [stretch.first, stretch.last]
-
-
-def _stretch(audit: Judged, m: int) -> Stretch | None:
-    """The worst stretch of demonstration `m`."""
-    steps = audit.step_log_ratio[audit.steps(m)]
-    return worst_stretch(bounded(steps)) if len(steps) else None
 
 
 def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
@@ -208,11 +203,10 @@ def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     """
     if k < 1:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
-    labels = audit.answers.labels if len(audit.answers.labels) else np.zeros(len(audit.ids), dtype=np.int64)
     if not audit.columns.size:
         order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
-        return tuple(audit.ids[m] for m in order.tolist() if not labels[m])[:k]
-    first, known = np.unique(audit.copy_of, return_index=True)[1], merged(audit, {}, ())
+        return tuple(audit.ids[m] for m in order.tolist() if not audit.answers.labels[m])[:k]
+    first, known = np.unique(audit.copy_of, return_index=True)[1], audit.answers
     columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
     chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.answers, k)]
     return tuple(audit.ids[m] for m in chosen.tolist())

@@ -20,13 +20,8 @@ LEVELS = 254
 NO_VALUE = 255
 
 
-def drawing(audit: AuditResult, m: int) -> dict[str, object]:
-    """The drawing of demonstration `m`; see `rpil.results.view`."""
-    return drawings(audit, [m])[str(m)]
-
-
 def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
-    """The drawings of some demonstrations by their numbers; the trust in the steps is that of `Audit.step_trust`."""
+    """The drawings of some demonstrations by their numbers, see `rpil.results.view`; trust is `Audit.step_trust`."""
     if not members:
         return {}
     chosen = list(members)

@@ -102,12 +102,12 @@ class Judged:
     claimed: Int[Array, " M"] = field(metadata=of_demonstration(type=np.int64))
     copy_of: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
     settings: AuditSettings
+    answers: Answers
     identifiable: bool = True
     competing: tuple[tuple[Hashable, ...], ...] = ()
     pair: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
-    answers: Answers = field(default_factory=Answers.none)
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -56,8 +56,7 @@ class AuditResult(Judged):
 
     def _answers_of_copies(self) -> Answers:
         """The answers about each demonstration, which are about its copies too."""
-        known = self.answers if len(self.answers.labels) else Answers.none(len(self.ids))
-        return known.shared(self.copy_of)
+        return self.answers.shared(self.copy_of)
 
     @property
     def max_unlike(self) -> float:

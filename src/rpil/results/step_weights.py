@@ -45,8 +45,8 @@ def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, "
     proba, known = audit.expert_proba, audit.answers
     if audit.anchor == "named adversary":
         return proba, np.zeros(len(proba))
-    labels = known.shared(audit.copy_of).labels if len(known.labels) else np.zeros(len(proba), dtype=int)
-    if len(known.labels) and known.once(audit.copy_of).count >= audit.settings.keep.min_answers:
+    labels = known.shared(audit.copy_of).labels
+    if known.once(audit.copy_of).count >= audit.settings.keep.min_answers:
         return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
     is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     proba = np.where(labels, proba, expit(audit.from_actions))

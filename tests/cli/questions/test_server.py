@@ -19,7 +19,7 @@ from rpil.cli.questions.server import listen, load_server
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answers
-from rpil.results.drawings import drawing
+from rpil.results.drawings import drawings
 from rpil.results.view import make_view
 from served import need_server, review_of, serving
 
@@ -180,7 +180,7 @@ def test_answers_that_contradict_each_other_are_refused_with_a_sentence(client):
 
 def test_what_is_drawn_of_a_demonstration(client, review, audit):
     found = client.get("/api/demonstration/3")
-    assert found["drawing"] == json.loads(json.dumps(drawing(audit, 3)))
+    assert found["drawing"] == json.loads(json.dumps(drawings(audit, [3])["3"]))
     assert (found["videos"], found["note"]) == ([], "These data have no videos.")
     assert client.ask("GET", "/api/demonstration/24")[0] == 404
 

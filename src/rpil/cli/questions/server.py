@@ -14,7 +14,7 @@ from rpil.cli.questions.session import Session, choices, fact_lines, question_se
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
-from rpil.results.drawings import drawing
+from rpil.results.drawings import drawings
 from rpil.results.view import About, View, make_view
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Review:
         if not 0 <= m < len(audit.ids):
             raise DataError("There is no such demonstration.")
         return {
-            "drawing": drawing(audit, m),
+            "drawing": drawings(audit, [m])[str(m)],
             "videos": self.videos.cameras(m),
             "frames": self.videos.has_frames,
             "note": self.videos.note,
