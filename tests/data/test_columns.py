@@ -151,11 +151,11 @@ def test_names_with_accents():
     assert found(["Épisode", "x", "action"]).episode == "Épisode"
 
 
-def test_a_hundred_thousand_columns_take_seconds():
-    names = ["episode", "action", *(f"joint_{k}" for k in range(100_000))]
+def test_forty_thousand_columns_take_seconds():
+    names = ["episode", "action", *(f"joint_{k}" for k in range(40_000))]
     start = time.process_time()
-    assert len(found(names, exclude="joint_1*").observations) == 88_889
-    assert time.process_time() - start < 4  # 1 second on an idle machine; the time was quadratic once
+    assert len(found(names, exclude="joint_1*").observations) == 28_889
+    assert time.process_time() - start < 1.6  # 0.4 seconds on an idle machine; the time was quadratic once
 
 
 def test_long_names_are_cut_in_messages():

@@ -30,14 +30,6 @@ def drives(n=12, steps=25, **changes):
     return pa.table(columns | changes)
 
 
-def test_columns_without_a_role_are_listed(tmp_path):
-    pa.csv.write_csv(drives(), tmp_path / "drive.csv")
-    with pytest.raises(DataError, match=r"name it episode_index, or name the column with id= \(found 'day', 'trip'"):
-        rpil.read(tmp_path / "drive.csv")
-    with pytest.raises(DataError, match=r"no column holds the action.* 'weather' \(text\), 'lane', 'steer', 'brake_"):
-        rpil.read(tmp_path / "drive.csv", id="trip")
-
-
 def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     pa.csv.write_csv(drives(), "drive.csv")

@@ -316,14 +316,6 @@ def test_an_audit_opens_a_file_once(path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
-def test_keep_opens_a_file_seldom(path):
-    ids = [str(name) for name in rpil.read(path).ids[:1]]
-    with counted(path) as opened:
-        rpil.open(path, on_disk=False).keep(ids, output_for(path))
-        assert opened() <= MOST_OPENS
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
 def test_the_command_opens_a_file_seldom(path):
     ids = [str(name) for name in rpil.read(path).ids]
     Path("labels.csv").write_text(

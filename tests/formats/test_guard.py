@@ -238,12 +238,6 @@ def test_folders_without_tables_are_not_kept():
     assert not Path("kept").exists()
 
 
-def test_extreme_numbers_of_zip_and_arrays():
-    path = sample("NPZ")
-    np.savez(path, observations=np.ones((3, 2)), actions=np.array([0, 1, 0]), episode_ids=np.array([{}, 1, 2]))
-    refused("Python objects", "info", path)
-
-
 def test_texts_beyond_their_column_do_not_end_the_process():
     """To look at such a text reads memory that is not there."""
     path = sample("Minari, Arrow")

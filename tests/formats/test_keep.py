@@ -72,16 +72,6 @@ def test_all_columns_and_metadata_of_parquet_stay(tmp_path):
     assert pq.read_table(output).equals(table.take([0, 1, 4, 5]), check_metadata=True)
 
 
-def test_a_folder_with_a_file_for_each_demonstration(tmp_path):
-    path = tmp_path / "all"
-    path.mkdir()
-    for name in ("run1", "run2", "run3"):
-        (path / f"{name}.csv").write_text(f"x,action\n{name[-1]},left\n0,right\n")
-    find(path).keep(tmp_path / "some", ["run2"])
-    assert [file.name for file in (tmp_path / "some").iterdir()] == ["run2.csv"]
-    assert (tmp_path / "some" / "run2.csv").read_bytes() == (path / "run2.csv").read_bytes()
-
-
 def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
     """Neither a text in the archive, nor times in a version of the format that is not known."""
     path, output = tmp_path / "all.npz", tmp_path / "some.npz"

@@ -92,3 +92,18 @@ def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
     found = rpil.open(rows, skip_bad=True, exclude="obs.0")
     assert (found.set_aside, found.describe().missing) == ((), {})
     np.testing.assert_array_equal(found.demonstrations.observations.ravel(), range(40))
+
+
+def test_a_first_list_that_is_missing_is_passed_over():
+    lists = [None, *([1.0, float(k)] for k in range(39))]
+    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
+    found = rpil.open(rows, skip_bad=True)
+    assert (found.set_aside, found.describe().observations) == ((0,), ("0", "1"))
+
+
+def test_lists_of_another_length_in_a_later_batch_are_refused(monkeypatch):
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 10)
+    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
+    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
+    with refused("demonstration 2, row 21: column 'obs' holds 3 numbers, not 2 as elsewhere"):
+        rpil.open(rows).demonstrations  # noqa: B018

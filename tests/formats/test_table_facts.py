@@ -74,11 +74,6 @@ def test_one_file_each_states_the_order_by_the_numbers_in_the_names(tmp_path, na
     assert facts(path).order is None
 
 
-@pytest.mark.parametrize("name", ["CSV", "NPZ", "Parquet"])
-def test_ids_that_count_the_demonstrations_state_no_order(tmp_path, name):
-    assert facts(SAMPLES[name](tmp_path)).order is None
-
-
 def test_times_in_npz_state_the_order(tmp_path):
     times = 1.7e9 + np.array([60.0, 0.0, 600.0])[OWNERS] + np.arange(len(OWNERS))
     arrays = {"observations": STATES, "actions": STATES, "episode_ids": OWNERS}
@@ -208,6 +203,10 @@ def test_sessions_are_read_and_no_observations(tmp_path, suffix, on_disk):
         facts(path, on_disk, session="half")
 
 
+def test_chosen_demonstrations_have_the_files_that_they_are_in(tmp_path):
+    assert facts(SAMPLES["folder of CSV"](tmp_path), session="file", without="0").sessions == ("1.csv", "2.csv")
+
+
 def test_rows_in_any_order_give_the_same_facts(tmp_path):
     shuffled = np.random.default_rng(0).permutation(15)
     whole = pq.read_table(written(tmp_path, "parquet")).append_column("step", pa.array(np.arange(15)))
@@ -236,8 +235,10 @@ def test_text_is_no_outcome(tmp_path):
         facts(written(tmp_path, "csv"), outcome="day")
 
 
-@pytest.mark.parametrize("name", ["robomimic", "aloha", "Minari, Arrow", "imitation", "Zarr 2"])
-def test_other_formats_state_no_order(tmp_path, name):
+@pytest.mark.parametrize(
+    "name", ["CSV", "NPZ", "Parquet", "robomimic", "aloha", "Minari, Arrow", "imitation", "Zarr 2"]
+)
+def test_ids_that_count_the_demonstrations_and_other_formats_state_no_order(tmp_path, name):
     if name not in SAMPLES:
         pytest.skip("needs an extra")
     found = facts(SAMPLES[name](tmp_path))

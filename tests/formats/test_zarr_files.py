@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.formats.zarr_files import is_zip, opened
+from rpil.formats.zarr_files import opened
 
 CONTENT = {"meta/ends/0": b"12", "data/x/.zarray": b"{}", "data/x/0/1": b"123", "data/y/0.0": b""}
 
@@ -24,16 +24,6 @@ def store(request, tmp_path):
             (path / name).write_bytes(content)
     with opened(path) as files:
         yield files
-
-
-def test_files_are_listed_and_read(store):
-    assert store.folders("data") == ["x", "y"]
-    assert sorted(store.names("data/x")) == [".zarray", "0/1"]
-    assert store.names("data/z") == store.folders("data/z") == []
-    assert store.has("data/x/0/1")
-    assert not store.has("data/x/0")
-    assert not store.has("data/x/2")
-    assert store.read("data/x/0/1", 3) == b"123"
 
 
 def test_no_more_than_a_limit_is_read(store):
@@ -59,13 +49,3 @@ def test_a_pipe_is_no_file(tmp_path):
     with opened(tmp_path) as files:
         assert files.names("") == []
         assert not files.has("pipe")
-
-
-def test_names_of_zip_files(tmp_path):
-    for name in ("a.zip", "b.ZIP", "c.zarr", "d.npz"):
-        (tmp_path / name).write_bytes(b"")
-    (tmp_path / "e.zip").mkdir()
-    assert [is_zip(tmp_path / name) for name in ("a.zip", "b.ZIP", "c.zarr", "d.npz", "e.zip", "f.zip")] == [
-        *(True, True),
-        *(False, False, False, False),
-    ]
