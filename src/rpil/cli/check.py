@@ -13,7 +13,7 @@ import click
 from rpil.cli import terminal
 from rpil.cli.commands import check_paths, open_with_missing, show_stages
 from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, with_options
-from rpil.data.text import counted, listed, printable
+from rpil.data.text import MAX_IDS, counted, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -129,13 +129,13 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     if n > len(shown):
         lines.append(f"  ... and {n - len(shown):,} more; --json prints all")
     if report.set_aside:
-        lines += ["", f"Set aside, because values are missing: {listed(report.set_aside, terminal.MAX_IDS, ', ')}."]
+        lines += ["", f"Set aside, because values are missing: {listed(report.set_aside, MAX_IDS, ', ')}."]
     if report.n_expected:
         lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
     if report.trims:
         trims = [f"{printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
-        more = "; ..." * (len(trims) > terminal.MAX_IDS)
-        lines += ["", f"Idle ends may be trimmed; steps to keep: {'; '.join(trims[: terminal.MAX_IDS])}{more}."]
+        more = "; ..." * (len(trims) > MAX_IDS)
+        lines += ["", f"Idle ends may be trimmed; steps to keep: {'; '.join(trims[:MAX_IDS])}{more}."]
     lines += ["", f"Usual: {'; '.join(report.usual.values())}."] if report.usual else []
     lines += ["", "Not checked:", *_not_checked_lines(report)] if report.not_checked or report.unknown else []
     return lines

@@ -16,7 +16,7 @@ import click
 
 from rpil.data.errors import shortened
 from rpil.data.privacy import without_secrets
-from rpil.data.text import listed, printable
+from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -31,10 +31,8 @@ SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 MAX_ROWS = 26  # of the ranking, and of the demonstrators with their titles, unless all are asked for
 MAX_DEMONSTRATORS = 4
-MAX_IDS = 20  # in one line
 NO_PROBABILITY = "Demonstrations without a word have a place in the ranking, and no probability."
-N_WORST = 3  # demonstrations whose reasons are printed, and that the next step names
-N_LABELS = 3  # demonstrations that an audit proposes to label
+N_SHOWN = 3  # demonstrations whose reasons are printed, and that the next step proposes to label
 PIPE_WIDTH = 10_000  # of a table where there is no terminal: no line is wrapped
 
 
@@ -89,7 +87,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     n_rows = MAX_ROWS - (MAX_DEMONSTRATORS + 4 if audit.demonstrators else 0)
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
-    _print_reasons(audit, shown[:N_WORST])
+    _print_reasons(audit, shown[:N_SHOWN])
     is_known = any(map(audit.has_proba, range(len(audit.ids))))
     click.echo(f"\n{audit.words.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
     if audit.demonstrators:
@@ -232,7 +230,7 @@ def next_steps(audit: Audit, labels_file: str, command: str) -> str:
             *_answer_lines(audit.pair[0], f"better than {second}", first, labels_file, exists),
         ]
     else:
-        to_label = audit.suggest_labels(N_LABELS)
+        to_label = audit.suggest_labels(N_SHOWN)
         if not to_label:
             return "\n".join([*lines, "Every demonstration has a label already."])
         name = printable(to_label[0])

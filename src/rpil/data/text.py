@@ -5,8 +5,8 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Iterable
 
-MAX_LISTED_NAMES = 5
-"""Names in one sentence."""
+MAX_LISTED_NAMES, MAX_IDS = 5, 20
+"""Names in one sentence, and ids in one printed line."""
 
 
 def printable(name: object, kept: str = "") -> str:

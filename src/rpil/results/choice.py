@@ -23,7 +23,7 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
-from rpil.data.text import listed
+from rpil.data.text import MAX_IDS, listed
 from rpil.formats.parquet_pages import read_table
 from rpil.numerics.types import Array, Bool, Float
 from rpil.results.settings import KeepSettings
@@ -45,9 +45,6 @@ KEEP_RULES = {
 
 RULES_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"}
 """The rule by which a word rejects a demonstration without a label; the other words keep it."""
-
-MAX_REJECTED = 20
-"""Ids of a rule that are printed."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ class Choice:
     def lines(self) -> list[str]:
         """How many are rejected by each rule, one sentence, and a line for each rule with their ids; or nothing."""
         counts = ", ".join(f"{len(ids):,} {KEEP_RULES[rule]}" for rule, ids in self.rejected.items())
-        lists = [f"  {KEEP_RULES[rule]}: {listed(ids, MAX_REJECTED)}" for rule, ids in self.rejected.items()]
+        lists = [f"  {KEEP_RULES[rule]}: {listed(ids, MAX_IDS)}" for rule, ids in self.rejected.items()]
         return [f"Rejected: {counts}.", *lists] if lists else []
 
     def to_dict(self) -> dict[str, object]:

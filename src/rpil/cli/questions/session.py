@@ -7,10 +7,9 @@ from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpil.cli.terminal import MAX_IDS
 from rpil.data.errors import DataError
 from rpil.data.id_values import parse_answers, same_question, write_answers
-from rpil.data.text import counted, listed, printable
+from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
 
