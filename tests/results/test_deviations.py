@@ -16,14 +16,14 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.settings import HeldOutSettings
 from rpil.results.deviations import MAX_STEPS, deviations
-from rpil.results.evidence import by_final_policy
+from rpil.results.evidence import StepEvidence, by_final_policy
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
 AUDIT = make_audit(("typical", "unlike"), step_log_ratio=RATIO, lengths=[40, 40])
 
 
-def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> Comparison:
+def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> StepEvidence:
     """Discrete actions, or continuous ones beside a policy with the mean 0."""
     n_parts = actions.shape[1] if actions.ndim > 1 else 0
     space = Box(np.full(n_parts, -99.0), np.full(n_parts, 99.0)) if n_parts else Discrete(3)

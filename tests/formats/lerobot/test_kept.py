@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -39,20 +40,22 @@ def assert_same(new, old, first=0, end=None):
             assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()[first:end]
 
 
-def coded_drive(folder, version, coded):
-    """A folder with videos of this kind, where they can be written."""
+@pytest.fixture(scope="module", params=[*product(("v3.0", "v2.1"), CODED)], ids="-".join)
+def drive(request, tmp_path_factory):
+    """A folder of this version with videos of this kind, where they can be written, which no test changes: the version,
+    the kind, the folder and what is read of it."""
+    version, coded = request.param
     codec, options = CODED[coded]
+    folder = tmp_path_factory.mktemp("coded") / "drive"
     try:
-        return folders.write(folder / "drive", LENGTHS, version, ("front", "wrist"), codec, options)
+        root = folders.write(folder, LENGTHS, version, ("front", "wrist"), codec, options)
     except ValueError:
         pytest.skip(f"needs the encoder {codec}")
+    return version, coded, root, folders.read(root)
 
 
-@pytest.mark.parametrize("coded", CODED)
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
-    root = coded_drive(tmp_path, version, coded)
-    old = folders.read(root)
+def test_frames_of_kept_episodes_are_the_same(tmp_path, drive):
+    _, coded, root, old = drive
     for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
         output = tmp_path / f"kept{len(ids)}"
         find(root).keep(output, ids)
@@ -65,11 +68,9 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version, coded):
         assert sum(n_frames) <= 2 * (sum(LENGTHS[m] for m in (1, 2, 4, 6)) + 4)
 
 
-@pytest.mark.parametrize("coded", CODED)
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_idle_ends_are_cut_with_their_frames(tmp_path, version, coded):
-    root = coded_drive(tmp_path, version, coded)
-    old, trims = folders.read(root), {1: (3, 9), 2: (0, 5), 4: (5, 8)}
+def test_idle_ends_are_cut_with_their_frames(tmp_path, drive):
+    version, _, root, old = drive
+    trims = {1: (3, 9), 2: (0, 5), 4: (5, 8)}
     find(root).keep(tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
     new = folders.read(tmp_path / "kept")
     for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
