@@ -77,16 +77,15 @@ def test_gains_of_a_second_way_by_hand(monkeypatch):
     assert (fitted_to.tolist(), scale_of.tolist()) == (UPPER.tolist(), (~UPPER).tolist())
 
 
-@pytest.mark.parametrize(("own", "credible"), [(0.21, True), (0.19, False), (-1.0, False)])
-def test_a_second_way_gains_more_than_noise_does(monkeypatch, own, credible):
-    assert second_way(monkeypatch, 2.0, [own] * 4, 0.0)[0].is_credible is credible
+SPREAD = [0.3, 0.4, 0.5, 0.6]  # the robust standard error is 1.858 x .1 / 2 = .0929, and .45 is 4.84 of it
 
 
-def test_a_second_way_is_above_its_standard_errors(monkeypatch):
-    # The robust standard error of .3, .4, .5, .6 is 1.858 x .1 / 2 = .0929, and .45 is 4.84 of it.
-    for limit, credible in ((4.8, True), (4.9, False)):
-        found, _ = second_way(monkeypatch, 2.0, [0.3, 0.4, 0.5, 0.6], 0.0, standard_errors=limit)
-        assert found.is_credible is credible
+@pytest.mark.parametrize(
+    ("own", "limit", "credible"),
+    [([0.21] * 4, 2, True), ([0.19] * 4, 2, False), ([-1.0] * 4, 2, False), (SPREAD, 4.8, True), (SPREAD, 4.9, False)],
+)
+def test_a_second_way_gains_more_than_noise_does_and_than_its_standard_errors(monkeypatch, own, limit, credible):
+    assert second_way(monkeypatch, 2.0, own, 0.0, standard_errors=limit)[0].is_credible is credible
 
 
 @pytest.mark.parametrize(("shared", "is_worse"), [(0.9, False), (1.1, True)])
