@@ -92,6 +92,8 @@ def test_load_refuses_truncated_and_damaged_files(saved):
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
+        ("class", ["RPIL"], "does not know"),
+        ("class", {"RPIL": "RPIL" * 10_000}, "does not know"),
     ],
 )
 def test_load_refuses_unknown_schemas_versions_and_classes(saved, field, value, match):
@@ -160,6 +162,12 @@ def set_in(tree, path, value):
         (("fitted", "features_", "fields", "kind"), "nystroem"),
         (("fitted", "audit_", "fields", "ids"), [1, 2]),
         (("fitted", "audit_"), 3),
+        (("fitted", "audit_", "class"), [1]),
+        (("fitted", "audit_", "fields"), [1]),
+        (("fitted", "audit_", "fields", "finding"), 10**400),
+        (("fitted", "audit_", "fields", "prior"), 10**400),
+        (("fitted", "policy_", "fields", "ridge"), 10**400),
+        (("classes",), {"array": ["classes"]}),
         (("fitted", "audit_", "fields", "finding"), "all is well"),
         (("fitted", "audit_", "fields", "deviations"), ["it takes action 1"]),
         (("fitted", "audit_", "fields", "deviations"), 3),
@@ -191,6 +199,27 @@ def test_load_refuses_inconsistent_headers(saved, path, value):
 def test_load_refuses_inconsistent_headers_of_a_mixture(saved_mixture, path, value):
     rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
     refused(saved_mixture, LOST)
+
+
+@pytest.mark.parametrize(
+    ("before", "more", "match"),
+    [
+        ('"params": {', '"x": ' + "[" * 600 + "]" * 600 + ", ", LOST),
+        ('"params": {', '"x": ' + "[" * 100_000 + "]" * 100_000 + ", ", "damaged or truncated"),
+        ('"version": ', "5" * 5000, "damaged or truncated"),
+    ],
+    ids=["nested", "nested deeply", "digits"],
+)
+def test_load_refuses_headers_beyond_all_limits(saved, before, more, match):
+    header = members(saved)["header.json"].decode()
+    assert before in header
+    rewrite(saved, {"header.json": header.replace(before, before + more)})
+    refused(saved, match)
+
+
+def test_an_unknown_member_is_not_read(saved):
+    rewrite(saved, {"more.npy": b"no array"})
+    refused(saved, LOST)
 
 
 def test_load_refuses_a_mixture_without_its_policy(saved_mixture):

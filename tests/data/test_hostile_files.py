@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +16,8 @@ from numpy.lib import format as npy
 
 from hostile import MAX_BYTES, assert_refused, read_all
 
-READ, OPEN = "rpil:read", "rpil:open_dataset"
+READ, OPEN, LOAD = "rpil:read", "rpil:open_dataset", "rpil:load"
+MODEL = Path(__file__).parents[1] / "golden" / "discrete_judge.rpil"
 TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
 NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")
 GIANT = (7 * 10**9 // 8 // 2, 2)  # of float64: 7 GB
@@ -25,16 +28,20 @@ def npz(**changes):
     return lambda path: np.savez(path, **(arrays | changes))
 
 
-def giant_npz(member):
+def model(path):
+    shutil.copyfile(MODEL, path)
+
+
+def giant(write, member, method=zipfile.ZIP_STORED):
     """An archive of a few kilobytes with a member that says that it holds 7 GB."""
 
     def make(path):
-        npz()(path)
+        write(path)
         with zipfile.ZipFile(path) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
         head = io.BytesIO()
         npy.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": GIANT})
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(path, "w", method) as archive:
             for name, content in (members | {member: head.getvalue() + bytes(1000)}).items():
                 archive.writestr(name, content)
             archive.getinfo(member).file_size = len(head.getvalue()) + 8 * GIANT[0] * GIANT[1]
@@ -51,13 +58,17 @@ def short_npz(path):
         archive.writestr("observation_names.npy", head.getvalue() + bytes(1000))
 
 
-def twice_npz(path):
-    """An archive with two arrays of observations, of which readers take the last."""
-    npz()(path)
-    with zipfile.ZipFile(path) as archive:
-        content = archive.read("observations.npy")
-    with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
-        archive.writestr("observations.npy", content)
+def twice(write, member):
+    """An archive with two arrays of one name, of which readers take the last."""
+
+    def make(path):
+        write(path)
+        with zipfile.ZipFile(path) as archive:
+            content = archive.read(member)
+        with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr(member, content)
+
+    return make
 
 
 def parquet(**changes):
@@ -91,14 +102,17 @@ def text(content):
 
 
 FILES = {
-    "giant-observations.npz": (giant_npz("observations.npy"), READ),
-    "giant-names.npz": (giant_npz("observation_names.npy"), READ),
+    "giant-observations.npz": (giant(npz(), "observations.npy", zipfile.ZIP_DEFLATED), READ),
+    "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
+    "giant-weights.rpil": (giant(model, "policy/weights.npy"), LOAD),
+    "giant-unknown.rpil": (giant(model, "more.npy"), LOAD),
+    "giant-header.rpil": (giant(model, "header.json"), LOAD),
     "short.npz": (short_npz, READ),
-    "twice.npz": (twice_npz, READ),
+    "twice.npz": (twice(npz(), "observations.npy"), READ),
+    "twice.rpil": (twice(model, "policy/weights.npy"), LOAD),
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
     "long-id.parquet": (long_parquet_id, READ),
-    "long-id-on-disk.parquet": (long_parquet_id, OPEN),
     "surrogate.npz": (npz(episode_ids=np.array(["a", "a", "\ud800"])), READ),
     "code-point.npz": (npz(episode_ids=NOT_UNICODE), READ),
     "code-point-of-action.npz": (npz(actions=NOT_UNICODE), READ),
@@ -106,20 +120,18 @@ FILES = {
     "names-of-no-shape.npz": (npz(observation_names=np.array("x")), READ),
     "negative-shape.npz": (npz(observations=np.ones((0, 2))), READ),
     "trailing-nul.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), READ),
-    "trailing-nul-on-disk.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), OPEN),
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
-    "empty-id-on-disk.parquet": (parquet(episode_index=["", "", "b"]), OPEN),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
-    "large-id-on-disk.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), OPEN),
     "large-action.parquet": (parquet(action=np.array([2**63, 1, 1], np.uint64)), READ),
-    "large-action-on-disk.parquet": (parquet(action=np.array([2**63, 1, 1], np.uint64)), OPEN),
     "list-of-ids.parquet": (parquet(episode_index=[[0], [0], [1]]), READ),
-    "list-of-ids-on-disk.parquet": (parquet(episode_index=[[0], [0], [1]]), OPEN),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
     "digits.json": (text('{"a": ' + "9" * 5000 + "}"), "rpil.formats:read_labels"),
     "deep.json": (text("[" * 100_000), "rpil.formats:read_labels"),
     "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.formats:read_labels"),
 }
+BOTH = ("long-id", "trailing-nul", "empty-id", "large-id", "large-action", "list-of-ids")
+"""Files that are read into memory and left on disk."""
+FILES |= {f"{name}-on-disk.parquet": (FILES[f"{name}.parquet"][0], OPEN) for name in BOTH}
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +147,11 @@ def test_it_is_refused_in_one_sentence(ends, name):
 def test_the_figures_are_named(ends):
     for name, size in (("giant-observations.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
+
+
+def test_members_that_hold_more_than_the_file_are_named(ends):
+    for name in ("giant-weights.rpil", "giant-unknown.rpil", "giant-header.rpil"):
+        assert "more than the file" in ends[0][name][1]
 
 
 def test_two_arrays_of_one_name_are_named(ends):

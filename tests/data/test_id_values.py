@@ -27,23 +27,11 @@ def test_labels_csv(tmp_path, header):
     labels = formats.read_labels(path)
     assert labels == {"7": "good", "a": "bad", "b": "good"}
     assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
-
-
-def test_labels_json(tmp_path):
-    path = tmp_path / "labels.json"
-    path.write_text(json.dumps({"7": "expert", "a": "bad"}))
-    labels = formats.read_labels(path)
-    assert formats.match_labels(labels, [7, "a"]) == {0: True, 1: False}
-    refused_file(
-        "no demonstration is called 'a'; the ids are '7'",
-        lambda _: formats.match_labels(labels, [7], "labels.json"),
-        path,
-    )
-
-
-def test_labels_in_a_mapping_are_read_in_old_words_and_in_any_case():
-    labels = {"a": "expert", "b": "ADVERSARY", "c": "Good", "d": "bad"}
-    assert formats.match_labels(labels, "abcd") == {0: True, 1: False, 2: True, 3: False}
+    assert formats.match_labels({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)) == {0: False, 1: True}
+    (tmp_path / "labels.json").write_text(json.dumps({"7": "expert", "a": "Bad", "b": "good"}))
+    assert formats.read_labels(tmp_path / "labels.json") == labels
+    with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
+        formats.match_labels(labels, [7], "labels.csv")
 
 
 @pytest.mark.parametrize(
@@ -299,12 +287,9 @@ def test_white_space_around_an_id_is_left_out_unless_an_id_has_it(tmp_path, name
         path.write_text(json.dumps({" a": "good", "b": " bad ", "7": "better than  a", "+5": "better  than b "}))
     ids = [" a", "b", 7, "+5", "c"]
     assert read_answers(path, ids) == ({" a": "good", "b": "bad"}, better([("7", " a"), ("+5", "b")]))
-
-
-def test_numbers_as_ids_may_have_white_space_around_them(tmp_path):
-    path = tmp_path / "labels.csv"
-    path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
-    assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, better([("-8", "7")]))
+    if name.endswith(".csv"):
+        path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
+        assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, better([("-8", "7")]))
 
 
 def test_demonstrators_of_ids_with_white_space_at_their_ends(tmp_path):

@@ -34,17 +34,15 @@ def test_demonstrations_end_at_terminals_and_timeouts(tmp_path):
     }
 
 
-def test_without_timeouts_they_end_where_observations_jump(tmp_path):
-    recording = formats.read_recording(d4rl(tmp_path / "maze.hdf5", timeouts=False, following=True))
-    assert recording.demonstrations.lengths.tolist() == [10, 12, 14]
-    assert "next_observations" in recording.description.notes[0]
-    assert "next_observations" in recording.description.ignored
-
-
-def test_without_timeouts_and_jumps_they_end_at_terminals_with_a_note(tmp_path):
-    recording = formats.read_recording(d4rl(tmp_path / "maze.hdf5", timeouts=False))
-    assert recording.demonstrations.lengths.tolist() == [10, 26]
-    assert "terminals alone" in recording.description.notes[0]
+@pytest.mark.parametrize(
+    ("following", "lengths", "note"),
+    [(True, [10, 12, 14], "next_observations"), (False, [10, 26], "terminals alone")],
+)
+def test_without_timeouts_they_end_where_observations_jump_or_else_at_terminals(tmp_path, following, lengths, note):
+    recording = formats.read_recording(d4rl(tmp_path / "maze.hdf5", timeouts=False, following=following))
+    assert recording.demonstrations.lengths.tolist() == lengths
+    assert note in recording.description.notes[0]
+    assert ("next_observations" in recording.description.ignored) == following
 
 
 def test_an_array_of_ids_comes_first(tmp_path):

@@ -174,16 +174,14 @@ def test_a_damaged_page_is_refused(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = open_dataset(tmp_path / "a.parquet")
     content = bytearray((tmp_path / "a.parquet").read_bytes())
-    column = next(
-        c
-        for c in range(9)
-        if pq.read_metadata(tmp_path / "a.parquet").row_group(0).column(c).path_in_schema == "observation.0"
-    )
-    place = pq.read_metadata(tmp_path / "a.parquet").row_group(0).column(column)
+    group = pq.read_metadata(tmp_path / "a.parquet").row_group(0)
+    columns = [group.column(c) for c in range(group.num_columns)]
+    (place,) = [column for column in columns if column.path_in_schema == "observation.0"]
     content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
     (tmp_path / "a.parquet").write_bytes(content)
-    with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
-        read_all(data)
+    for use in (lambda: read_all(data), lambda: formats.read(tmp_path / "a.parquet")):
+        with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
+            use()
 
 
 def test_a_shard_can_be_pickled(tmp_path):

@@ -39,21 +39,10 @@ def replaced(name, **how):
     return change
 
 
-def large_chunk(file):
-    """One chunk of 2 GB that is a few kilobytes when it is compressed, of an array that can grow."""
-    how = {"chunks": (10**8, 3), "maxshape": (None, 3), "dtype": "f8", "compression": "gzip"}
-    replaced("data/demo_0/obs/robot/eef_pos", shape=(10, 3), **how)(file)
-
-
 def circles(file):
     for k in range(40):
         group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
         group["again"], group["same"] = file["data"], file["data/demo_0"]
-
-
-def truncated(path):
-    robomimic(path)
-    path.write_bytes(path.read_bytes()[:4000])
 
 
 def objects(file):
@@ -66,19 +55,14 @@ COMPOUND = np.dtype([("x", "f8"), ("y", "f8")])
 REFUSED = {
     "unknown.hdf5": of_unknown_layout,
     "empty.h5": lambda path: h5py.File(path, "w").close(),
-    "text.h5": lambda path: path.write_text("no HDF5"),
-    "nothing.hdf5": lambda path: path.touch(),
-    "truncated.hdf5": truncated,
     "huge.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(2**50, 7), dtype="f8", chunks=(1000, 7))),
     "huge_actions.hdf5": changed(d4rl, replaced("actions", shape=(2**40, 2), dtype="f4", chunks=(1000, 2))),
     "huge_ends.hdf5": changed(d4rl, replaced("terminals", shape=(36, 2**30), dtype="?", chunks=(36, 1000))),
-    "large_chunk.hdf5": changed(robomimic, large_chunk),
     "objects.hdf5": changed(robomimic, objects),
     "compound.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(10,), dtype=COMPOUND)),
     "references.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(10,), dtype=h5py.ref_dtype)),
     "text_actions.hdf5": changed(robomimic, replaced("data/demo_0/actions", data=np.array([b"\xff"] * 10))),
     "circles.hdf5": changed(robomimic, circles),
-    "missing_values.hdf5": changed(robomimic, replaced("data/demo_0/actions", data=np.full((10, 7), np.nan))),
 }
 
 

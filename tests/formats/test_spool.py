@@ -101,14 +101,6 @@ def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
     both(tmp_path / "a.csv")
 
 
-def test_folders_of_text_tables(tmp_path):
-    for name in ("run1", "run2"):
-        (tmp_path / f"{name}.csv").write_text(table([3] * 9, [0, 1, 1] * 3).replace("episode_id", "speed"))
-    memory, disk = both(tmp_path)
-    assert memory.demonstrations.ids == ("run1", "run2")
-    assert memory.facts.order.tolist() == disk.facts.order.tolist() == [0, 1]
-
-
 @pytest.mark.parametrize("on_disk", [False, True])
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_an_action_that_is_not_finite_is_refused(tmp_path, on_disk, wrong):
