@@ -180,8 +180,5 @@ def _dots(ax: Axes, audit: AuditResult, order: Int[Array, " M"], x: Array, y: Ar
 
 def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
     """Centred running mean over a twentieth of the values, over fewer at both ends."""
-    width = max(len(values) // 20, 1)
-    totals = np.concatenate([[0.0], np.cumsum(values)])
-    centre = np.arange(len(values))
-    start, stop = np.maximum(centre - (width - 1) // 2, 0), np.minimum(centre + width // 2 + 1, len(values))
-    return np.asarray((totals[stop] - totals[start]) / (stop - start))
+    window = np.ones(max(len(values) // 20, 1))
+    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

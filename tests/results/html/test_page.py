@@ -20,7 +20,7 @@ from rpil.faults.report import Fault, FaultReport
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, ClaimSettings
 from rpil.results.answering import NEXT_STEPS
-from rpil.results.html.page import Article, render_page, write_page
+from rpil.results.html.page import Article, format_percent, render_page, write_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.settings import AuditSettings
@@ -270,3 +270,10 @@ def test_pages_stay_small(audit: Audit) -> None:
 
 def test_counts_of_words_have_commas() -> None:
     assert "1,200 typical" in Page(render(make_audit(("typical",) * 1200 + ("unlike",), lengths=[2] * 1201))).text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
+)
+def test_only_all_and_nothing_are_whole_percents_at_the_ends(share: float, text: str) -> None:
+    assert format_percent(share) == text

@@ -15,7 +15,6 @@ from markupsafe import Markup
 
 from rpil.data.files import replacing
 from rpil.data.text import counted, printable
-from rpil.results.html.number_format import format_number, format_percent
 from rpil.results.view import View
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
@@ -43,11 +42,19 @@ def html_environment(package: str, folder: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"number": format_number, "percent": format_percent, "count": counted, "hash": _csp_hash}
-    jinja.filters |= {"data": _as_data, "plain": _plain}
+    jinja.filters |= {"percent": format_percent, "count": counted, "hash": _csp_hash, "data": _as_data, "plain": _plain}
     # Scripts and styles are no templates: braces mean something else there.
     jinja.globals["asset"] = lambda name: Markup(loader.get_source(jinja, name)[0])
     return jinja
+
+
+def format_percent(share: float) -> str:
+    """A share in whole percent; only exactly 0 and 1 become 0 % and 100 %."""
+    if 0 < share < 0.005:
+        return "<1 %"
+    if 0.995 < share < 1:
+        return ">99 %"
+    return f"{100 * share:.0f} %"
 
 
 def _csp_hash(code: str) -> Markup:
