@@ -84,13 +84,6 @@ def test_keep_gives_the_lines_of_the_user_back_as_they_are(tmp_path):
     assert (tmp_path / "b.csv").read_text() == "episode_index,action,x\n=1+1,a,1\n=1+1,b,2\n"
 
 
-def test_negative_numbers_stay_numbers(tmp_path):
-    data = demonstrations([-5, 3])
-    formats.write(tmp_path / "a.csv", data)
-    assert formats.read(tmp_path / "a.csv").ids == (-5, 3)
-    assert "'" not in (tmp_path / "a.csv").read_text()
-
-
 def test_names_of_columns_are_no_formulas(tmp_path):
     write_tables(tmp_path / "a.csv", iter([pa.table({"=t": [1.5], "-x": ["@b"]})]))
     assert cells(tmp_path / "a.csv") == ["'=t", "'-x", "1.5", "'@b"]

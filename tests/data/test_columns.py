@@ -7,7 +7,7 @@ import time
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.names import plain_name, quoted
+from rpil.data.names import quoted
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
 
@@ -20,7 +20,19 @@ def found(names, kinds=None, **options):
 
 @pytest.mark.parametrize(
     "name",
-    ["episode_index", "Episode", "ep", "eps_id", "traj", "trajectoryId", "demo_id", "demonstration", "run", "Rollout"],
+    [
+        "episode_index",
+        "Episode",
+        "ep",
+        "eps_id",
+        "traj",
+        "trajectoryId",
+        "demo_id",
+        "demonstration",
+        "run",
+        "Rollout",
+        "Épisode",
+    ],
 )
 def test_spellings_of_the_demonstration(name):
     assert found([name, "x", "action"]).episode == name
@@ -122,12 +134,6 @@ def test_names_may_be_patterns_a_text_with_commas_or_in_another_case():
     assert found(names, observations="force, joint_1").observations == ("Force", "joint 1")
 
 
-def test_words_of_a_name():
-    assert {plain_name(name) for name in ("next.Reward", "nextReward", " NEXT reward ", "next-reward")} == {
-        "next_reward"
-    }
-
-
 @pytest.mark.parametrize("other", ["session", "operator", "task"])
 def test_other_ids_may_be_needed_to_tell_demonstrations_apart(other):
     assert found([*BASE, other]).parts == (other,)
@@ -145,10 +151,6 @@ def test_another_id_is_no_observation_where_the_user_names_the_id():
 def test_columns_that_cannot_be_read_are_named_with_their_kind():
     with pytest.raises(DataError, match=r"found 'episode', 'observation' .nested., 'action'\)"):
         found(["episode", "observation", "action"], {"observation": "nested"})
-
-
-def test_names_with_accents():
-    assert found(["Épisode", "x", "action"]).episode == "Épisode"
 
 
 def test_forty_thousand_columns_take_seconds():

@@ -20,11 +20,19 @@ def named(letters, whole=False):
     return Demonstrations.from_episodes([episodes[letter] for letter in letters])
 
 
-def test_copies_have_the_place_of_the_first_of_them():
-    copies = copies_among(named("bacabb"))
-    assert copies.any
-    np.testing.assert_array_equal(copies.first, [0, 1, 2])
-    np.testing.assert_array_equal(copies.place, [0, 1, 2, 1, 0, 0])
+@pytest.mark.parametrize(
+    ("letters", "first", "place", "sentence"),
+    [
+        ("abc", [0, 1, 2], [0, 1, 2], ""),
+        ("aab", [0, 2], [0, 0, 1], "One demonstration is a copy of 1 other: each is judged once."),
+        ("bacabb", [0, 1, 2], [0, 1, 2, 1, 0, 0], "3 demonstrations are copies of 2 others: each is judged once."),
+    ],
+)
+def test_copies_have_the_place_of_the_first_of_them(letters, first, place, sentence):
+    copies = copies_among(named(letters))
+    assert (copies.any, copies.all_same, copies.sentence) == (letters != "abc", False, sentence)
+    np.testing.assert_array_equal(copies.first, first)
+    np.testing.assert_array_equal(copies.place, place)
 
 
 def test_rows_lead_to_the_steps_of_the_first():
@@ -46,19 +54,11 @@ def test_one_other_step_or_bit_is_no_copy():
     assert not Copies.of(digests(every.observations, actions, every.offsets)).any
 
 
-def test_without_copies_all_are_their_own():
-    copies = copies_among(named("abc"))
-    assert not copies.any
-    assert not copies.all_same
-    assert copies.sentence == ""
-    np.testing.assert_array_equal(copies.first, [0, 1, 2])
-    np.testing.assert_array_equal(copies.place, [0, 1, 2])
-
-
 def test_where_all_are_copies_of_one_all_are_judged_and_have_what_the_first_has():
     copies = copies_among(named("aaa"))
     assert copies.any
     assert copies.all_same
+    assert copies.sentence == "All 3 demonstrations are copies of one: there is nothing to compare."
     np.testing.assert_array_equal(copies.judged, [0, 1, 2])
     np.testing.assert_array_equal(copies.copy_of, [0, 0, 0])
     np.testing.assert_array_equal(copies.rows(named("aaa").offsets), [0, 1, 2] * 3)
@@ -75,15 +75,3 @@ def test_where_observations_come_again_demonstrations_may_be_equal_by_chance(uni
 
 def test_whole_numbers_are_no_reason_to_be_equal_by_chance():
     assert copies_among(named("aab", whole=True)).any
-
-
-@pytest.mark.parametrize(
-    ("letters", "sentence"),
-    [
-        ("aab", "One demonstration is a copy of 1 other: each is judged once."),
-        ("aaa", "All 3 demonstrations are copies of one: there is nothing to compare."),
-        ("bacabb", "3 demonstrations are copies of 2 others: each is judged once."),
-    ],
-)
-def test_the_sentence_counts_copies(letters, sentence):
-    assert copies_among(named(letters)).sentence == sentence

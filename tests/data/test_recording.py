@@ -195,12 +195,6 @@ def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, mo
     assert len(open_dataset(tmp_path / "a.parquet", options=ColumnOptions(id="episode"))) == 1
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_operators_are_read_from_the_column_that_is_named(folder, on_disk):
-    pairs = read_recording(folder, ColumnOptions(operator="operator"), on_disk=on_disk).operators
-    assert dict(pairs) == {str(m): "Ann" if m < M // 2 else "Bob" for m in range(M)}
-
-
 def test_missing_values_are_described_before_they_are_refused(tmp_path):
     x = STATE[:, 0].astype(float)
     x[7] = np.nan

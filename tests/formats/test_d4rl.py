@@ -4,7 +4,6 @@ import pytest
 from hdf5_files import d4rl, h5py
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 
 
@@ -85,9 +84,3 @@ def test_kept_steps_are_as_they_were_and_end_where_they_did(tmp_path, form):
             np.testing.assert_array_equal(new[name][:], old[name][:][rows])
         assert new["metadata/algorithm"][()] == b"SAC"
         np.testing.assert_array_equal(new["metadata/weights"], old["metadata/weights"])
-
-
-def test_columns_of_flat_arrays_can_be_named(tmp_path):
-    path = d4rl(tmp_path / "hopper.hdf5")
-    read = formats.read_recording(path, ColumnOptions(observations="infos/qpos")).demonstrations
-    assert read.observations.shape == (36, 3)

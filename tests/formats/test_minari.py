@@ -158,14 +158,6 @@ def test_minari_with_wrong_metadata(tmp_path):
     assert json.loads((tmp_path / "kept/data/metadata.json").read_text())["total_steps"] == 9
 
 
-def test_damaged_minari(tmp_path):
-    path, _ = write(tmp_path, "arrow", ACTIONS["box"])
-    (path / "data/metadata.json").write_text(json.dumps({"data_format": "hdf5"}))
-    (path / "data/main_data.hdf5").write_text("no HDF5")
-    with pytest.raises(DataError, match=r"main_data\.hdf5"):
-        rpil.read(path)
-
-
 @pytest.mark.parametrize(("content", "why"), [("", "metadata.json"), ("{", "metadata.json"), ("{}", "data_format")])
 def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, content, why):
     path, _ = write(tmp_path, "arrow", ACTIONS["box"])
