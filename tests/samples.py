@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 
@@ -25,6 +26,26 @@ FRAMES = np.concatenate([np.arange(n) for n in LENGTHS])
 
 def demonstrations(continuous: bool = True) -> Demonstrations:
     return Demonstrations.from_groups(STATES, MOVES if continuous else OWNERS % 2 + FRAMES % 2, OWNERS)
+
+
+def assert_same(found: Demonstrations, expected: Demonstrations) -> None:
+    """The demonstrations are equal, with the types of their numbers and the names of their observations."""
+    assert (found.ids, found.observation_names) == (expected.ids, expected.observation_names)
+    for name in ("observations", "actions", "offsets"):
+        assert getattr(found, name).dtype == getattr(expected, name).dtype
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def assert_same_on_disk(path: Path) -> None:
+    """What is left on disk is described as what is read into memory, and is the same."""
+    on_disk, memory = rpil.open(path, on_disk=True), rpil.open(path, on_disk=False)
+    assert isinstance(on_disk.demonstrations, rpil.Dataset)
+    assert on_disk.describe() == memory.describe()
+    found = on_disk.demonstrations.select(slice(None))
+    assert_same(found, memory.demonstrations)
+    assert memory.demonstrations.action_names in ((), found.action_names)  # NPZ has none
+    np.testing.assert_array_equal(on_disk.times().timestamps, memory.times().timestamps)
+    assert on_disk.tasks == memory.tasks
 
 
 def table(**others: object) -> pa.Table:

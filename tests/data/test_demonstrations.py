@@ -1,5 +1,3 @@
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -104,14 +102,7 @@ def test_actions(actions, expected):
     assert d.select([1]).is_discrete == d.is_discrete
 
 
-def test_from_episodes():
-    pairs = [(X[:2], Y[:2]), (X[2:], Y[2:])]
-    objects = [SimpleNamespace(observations=o, actions=a) for o, a in pairs]
-    for d in (Demonstrations.from_episodes(pairs, ids=["a", "b"]), Demonstrations.from_episodes(objects, ["a", "b"])):
-        np.testing.assert_array_equal(d.observations, X)
-        np.testing.assert_array_equal(d.actions, Y)
-        assert d.offsets.tolist() == OFFSETS
-        assert d.ids == ("a", "b")
+def test_actions_of_all_episodes_decide_their_kind():
     mixed = Demonstrations.from_episodes([(X[:2], [0.0, 1.0]), (X[2:], [0.5, 1.0, 2.0])])
     assert mixed.actions.shape == (5, 1)
     assert mixed.ids == (0, 1)

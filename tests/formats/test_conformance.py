@@ -22,7 +22,7 @@ from command_line import ok
 from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
 from rpil.formats.registry import FORMATS, find
-from samples import SAMPLES
+from samples import SAMPLES, assert_same, assert_same_on_disk
 
 BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
 """Formats that say too little to be the first: they claim what others claim before them."""
@@ -125,17 +125,7 @@ def test_what_stays_on_disk_is_what_is_in_memory(path, monkeypatch):
     """In several batches of rows."""
     for module in ("rows", "step_arrays"):
         monkeypatch.setattr(f"rpil.formats.{module}.BATCH_ROWS", 7)
-    on_disk, memory = rpil.open(path, on_disk=True), rpil.open(path, on_disk=False)
-    assert isinstance(on_disk.demonstrations, rpil.Dataset)
-    assert on_disk.describe() == memory.describe()
-    found, expected = on_disk.demonstrations.select(slice(None)), memory.demonstrations
-    assert (found.ids, found.observation_names) == (expected.ids, expected.observation_names)
-    assert expected.action_names in ((), found.action_names)  # NPZ has none
-    for array in ("observations", "actions", "offsets"):
-        assert getattr(found, array).dtype == getattr(expected, array).dtype
-        np.testing.assert_array_equal(getattr(found, array), getattr(expected, array))
-    np.testing.assert_array_equal(on_disk.times().timestamps, memory.times().timestamps)
-    assert on_disk.tasks == memory.tasks
+    assert_same_on_disk(path)
 
 
 def test_names_are_those_of_the_file(name, path):
@@ -256,9 +246,8 @@ def test_chosen_demonstrations_are_as_in_the_whole(path, on_disk):
     assert chosen.describe() == without.describe()
     assert {*chosen.describe().ignored} == {*whole.describe().ignored}
     expected, found = whole.demonstrations.select([0, 2]), chosen.demonstrations.select(slice(None))
-    assert (found.ids, chosen.ids) == (expected.ids, ids)
-    for array in ("observations", "actions", "offsets"):
-        np.testing.assert_array_equal(getattr(found, array), getattr(expected, array))
+    assert_same(found, expected)
+    assert chosen.ids == ids
     assert chosen.tasks == {str(m): whole.tasks[str(m)] for m in expected.ids if str(m) in whole.tasks}
     assert chosen.operators == [pair for pair in whole.operators if pair[0] in map(str, expected.ids)]
     lengths = whole.demonstrations.lengths

@@ -53,7 +53,6 @@ def objects(file):
 
 COMPOUND = np.dtype([("x", "f8"), ("y", "f8")])
 REFUSED = {
-    "unknown.hdf5": of_unknown_layout,
     "empty.h5": lambda path: h5py.File(path, "w").close(),
     "huge.hdf5": changed(robomimic, replaced("data/demo_0/actions", shape=(2**50, 7), dtype="f8", chunks=(1000, 7))),
     "huge_actions.hdf5": changed(d4rl, replaced("actions", shape=(2**40, 2), dtype="f4", chunks=(1000, 2))),

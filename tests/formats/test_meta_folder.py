@@ -89,14 +89,6 @@ def test_cameras_that_were_not_used_are_counted(tmp_path, n, words, on_disk):
     assert any(words in note for note in formats.read_recording(root, on_disk=on_disk).description.notes)
 
 
-def test_episodes_that_are_missing_are_named(tmp_path):
-    root = without_videos(tmp_path / "drive", "v3.0")
-    shutil.rmtree(root / "meta" / "episodes")
-    with pytest.raises(DataError, match="meta/episodes has no table"):
-        find(root).keep(tmp_path / "kept", [1])
-    assert not (tmp_path / "kept").exists()
-
-
 def test_paths_are_filled_without_running_what_they_say():
     assert fill("data/chunk-{a:03d}/{b}.parquet", a=7, b="x") == "data/chunk-007/x.parquet"
     for template in ("{a.__class__}", "{a:0999999999d}", "{a!r}"):

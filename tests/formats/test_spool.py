@@ -20,40 +20,13 @@ from rpil.data.errors import DataError
 from rpil.data.memory import limited
 from rpil.data.missing import allow_missing
 from rpil.formats import read_recording, rows
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.spool import spool
+from samples import assert_same_on_disk
 
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
     monkeypatch.setattr(rows, "BATCH_ROWS", 7)
     monkeypatch.setattr("rpil.formats.step_arrays.BATCH_ROWS", 7)
-
-
-def both(path, options=ColumnOptions()):
-    memory, disk = (read_recording(path, options, on_disk=on_disk) for on_disk in (False, True))
-    assert isinstance(disk.demonstrations, Dataset)
-    assert disk.description.to_dict() == memory.description.to_dict()
-    here, there = memory.demonstrations, disk.demonstrations.select(slice(None))
-    assert (here.ids, here.observation_names) == (there.ids, there.observation_names)
-    assert here.action_names in ((), there.action_names)  # NPZ has none
-    for name in ("observations", "actions", "offsets"):
-        assert getattr(here, name).dtype == getattr(there, name).dtype
-        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
-    np.testing.assert_array_equal(memory.times().timestamps, disk.times().timestamps)
-    assert memory.tasks == disk.tasks
-    return memory, disk
-
-
-@pytest.mark.parametrize("name", [".", "..", ""])
-def test_a_copy_removes_what_it_made_and_nothing_beside_it(tmp_path, monkeypatch, name):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    (tmp_path / "beside").mkdir()
-    copy = spool(iter([pa.table({"x": [1.0]})]), name)
-    assert pq.read_table(copy.path).num_rows == 1
-    del copy
-    gc.collect()
-    assert os.listdir(tmp_path) == ["beside"]
 
 
 @pytest.mark.parametrize("where", [".", ".."])
@@ -98,7 +71,7 @@ def table(ids, actions, decimal="."):
 def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
     monkeypatch.setattr("rpil.formats.csv._BLOCK_BYTES", 1 << 3)
     (tmp_path / "a.csv").write_text(table(ids, actions, decimal))
-    both(tmp_path / "a.csv")
+    assert_same_on_disk(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
