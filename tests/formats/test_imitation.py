@@ -95,10 +95,6 @@ def test_npz_of_imitation(tmp_path, discrete):
         assert len(kept["infos"]) == len(kept["acts"]) == 13
         assert kept["indices"].tolist() == [1]
         assert kept["terminal"].shape == (2,)
-    with pytest.raises(DataError, match=r"kept\.csv: .*extension"):
-        find(path).keep(tmp_path / "kept.csv", [0])
-    with pytest.raises(DataError, match="no demonstration is called '12'"):
-        find(path).keep(tmp_path / "kept.npz", [12])
 
 
 class Harm:
