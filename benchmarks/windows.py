@@ -19,6 +19,7 @@ import sys
 import zlib
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,7 @@ from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
 from rpil.results.reasons import MAX_LOG_RATIO
 from rpil.simulation.corruptions import window
+from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import record
 from tables import table
@@ -125,13 +127,15 @@ def _arm(task: str, kind: str, has_window: Array, rng: np.random.Generator) -> t
 
 def _game(task: str, _: str, has_window: Array, rng: np.random.Generator) -> tuple[list[Episode], list[Array]]:
     driver, seed = expert(task), int(rng.integers(2**31))
+    with closing(make(task)) as env:
+        space = actions_of(env)
     episodes, is_bad = [], []
     for played, interrupted in zip(
         record(driver, task, n_episodes=len(has_window), seed=seed), has_window, strict=True
     ):
         observations, actions = played.observations, played.actions
         if interrupted:
-            observations, actions = window(observations, actions, driver.actions, rng)
+            observations, actions = window(observations, actions, space, rng)
         changed = np.flatnonzero((actions != played.actions).reshape(len(actions), -1).any(axis=1))
         steps = np.arange(len(actions))
         is_bad.append((steps >= changed[0]) & (steps <= changed[-1]) if len(changed) else steps < 0)

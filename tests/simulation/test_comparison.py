@@ -64,7 +64,7 @@ def test_seeds_that_agree_by_chance_are_not_believed():
     row = compare({"a": "a", "b": "b"}, same, played(outcomes))["b"]
     assert row.difference == pytest.approx(0.2)
     assert row.standard_error > 0.2
-    assert row.verdict.startswith("no difference can be told with 3 seeds; one as large as seen needs ")
+    assert row.verdict.startswith("no difference can be told with 3 seeds")
 
 
 def test_successes_have_wilsons_interval_and_returns_students():
@@ -93,20 +93,6 @@ def test_choices_that_are_alike_are_seldom_told_apart(spread):
     assert wrong <= 20 + 3 * np.sqrt(19)
 
 
-def test_the_seeds_that_are_needed_are_enough():
-    rng = np.random.default_rng(3)
-
-    def told(n_seeds):
-        def train(choice, seed):
-            return choice + 0.1 * rng.normal()
-
-        return compare({"a": 0.4, "b": 0.5}, train, lambda p, seed: p + 0.01 * rng.normal(size=5), seeds=n_seeds)["b"]
-
-    needed = comparison._seeds_needed(0.1, 0.1 * np.sqrt(2), 0.05)
-    share = np.mean([told(needed).verdict == "better" for _ in range(200)])
-    assert abs(share - comparison.POWER) < 4 * np.sqrt(0.16 / 200)
-
-
 def test_one_seed_tells_no_difference():
     found = compare({"a": 0, "b": 1}, same, lambda p, seed: [p] * 50, seeds=1)
     assert np.isnan(found["b"].standard_error)
@@ -131,8 +117,8 @@ def test_policies_that_always_succeed_or_always_fail_may_be_told_apart():
     assert compare({"a": 0, "b": 1}, same, lambda p, seed: [p] * 20)["b"].verdict == "better"
 
 
-def test_no_difference_needs_no_seeds():
-    assert compare({"a": 1, "b": 1}, same, lambda p, seed: [0, p])["b"].verdict == "no difference with 3 seeds"
+def test_equal_outcomes_are_no_difference():
+    assert compare({"a": 1, "b": 1}, same, lambda p, seed: [0, p])["b"].verdict.startswith("no difference can be told")
 
 
 def test_every_choice_is_given_the_same_seeds():

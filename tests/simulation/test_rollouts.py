@@ -43,7 +43,8 @@ def one_at_a_time(policy, env_id, seed):
     while not over:
         observations.append(observation)
         answer = policy.predict(observation[None])[0]
-        actions.append(answer if np.ndim(answer) else int(answer))
+        low_and_high = (env.action_space.low, env.action_space.high) if np.ndim(answer) else ()
+        actions.append(np.clip(answer, *low_and_high).astype(np.float32) if np.ndim(answer) else int(answer))
         observation, reward, terminated, truncated, _ = env.step(actions[-1])
         rewards.append(reward)
         over = terminated or truncated
@@ -174,7 +175,7 @@ def test_recording_nothing_gives_nothing():
         (Always(0), "MountainCar-v99", "no environment 'MountainCar-v99'"),
         (Always(0), "not an id", "no environment 'not an id'"),
         (Always(0), "no_such_module:Thing-v0", "no environment 'no_such_module:Thing-v0'"),
-        (expert("CartPole-v1"), "Pendulum-v1", r"Pendulum-v1 has .* shape \(3,\) .* shape \(4,\)"),
+        (SimpleNamespace(n_features_in_=4), "Pendulum-v1", r"Pendulum-v1 has .* shape \(3,\) .* shape \(4,\)"),
         (RandomPolicy(Discrete(2), 0), "Pendulum-v1", r"has continuous actions \(-2 to 2\) .* knows \[0, 1\]"),
         (RandomPolicy(Box.single([-2], [2]), 0), "CartPole-v1", "has the actions 0 to 1 .* knows continuous ones"),
         (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
@@ -184,7 +185,7 @@ def test_recording_nothing_gives_nothing():
         (Always([np.inf]), "Pendulum-v1", "float64 .* one finite number"),
         (Always(["left"]), "Pendulum-v1", "one finite number"),
         (Always(0), "Blackjack-v1", "Blackjack-v1 has Tuple .* only flat Box or Discrete observations"),
-        (expert("Acrobot-v1"), "MountainCar-v0", r"MountainCar-v0 has .* shape \(2,\) .* shape \(6,\)"),
+        (SimpleNamespace(n_features_in_=6), "MountainCar-v0", r"MountainCar-v0 has .* shape \(2,\) .* shape \(6,\)"),
         (RandomPolicy(Discrete(3), 0), "CartPole-v1", r"CartPole-v1 has the actions 0 to 1 .* \[0, 1, 2\]"),
         (SimpleNamespace(classes_=np.array(["left"]), predict=None), "CartPole-v1", r"CartPole-v1 .* \['left'\]"),
         (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),

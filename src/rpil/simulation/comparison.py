@@ -20,12 +20,6 @@ Policy = TypeVar("Policy")
 LEVEL = 0.05
 """Probability of calling any choice better or worse where all are alike."""
 
-POWER = 0.8
-"""With which the seeds that are named as needed would tell a difference as large as the one seen."""
-
-MOST_SEEDS = 1000
-"""Seeds that are named as needed, at most."""
-
 UNCHANGED = 1e-9
 """A standard error of this share of its difference is rounding: the seeds change nothing."""
 
@@ -47,8 +41,7 @@ class ComparedChoice:
     standard_error: float
     """Of the difference, over seeds: of training and of episodes together. NaN for the first choice or one seed."""
     verdict: str
-    """"better" or "worse" than the first choice; else why no difference can be told, and how many seeds would be needed
-    if it is as large as the one seen; empty for the first choice."""
+    """"better" or "worse" than the first choice; else why no difference can be told; empty for the first choice."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -244,15 +237,4 @@ def _verdict(difference: float, error: float, n_seeds: int, level: float) -> str
         return "the difference is the same with every seed, so train and evaluate do not seem to use their seed"
     if abs(difference) > stdtrit(n_seeds - 1, 1 - level / 2) * error:
         return "better" if difference > 0 else "worse"
-    if difference == 0:
-        return f"no difference with {n_seeds} seeds"
-    needed = _seeds_needed(abs(difference), error * np.sqrt(n_seeds), level)
-    need = f"more than {MOST_SEEDS:,}" if needed is None else f"about {max(needed, n_seeds + 1):,}"
-    return f"no difference can be told with {n_seeds} seeds; one as large as seen needs {need}"
-
-
-def _seeds_needed(difference: float, spread: float, level: float) -> int | None:
-    """Seeds with which a test at `level` finds a difference with a probability of `POWER`; None for too many."""
-    n = np.arange(2, MOST_SEEDS + 1)
-    enough = difference * np.sqrt(n) >= spread * (stdtrit(n - 1, 1 - level / 2) + stdtrit(n - 1, POWER))
-    return int(n[enough.argmax()]) if enough.any() else None
+    return f"no difference can be told with {n_seeds} seeds; play more of them"

@@ -1,7 +1,6 @@
 """Closed-form experts: controllers written as formulas, which give demonstrations of known quality.
 
-They need no training and no files, so a benchmark that uses them is reproducible from its seed alone. `expert(env_id)`
-returns the expert of an environment, with the `predict` of a scikit-learn classifier.
+They need no training and no files, so a benchmark that uses them is reproducible from its seed alone.
 """
 
 from __future__ import annotations
@@ -10,45 +9,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
-from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True)
 class Expert:
-    """A deterministic controller for one environment, whose id is one of `rpil.simulation.environments.make`."""
+    """A deterministic controller for one environment."""
 
-    env_id: str
-    n_features_in_: int
-    """D, the length of an observation."""
-    actions: Space
-    rule: Callable[[NDArray[np.floating]], Array]
-    """Maps observations (n, D) to actions (n,) or, unclipped, (n, A)."""
-
-    @property
-    def classes_(self) -> NDArray[np.int64]:
-        """The actions 0 .. K-1, under scikit-learn's name for them; empty where actions are continuous."""
-        return self.actions.classes
-
-    def predict(self, observations: ArrayLike) -> Array:
-        """Actions (n,), or (n, A) float32 within the box, for observations (n, D) as the environment gives them."""
-        rows = np.asarray(observations)
-        if rows.ndim != 2 or rows.shape[1] != self.n_features_in_:
-            raise DataError(
-                f"The expert of {self.env_id} needs observations of shape (n, {self.n_features_in_}) but was given "
-                f"{rows.shape}: pass one row per time step, as the environment returns it."
-            )
-        # The precision is left alone: at a threshold, float32 observations must decide as Gymnasium's own code does.
-        answer = self.rule(rows if np.issubdtype(rows.dtype, np.floating) else rows.astype(np.float64))
-        actions = self.actions.executed(answer, len(rows))
-        if actions is None:
-            raise DataError(
-                f"The expert of {self.env_id} was given observations that are not finite: repair or drop those rows."
-            )
-        return actions
+    predict: Callable[[NDArray[np.floating]], Array]
+    """Maps observations (n, D), in the precision of the environment, to actions (n,) or (n, A), which are not clipped
+    to its box."""
 
 
 def expert(env_id: str) -> Expert:
@@ -59,10 +32,9 @@ def expert(env_id: str) -> Expert:
     DataError
         If there is no expert for this id.
     """
-    try:
-        return EXPERTS[env_id]
-    except KeyError:
-        raise DataError(f"There is no closed-form expert for {env_id!r}: choose one of {', '.join(EXPERTS)}.") from None
+    if env_id not in EXPERTS:
+        raise DataError(f"There is no closed-form expert for {env_id!r}: choose one of {', '.join(EXPERTS)}.")
+    return Expert(EXPERTS[env_id])
 
 
 def _mountain_car(observations: NDArray[np.floating]) -> NDArray[np.int64]:
@@ -159,15 +131,13 @@ def _mountain_car_force(observations: NDArray[np.floating]) -> Array:
     return np.asarray(np.tanh(30.0 * observations[:, 1:]))
 
 
-EXPERTS: dict[str, Expert] = {
-    name: Expert(name, n_features, actions, rule)
-    for name, n_features, actions, rule in (
-        ("MountainCar-v0", 2, Discrete(3), _mountain_car),
-        ("Acrobot-v1", 6, Discrete(3), _acrobot),
-        ("LunarLander-v3", 8, Discrete(4), _lunar_lander),
-        ("CartPole-v1", 4, Discrete(2), _cart_pole),
-        ("Pendulum-v1", 3, Box.single([-2], [2]), _pendulum_torque),
-        ("MountainCarContinuous-v0", 2, Box.single([-1], [1]), _mountain_car_force),
-        ("LunarLanderContinuous-v3", 8, Box.single([-1, -1], [1, 1]), _lander_throttles),
-    )
+EXPERTS: dict[str, Callable[[NDArray[np.floating]], Array]] = {
+    "MountainCar-v0": _mountain_car,
+    "Acrobot-v1": _acrobot,
+    "LunarLander-v3": _lunar_lander,
+    "CartPole-v1": _cart_pole,
+    "Pendulum-v1": _pendulum_torque,
+    "MountainCarContinuous-v0": _mountain_car_force,
+    "LunarLanderContinuous-v3": _lander_throttles,
 }
+"""The rule of the expert of each environment."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
+from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, record
 
@@ -61,7 +63,9 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     if n_good < 0 or n_bad < 0 or n_good + n_bad == 0:
         raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
     driver = expert(env_id)
-    space = driver.actions
+    with closing(make(env_id)) as env:
+        space = actions_of(env)
+    assert space is not None
     seeds = np.random.SeedSequence(seed).generate_state(5).tolist()
     good_seed, bad_seed, policy_seed, corruption_seed, order_seed = seeds
 
