@@ -16,14 +16,6 @@ DATA = FitData(
 )
 
 
-def test_sums_means_and_repeated_values_by_demonstration():
-    values = np.array([1.0, 2.0, 4.0, 1.0, 1.0, 4.0])
-    np.testing.assert_array_equal(DATA.sum_steps(values), [1, 6, 6])
-    np.testing.assert_array_equal(DATA.mean_steps(values), [1, 3, 2])
-    np.testing.assert_array_equal(DATA.sum_steps(DATA.features)[1], DATA.features[1] + DATA.features[2])
-    np.testing.assert_array_equal(DATA.per_step(np.array([7, 8, 9])), [7, 8, 8, 9, 9, 9])
-
-
 def test_selected_demonstrations_keep_their_steps_and_labels():
     chosen = DATA.select(np.array([2, 0]))
     np.testing.assert_array_equal(chosen.offsets, [0, 3, 4])

@@ -9,21 +9,20 @@ from rpil.formats.step_arrays import Part, from_parts
 RNG = np.random.default_rng(0)
 
 
-def part(name, n_steps, extra=0, **changes):
+def part(name, n_steps, **changes):
     arrays = {
-        "obs/arm": RNG.normal(size=(n_steps + extra, 2)).astype(np.float32),
-        "obs/grip": RNG.normal(size=n_steps + extra),
+        "obs/arm": RNG.normal(size=(n_steps, 2)).astype(np.float32),
+        "obs/grip": RNG.normal(size=n_steps),
         "obs/camera": np.zeros((n_steps, 4, 4, 3), np.uint8),
         "obs/jpeg": np.zeros((n_steps, 50), np.uint8),
         "actions": RNG.normal(size=(n_steps, 3)),
         "rewards": np.zeros(n_steps),
-        "initial": np.zeros((2, 7)),
     }
     return Part(n_steps, arrays | changes, {"demo": name, "task": f"task of {name[0]}"})
 
 
-def recording(parts, options=ColumnOptions(), **more):
-    return from_parts(parts, "demo", "toy.hdf5", "toy", options, **more)
+def recording(parts):
+    return from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions())
 
 
 def test_other_types_are_read_as_they_are():
@@ -36,6 +35,7 @@ def test_other_types_are_read_as_they_are():
     assert read.demonstrations.is_discrete
     np.testing.assert_array_equal(read.demonstrations.observations[:, 2], halves)
     assert read.operators == [("a", "Ann")]
+    assert {"obs/camera", "obs/jpeg", "rewards"} < {*read.description.ignored}
 
 
 @pytest.mark.parametrize(
