@@ -24,7 +24,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.formats.registry import find
 
 resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))  # a fault is to end this process, not the machine
 ends, memory = {}, sys.argv[1] if len(sys.argv) > 1 else None
@@ -90,6 +89,7 @@ def assert_refused(end: list[str], name: str) -> None:
 
 def keep_first(path: str) -> None:
     """Write the first demonstration of HDF5 of robomimic beside the file."""
+    from rpil.formats.registry import find
 
     find(path).keep(f"{path}.kept.hdf5", ["demo_0"])
 
@@ -119,6 +119,7 @@ def read_operator(path: str) -> None:
 
 def keep_number_0(path: str) -> None:
     """Write the demonstration 0 beside the file."""
+    from rpil.formats.registry import find
 
     find(path).keep(f"{path}.kept", [0])
 
