@@ -25,7 +25,7 @@ from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.text import MAX_IDS, listed
 from rpil.formats.parquet_pages import read_table
-from rpil.numerics.types import Array, Bool, Float
+from rpil.numerics.types import Array, Float
 from rpil.results.settings import KeepSettings
 from rpil.results.words import SIDES
 
@@ -106,23 +106,18 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
     """
     ids = cast(Sequence[Id], table["id"])
     labels = table.get("label", [""] * len(ids))
-    inferred, reason = _by_threshold(table, asked), ""
-    if inferred is None:
-        inferred = _by_words(table, labels, asked.ignored)
-        reason = _too_many(inferred.count("unlike"), table, settings)
-    kept, undecided, rejected = list[Id](), list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
+    is_by_number = asked.share is not None or asked.at_least is not None
+    inferred = _by_threshold(table, asked) if is_by_number else _by_words(table, labels, asked.ignored)
+    reason = _too_many(inferred.count("unlike"), table, settings)
+    rules = []
     for name, label, rule in zip(ids, labels, inferred, strict=True):
-        if label == "bad" and "labels" not in asked.ignored:
-            rejected["labels"].append(name)
-        elif str(name) in asked.faulty:
-            rejected["faults"].append(name)
-        elif rule and not (reason and rule == "unlike"):
-            rejected[rule].append(name)
-        else:
-            kept.append(name)
-            undecided += [name] * bool(rule)
-    by_rule = {rule: tuple(names) for rule, names in rejected.items() if names}
-    return Choice(tuple(kept), by_rule, tuple(undecided), reason if undecided else "", asked)
+        by_label = label == "bad" and "labels" not in asked.ignored
+        rules.append("labels" if by_label else "faults" if str(name) in asked.faulty else rule)
+    of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
+    undecided = of_rule.pop("unlike") if reason else ()
+    kept = tuple(name for name, rule in zip(ids, rules, strict=True) if not rule or (reason and rule == "unlike"))
+    rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule.get(rule)}
+    return Choice(kept, rejected, undecided, reason if undecided else "", asked)
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -159,30 +154,25 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
 
 
-def _by_threshold(table: Table, asked: Asked) -> list[str] | None:
-    """The rule that rejects each demonstration, or nothing, by the share or the least probability; None without."""
-    n = len(table["id"])
+def _by_threshold(table: Table, asked: Asked) -> list[str]:
+    """The rule that rejects each demonstration, or nothing, by the least probability or the share."""
     if asked.at_least is not None:
-        chosen: Bool[Array, " M"] = _numbers(table, "expert_proba") >= asked.at_least
-    elif asked.share is not None:
-        ranked = np.argsort(-_numbers(table, "log_odds"), kind="stable")
-        chosen = np.isin(np.arange(n), ranked[: max(round(asked.share * n), 1)])
+        is_kept = _numbers(table, "expert_proba") >= asked.at_least
     else:
-        return None
-    return ["" if kept else "threshold" for kept in chosen.tolist()]
+        ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
+        is_kept = ranks < max(round((asked.share or 0.0) * len(ranks)), 1)
+    return ["" if kept else "threshold" for kept in is_kept.tolist()]
 
 
 def _by_words(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
     """The rule by which its word rejects each demonstration, or nothing: a label stands above what is inferred."""
-    rules = []
-    for name, verdict, label in zip(table["id"], table["verdict"], labels, strict=True):
-        word = str(verdict)
+    words = [*map(str, table["verdict"])]
+    for name, word in zip(table["id"], words, strict=True):
         if word not in SIDES:
             known = ", ".join(SIDES)
             raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {known}.")
-        rule = RULES_OF_WORDS.get(word, "")
-        rules.append("" if label in ("good", "bad") or rule in ignored else rule)
-    return rules
+    reject = {word: rule for word, rule in RULES_OF_WORDS.items() if rule not in ignored}
+    return ["" if label in ("good", "bad") else reject.get(word, "") for word, label in zip(words, labels, strict=True)]
 
 
 def _too_many(count: int, table: Table, settings: KeepSettings) -> str:

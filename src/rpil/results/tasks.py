@@ -103,7 +103,11 @@ def join_audits(
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
     """
-    parts = [replace(audit, own_reasons=audit.reasons, columns=_shared_columns(audit)) for audit in audits.values()]
+    # The components among the columns have another meaning in each task.
+    parts = [
+        replace(audit, own_reasons=audit.reasons, columns=np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1))
+        for audit in audits.values()
+    ]
     rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
     kind = type(parts[0]) if parts else Audit
     numbers = {"M": rows, "N": [_steps_of(offsets, own) for own in rows]}
@@ -115,6 +119,16 @@ def join_audits(
     }
     if not parts:
         columns["columns"] = np.empty((len(ids), 0))
+    answers, copy_of = Answers.none(len(ids)), np.arange(len(ids))
+    for audit, own in zip(parts, rows, strict=True):
+        copy_of[own] = own[audit.copy_of]
+        answers.labels[own], answers.outcome[own] = audit.answers.labels, audit.answers.outcome
+        pairs, tied = (own[some] for some in (audit.answers.pairs, audit.answers.tied))
+        answers = replace(
+            answers, pairs=np.concatenate([answers.pairs, pairs]), tied=np.concatenate([answers.tied, tied])
+        )
+    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
+    prior = np.average(shares, axis=0, weights=[len(audit.ids) for audit in parts] or None)
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     return kind(
@@ -122,7 +136,7 @@ def join_audits(
         ids=tuple(ids),
         offsets=offsets,
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
-        prior=_mean_prior(parts),
+        prior=Interval(*prior.tolist()),
         adversary=parts[0].adversary if parts else "",
         history=np.empty(0),
         identifiable=opposed is None,
@@ -130,12 +144,12 @@ def join_audits(
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        answers=_joined_answers(audits, places, len(ids)),
+        answers=answers,
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         columns_within=np.empty((len(ids), 0)),
-        copy_of=_joined_copies(audits, places, len(ids)),
+        copy_of=copy_of,
         traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
@@ -145,23 +159,15 @@ def join_audits(
     )
 
 
-def _shared_columns(audit: Audit) -> Array:
-    """The columns of a task without the components, which have another meaning in each task."""
-    return np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1)
-
-
 def _joined(columns: Sequence[Any], numbers: Sequence[Array], size: int, nothing: Any) -> Any:
     """One column of all tasks: the values of each of the `columns` at its `numbers`, and `nothing` elsewhere."""
-    if isinstance(nothing, str):
-        texts = [nothing] * size
-        for column, places in zip(columns, numbers, strict=True):
-            for m, text in zip(places.tolist(), column, strict=False):  # a task may know none
-                texts[m] = text
-        return tuple(texts) if any(texts) else ()
-    joined = np.full((size, *(columns[0].shape[1:] if columns else np.shape(nothing))), nothing)
+    is_text = isinstance(nothing, str)
+    width = np.shape(columns[0] if columns else [nothing])[1:]
+    joined = np.full((size, *width), nothing, dtype=object if is_text else None)
     for column, places in zip(columns, numbers, strict=True):
-        joined[places] = column
-    return joined
+        if len(column):  # a task may know no texts
+            joined[places] = column
+    return joined if not is_text else tuple(joined) if any(joined) else ()
 
 
 def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> Audit:
@@ -186,26 +192,6 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> A
     )
 
 
-def _joined_answers(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Answers:
-    """The answers of all tasks, by the numbers of the demonstrations among all `n`."""
-    joined = Answers.none(n)
-    pairs, tied = [joined.pairs], [joined.tied]
-    for task, audit in audits.items():
-        own, rows = audit.answers, np.asarray(places[task])
-        joined.labels[rows], joined.outcome[rows] = own.labels, own.outcome
-        pairs.append(rows[own.pairs])
-        tied.append(rows[own.tied])
-    return replace(joined, pairs=np.concatenate(pairs), tied=np.concatenate(tied))
-
-
-def _joined_copies(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], n: int) -> Array:
-    """The first of the copies of each demonstration within its task."""
-    copy_of = np.arange(n)
-    for task, audit in audits.items():
-        copy_of[places[task]] = np.asarray(places[task])[audit.copy_of]
-    return copy_of
-
-
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
     """Each note once, after the tasks in which it holds, unless it holds in all."""
     tasks: dict[str, list[str]] = {}
@@ -213,15 +199,6 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
         for note in audit.notes:
             tasks.setdefault(note, []).append(task or "no task")
     return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
-
-
-def _mean_prior(audits: Sequence[Audit]) -> Interval:
-    """The shares in the tasks, weighted by their numbers of demonstrations."""
-    if not audits:
-        return Interval(0.5, 0.0, 1.0)
-    weights = [len(audit.ids) for audit in audits]
-    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in audits]
-    return Interval(*np.average(shares, axis=0, weights=weights).tolist())
 
 
 def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:
