@@ -24,7 +24,7 @@ BUDGETS = {
     "mixture": (820, 24),
     "numerics": (616, 14),
     "policies": (1972, 69),
-    "results": (3566, 59),
+    "results": (3509, 59),
     "scale": (793, 26),
     "simulation": (904, 2),
 }

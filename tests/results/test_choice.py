@@ -14,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.results.choice import KEEP_RULES, RULES_OF_WORDS, Asked, choose, read_verdicts
 from rpil.results.settings import KeepSettings
-from rpil.results.verdict_table import choice_of, deciding_columns, verdict_columns, write_verdicts
+from rpil.results.verdict_table import choice_of, verdict_columns, write_verdicts
 from rpil.results.words import SIDES
 
 SETTINGS = KeepSettings()
@@ -145,7 +145,7 @@ def test_unlike_ones_that_are_labelled_are_not_inferred():
 def test_more_than_a_fifth_may_be_rejected_after_two_answers():
     for n, most in ((0, 0.2), (1, 0.2), (2, 1.0), (5, 1.0)):
         audit = audit_with(("open",) * 10, ["label"] * n)
-        assert {*deciding_columns(audit)["max_unlike"]} == {most}
+        assert {*verdict_columns(audit, {})["max_unlike"]} == {most}
 
 
 def test_a_share_or_a_probability_is_obeyed_in_full():
@@ -278,4 +278,4 @@ def test_the_sentence_counts_each_rule():
     said = "1 by your labels, 1 by inference from your answers, 1 unlike, 1 like the adversary that was named"
     assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
     assert choose(table_of(["open"]), SETTINGS).lines() == []
-    assert deciding_columns(make_audit())["max_unlike"] == [0.2] * 10
+    assert verdict_columns(make_audit(), {})["max_unlike"] == [0.2] * 10

@@ -147,9 +147,9 @@ def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Reco
         ids = read.demonstrations.ids
         return read, {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}, None
     audit = audit_data(file, read, reference, given, progress).audit
-    from rpil.results.verdict_table import deciding_columns
+    from rpil.results.verdict_table import verdict_columns
 
-    return read, deciding_columns(audit), audit
+    return read, verdict_columns(audit, {}), audit
 
 
 def _verdicts_on(read: Recording, path: str) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress, repeat
 from typing import TypeVar
 
 import numpy as np
@@ -19,7 +20,7 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import bounded, worst_stretch
+from rpil.results.reasons import worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.words import WORDS, Verdict
@@ -191,7 +192,7 @@ def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> st
 
 def stretch_of(audit: Judged, m: int) -> list[int] | None:
     """The first and the last step to look at in demonstration `m`; None where no step stands out."""
-    stretch = worst_stretch(bounded(audit.step_log_ratio[audit.steps(m)]))
+    stretch = worst_stretch(audit.log_ratio(m))
     return None if stretch is None else [stretch.first, stretch.last]
 
 
@@ -219,12 +220,10 @@ def rank_demonstrators(
     the first, or nothing."""
     if not demonstrators.informative:
         return ()
-    ranked = []
-    for u, name in enumerate(demonstrators.names):
-        if name is not None:
-            own = tuple(ids[m] for m in np.flatnonzero(demonstrators.index == u).tolist())
-            ranked.append(Demonstrator(name, Interval(*map(float, trust[u])) if len(trust) else None, own))
-    return tuple(sorted(ranked, key=lambda demonstrator: -demonstrator.trust.mean if demonstrator.trust else 0.0))
+    members = [tuple(compress(ids, demonstrators.index == u)) for u in range(len(demonstrators.names))]
+    intervals = [Interval(*own) for own in trust.tolist()] or repeat(None)
+    named = (who for who in map(Demonstrator, demonstrators.names, intervals, members) if who.name is not None)
+    return tuple(sorted(named, key=lambda who: -who.trust.mean if who.trust else 0.0))
 
 
 def known_demonstrators(found: Sequence[Demonstrator], ids: Sequence[Hashable]) -> Demonstrators:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
 from typing import cast
@@ -83,9 +83,15 @@ class Choice:
     def to_dict(self) -> dict[str, object]:
         """The ids as lists; whole numbers stay such where all ids are, and the others are text."""
         every = [*self.kept, *chain(*self.rejected.values())]
-        made = list if all(isinstance(name, int) for name in every) else lambda ids: [*map(str, ids)]
-        rejected = {rule: made(ids) for rule, ids in self.rejected.items()}
-        return {"episodes": made(self.kept), "rejected": rejected, "undecided": made(self.undecided)}
+        named = dict(zip(every, file_ids(every), strict=True))
+        rejected = {rule: [named[name] for name in ids] for rule, ids in self.rejected.items()}
+        kept, undecided = ([named[name] for name in ids] for ids in (self.kept, self.undecided))
+        return {"episodes": kept, "rejected": rejected, "undecided": undecided}
+
+
+def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
+    """Ids as whole numbers where all are, else as text."""
+    return list(ids if all(isinstance(name, int) for name in ids) else map(str, ids))
 
 
 def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choice:

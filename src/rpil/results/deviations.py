@@ -14,7 +14,7 @@ from rpil.inference.contrast import evidence_by_part
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
 from rpil.results.evidence import PolicyOutputs, StepEvidence, part_name
-from rpil.results.reasons import bounded, worst_stretch
+from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
 from rpil.results.words import SIDES
 
@@ -49,7 +49,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
 
 def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
     """The worst steps in the worst stretch of a demonstration."""
-    log_ratio = bounded(audit.step_log_ratio[audit.steps(index)])
+    log_ratio = audit.log_ratio(index)
     stretch = worst_stretch(log_ratio)
     if stretch is None:
         return np.empty(0, dtype=np.int64)

@@ -10,7 +10,6 @@ import numpy as np
 
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.reasons import bounded
 from rpil.results.result import AuditResult
 from rpil.results.traces import bin_means, bin_starts
 
@@ -25,7 +24,7 @@ def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, 
     if not members:
         return {}
     chosen = list(members)
-    ratios = [bounded(audit.step_log_ratio[audit.steps(m)]) for m in chosen]
+    ratios = [audit.log_ratio(m) for m in chosen]
     lengths = audit.lengths[chosen]
     # At once for all: a pass goes from step to step.
     trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.steps)

@@ -83,10 +83,6 @@ class StepEvidence:
         usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[typical], axis=0)
         return cls(data, members, value, low, high, log_ratio - usual, compared_with)
 
-    def rows(self, place: int) -> slice:
-        """The rows of the demonstration at a `place` among the K."""
-        return slice(int(self.data.offsets[place]), int(self.data.offsets[place + 1]))
-
 
 def log_ratio_of_parts(
     data: FitData, mean: Float[Array, "N A"], typical: Bool[Array, " K"], settings: HeldOutSettings
@@ -180,21 +176,17 @@ def traces(audit: Audit, evidence: StepEvidence, drawn: Int[Array, " D"]) -> dic
 
 
 def _traces(evidence: StepEvidence, place: int) -> Traces:
-    data, rows = evidence.data, evidence.rows(place)
+    data = evidence.data
+    rows = slice(*data.offsets[place : place + 2].tolist())
     nats, curves = evidence.nats[rows].sum(axis=0), (evidence.value[rows], evidence.low[rows], evidence.high[rows])
+    means = [[bin_means(curve[:, j]).astype(np.float32) for curve in curves] for j in range(len(nats))]
     parts = tuple(
-        TracedPart(
-            part_name(data, j),
-            share,
-            float(nats[j]),
-            *(bin_means(curve[:, j]).astype(np.float32) for curve in curves),
-        )
-        for j, share in evidence_by_part(nats)
+        TracedPart(part_name(data, j), share, float(nats[j]), *means[j]) for j, share in evidence_by_part(nats)
     )
     if data.space.kind == "continuous":
         return Traces(parts, (), evidence.compared_with)
-    probability = np.split(evidence.value[rows, 0], bin_starts(rows.stop - rows.start)[1:])
-    least = bin_starts(rows.stop - rows.start) + [int(np.argmin(each)) for each in probability]
+    starts = bin_starts(rows.stop - rows.start)
+    least = starts + [int(np.argmin(each)) for each in np.split(evidence.value[rows, 0], starts[1:])]
     taken = data.actions[rows][least].tolist()
     names = {code: printable(data.action_name(code)) for code in set(taken)}
     return Traces(parts, tuple(names[code] for code in taken), evidence.compared_with)

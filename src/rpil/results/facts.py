@@ -13,7 +13,7 @@ from scipy.special import ndtr
 
 from rpil.data.text import printable
 from rpil.inference.channels import CHANNELS
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Float, Int
 
 RANKS: Mapping[str, tuple[str, int]] = {
     "length": ("length", 1),
@@ -55,18 +55,12 @@ def known_facts(
         for name, (channel, sign) in RANKS.items():
             ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
-    at_limit = at_time_limit(lengths)
-    if at_limit is not None:
-        found[TIME_LIMIT] = tuple(at_limit.astype(int).tolist())
+    is_longest = lengths == lengths.max()
+    if MIN_AT_LIMIT <= is_longest.sum() < len(is_longest):  # probably cut off
+        found[TIME_LIMIT] = tuple(is_longest.astype(int).tolist())
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found
-
-
-def at_time_limit(lengths: Int[Array, " M"]) -> Bool[Array, " M"] | None:
-    """Which demonstrations have the largest length and were probably cut off; None where few have it, or all."""
-    longest = lengths == lengths.max()
-    return longest if MIN_AT_LIMIT <= longest.sum() < len(longest) else None
 
 
 def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from itertools import compress
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -67,23 +68,20 @@ def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tup
         return ()
     chosen = np.concatenate([_thin(np.flatnonzero(is_kept == side), MAX_STATES) for side in (True, False)])
     rows, owner = _some_states(demonstrations, chosen, is_kept[chosen])
-    begins = demonstrations.offsets[:-1]
     starts, scale = (
-        observed[begins],
+        observed[demonstrations.offsets[:-1]],
         robust_scale(observed[rows], np.searchsorted(owner, np.arange(len(chosen) + 1)))[1],
     )
     far_start = _far(starts[chosen] / scale, np.arange(len(chosen)), is_kept[chosen])
     far_states = _far(observed[rows] / scale, owner, is_kept[chosen]) & ~far_start
-    least, most = (extreme.reduceat(observed, begins) for extreme in (np.minimum, np.maximum))
-    reached = least[is_kept].min(axis=0), most[is_kept].max(axis=0)
-    started = starts[is_kept].min(axis=0), starts[is_kept].max(axis=0)
+    first_states, states = np.split(starts, len(starts)), [episode[0] for episode in demonstrations]
     lost: dict[tuple[str, str], list[object]] = defaultdict(list)
-    for m in chosen[far_start].tolist():
-        where = _outside(starts[m : m + 1], started, scale, demonstrations.observation_names)
-        lost["starts with", where].append(demonstrations.ids[m])
-    for m in chosen[far_states].tolist():
-        where = _outside(demonstrations.episode(m)[0], reached, scale, demonstrations.observation_names)
-        lost["reaches", where].append(demonstrations.ids[m])
+    for verb, far, visited in (("starts with", far_start, first_states), ("reaches", far_states, states)):
+        limits = [(own.min(axis=0), own.max(axis=0)) for own in compress(visited, is_kept)]
+        reached = np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
+        for m in chosen[far].tolist():
+            where = _outside(visited[m], reached, scale, demonstrations.observation_names)
+            lost[verb, where].append(demonstrations.ids[m])
     return tuple(_sentence(verb, where, who) for (verb, where), who in lost.items())
 
 

@@ -22,9 +22,6 @@ MIN_STRETCH = 5.0
 """Nats against the policy of the trusted from which a stretch is named: a hundred and fifty to one. No verdict depends
 on it."""
 
-MAX_LOG_RATIO = 50.0
-"""Nats. Log-ratios of steps are bounded by this in sums: one impossible step is not all there is to say."""
-
 GivenLabel = Literal["good", "bad", ""]
 """The label of a demonstration, or nothing."""
 
@@ -48,22 +45,17 @@ def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
     return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
 
 
-def bounded(log_ratio: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Log-ratios of steps within `MAX_LOG_RATIO`, in double precision."""
-    return np.asarray(np.clip(log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float))
-
-
 def reasons_of(audit: Judged, answers: Answers) -> Iterator[str]:
     """The reason for the verdict on each demonstration; the `answers` about one are about its copies too."""
-    log_ratio = bounded(audit.step_log_ratio)
-    score = np.add.reduceat(log_ratio, audit.offsets[:-1]) / audit.lengths
+    log_ratio = [audit.log_ratio(m) for m in range(len(audit.ids))]
+    score = np.array([ratio.mean() for ratio in log_ratio])
     trusted = score[[SIDES[verdict] == "upper" for verdict in audit.verdicts]]
     trusted_score = float(np.median(trusted)) if len(trusted) else math.nan
     groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
     for m, name in enumerate(audit.ids):
         reason = _by_answers(audit, m, answers) or _by_finding(audit, groups.get(name, ""))
         reason = reason or _by_evidence(audit, m, float(score[m]), trusted_score)
-        stretch = worst_stretch(log_ratio[audit.steps(m)])
+        stretch = worst_stretch(log_ratio[m])
         if stretch is not None and audit.finding != "nothing could be learned":
             first, last = stretch.first, stretch.last
             subject = f"step {first} is" if first == last else f"steps {first} to {last} are"

@@ -22,7 +22,7 @@ from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import GivenLabel, bounded, reasons_of
+from rpil.results.reasons import GivenLabel, reasons_of
 from rpil.results.words import SIDES
 
 MAX_LOG_ODDS = 1e9
@@ -159,18 +159,28 @@ class AuditResult(Judged):
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
-        log_ratio = bounded(self.step_log_ratio[self.steps(index)])
         one = slice(index, index + 1)
-        return step_proba(self.reliability[one], log_ratio, self.lengths[one], self.settings.steps)
+        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.steps)
 
     @property
     def run_id(self) -> str:
         """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
+    def table(self) -> dict[str, Sequence[object]]:
+        """The columns by which demonstrations are kept, in the order of the data; every table begins with them."""
+        return {
+            "id": self.ids,
+            "verdict": self.verdicts,
+            "label": self.labels,
+            "rank": self.ranks.tolist(),
+            "expert_proba": self.expert_proba.tolist(),
+            "log_odds": self.log_odds.tolist(),
+        }
+
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
-        facts, labels, ranks = self.facts, self.labels, self.ranks
+        columns = self.table()
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -188,18 +198,13 @@ class AuditResult(Judged):
             "assumptions": list(self.assumptions),
             "demonstrations": [
                 {
-                    "id": self.ids[m],
+                    **{name: column[m] for name, column in columns.items()},
                     "n_steps": int(self.lengths[m]),
-                    "log_odds": float(self.log_odds[m]),
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "rank": int(ranks[m]),
-                    "expert_proba": float(self.expert_proba[m]),
                     "reliability": float(self.reliability[m]),
-                    "verdict": self.verdicts[m],
-                    "label": labels[m],
                     "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
-                    "facts": {name: values[m] for name, values in facts.items()},
+                    "facts": {name: values[m] for name, values in self.facts.items()},
                 }
                 for m in self.ranking().tolist()
             ],

@@ -110,25 +110,17 @@ def join_audits(
     ]
     rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
     kind = type(parts[0]) if parts else Audit
-    numbers = {"M": rows, "N": [_steps_of(offsets, own) for own in rows]}
-    sizes = {"M": len(ids), "N": int(offsets[-1])}
+    numbers = {"M": (len(ids), rows), "N": (int(offsets[-1]), [_steps_of(offsets, own) for own in rows])}
     columns = {
-        name: _joined([getattr(part, name) for part in parts], numbers[axis], sizes[axis], nothing)
+        name: _joined([getattr(part, name) for part in parts], *numbers[axis], nothing)
         for name, axis, nothing in table_fields(kind)
         if name not in _NOT_OF_TASKS
     }
     if not parts:
         columns["columns"] = np.empty((len(ids), 0))
-    answers, copy_of = Answers.none(len(ids)), np.arange(len(ids))
+    copy_of = np.arange(len(ids))
     for audit, own in zip(parts, rows, strict=True):
         copy_of[own] = own[audit.copy_of]
-        answers.labels[own], answers.outcome[own] = audit.answers.labels, audit.answers.outcome
-        pairs, tied = (own[some] for some in (audit.answers.pairs, audit.answers.tied))
-        answers = replace(
-            answers, pairs=np.concatenate([answers.pairs, pairs]), tied=np.concatenate([answers.tied, tied])
-        )
-    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
-    prior = np.average(shares, axis=0, weights=[len(audit.ids) for audit in parts] or None)
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     return kind(
@@ -136,7 +128,7 @@ def join_audits(
         ids=tuple(ids),
         offsets=offsets,
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
-        prior=Interval(*prior.tolist()),
+        prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
         history=np.empty(0),
         identifiable=opposed is None,
@@ -144,7 +136,7 @@ def join_audits(
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        answers=answers,
+        answers=_joined_answers([audit.answers for audit in parts], rows, len(ids)),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
@@ -159,7 +151,7 @@ def join_audits(
     )
 
 
-def _joined(columns: Sequence[Any], numbers: Sequence[Array], size: int, nothing: Any) -> Any:
+def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing: Any) -> Any:
     """One column of all tasks: the values of each of the `columns` at its `numbers`, and `nothing` elsewhere."""
     is_text = isinstance(nothing, str)
     width = np.shape(columns[0] if columns else [nothing])[1:]
@@ -192,6 +184,16 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> A
     )
 
 
+def _joined_answers(of_tasks: Sequence[Answers], numbers: Sequence[Array], n: int) -> Answers:
+    """The answers of all tasks, by the `numbers` of their demonstrations among all `n`."""
+    joined = Answers.none(n)
+    for answers, places in zip(of_tasks, numbers, strict=True):
+        joined.labels[places], joined.outcome[places] = answers.labels, answers.outcome
+    pairs = [places[answers.pairs] for answers, places in zip(of_tasks, numbers, strict=True)]
+    tied = [places[answers.tied] for answers, places in zip(of_tasks, numbers, strict=True)]
+    return replace(joined, pairs=np.concatenate([joined.pairs, *pairs]), tied=np.concatenate([joined.tied, *tied]))
+
+
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
     """Each note once, after the tasks in which it holds, unless it holds in all."""
     tasks: dict[str, list[str]] = {}
@@ -199,6 +201,12 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
         for note in audit.notes:
             tasks.setdefault(note, []).append(task or "no task")
     return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
+
+
+def _mean_prior(audits: Sequence[Audit]) -> Interval:
+    """The shares in the tasks, weighted by their numbers of demonstrations."""
+    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in audits] or [(0.5, 0.0, 1.0)]
+    return Interval(*np.average(shares, axis=0, weights=[len(audit.ids) for audit in audits] or None).tolist())
 
 
 def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:

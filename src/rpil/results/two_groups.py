@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.data.text import printable
+from rpil.data.text import listed, printable
 from rpil.inference.channels import CHANNELS
 from rpil.inference.contrast import Contrast
 from rpil.numerics.types import Array, Float, Int
@@ -44,17 +44,12 @@ def groups_differ(
         return ()
     facts = list(_facts(groups, columns, contrast))
     sizes = f"A has {len(groups[0]):,} demonstrations and B {len(groups[1]):,}"
-    found = f"; B {_joined(facts)}" if facts else "; in length, pauses, smoothness and path they hardly differ"
+    found = f"; B {listed(facts)}" if facts else "; in length, pauses, smoothness and path they hardly differ"
     parts = list(_parts(contrast, data))
     what = "where they take action" if isinstance(data.space, Discrete) else f"in part{'s' * (len(parts) > 1)}"
     whose = "" if isinstance(data.space, Discrete) else " of the action"
-    policies = (f"{TWO_GROUPS}their policies differ most {what} {_joined(parts)}{whose}.",) if parts else ()
+    policies = (f"{TWO_GROUPS}their policies differ most {what} {listed(parts)}{whose}.",) if parts else ()
     return (f"{TWO_GROUPS}{sizes}{found}.", *policies)
-
-
-def _joined(phrases: list[str]) -> str:
-    """The phrases as a list in a sentence."""
-    return " and ".join(filter(None, (", ".join(phrases[:-1]), phrases[-1])))
 
 
 def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> Iterator[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -11,22 +12,9 @@ from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.report import Fault
 from rpil.formats import csv, parquet
-from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose
+from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose, file_ids
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
-
-
-def deciding_columns(audit: AuditResult) -> dict[str, Sequence[object]]:
-    """The columns by which `rpil.results.choice.choose` decides."""
-    return {
-        "id": file_ids(audit.ids),
-        "verdict": audit.verdicts,
-        "label": audit.labels,
-        "rank": audit.ranks.tolist(),
-        "expert_proba": audit.expert_proba.tolist(),
-        "log_odds": audit.log_odds.tolist(),
-        "max_unlike": [audit.max_unlike] * len(audit.ids),
-    }
 
 
 def verdict_columns(
@@ -40,7 +28,9 @@ def verdict_columns(
     for found in findings:
         faults.setdefault(str(found.id), []).append(found.rule)
     return {
-        **deciding_columns(audit),
+        **audit.table(),
+        "id": file_ids(audit.ids),
+        "max_unlike": [audit.max_unlike] * len(audit.ids),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
@@ -96,7 +86,7 @@ def write_verdicts(
 
 def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of an audit are kept."""
-    return choose(deciding_columns(audit) | {"id": audit.ids}, audit.settings.keep, asked)
+    return choose(audit.table(), replace(audit.settings.keep, max_unlike=audit.max_unlike), asked)
 
 
 def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
@@ -114,16 +104,6 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
     content = choice.to_dict() | {"run": audit.run_id} | made
     _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
-
-
-def file_ids(ids: Sequence[Hashable]) -> list[int] | list[str]:
-    """Ids as whole numbers where all are, else as text."""
-    return [name for name in ids if isinstance(name, int)] if is_whole(ids) else list(map(str, ids))
-
-
-def is_whole(ids: Sequence[Hashable]) -> bool:
-    """Whether all ids are whole numbers."""
-    return all(isinstance(name, int) for name in ids)
 
 
 def _write_json(path: Path, value: object) -> None:

@@ -73,7 +73,7 @@ from rpil.results import answering
 from rpil.results.drawings import drawings
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.verdict_table import choice_of, is_whole
+from rpil.results.verdict_table import choice_of
 from rpil.results.words import SIDES
 
 MAX_DRAWINGS = 300
@@ -134,7 +134,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> Vi
         "contradicting": [places[name] for name in audit.contradicting],
         "answers": _answers(audit),
         "demonstrations": _columns(audit, about, order),
-        "whole_ids": is_whole(audit.ids),
+        "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "demonstrators": [
             {"name": str(one.name), **(asdict(one.trust) if one.trust else dict.fromkeys(("mean", "low", "high")))}
