@@ -23,7 +23,7 @@ BUDGETS = {
     "inference": (2729, 93),
     "mixture": (820, 24),
     "numerics": (616, 14),
-    "policies": (1972, 69),
+    "policies": (1956, 68),
     "results": (3509, 59),
     "scale": (793, 26),
     "simulation": (904, 2),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.policies.networks import TrainingRows, TrainingSettings, initial_networks, on_device, raw_outputs, train
+from rpil.policies.networks import initial_networks, on_device, raw_outputs
+from rpil.policies.torch import TorchPolicy, train
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
 RNG = np.random.default_rng(0)
@@ -29,16 +30,15 @@ def test_training_reduces_the_validation_loss_and_reads_the_training_rows_only()
     goal = INPUTS[:, :1] * 2
     targets = on_device(goal, "cpu")
     half = np.arange(60) < 40
-    rows = TrainingRows(INPUTS, np.ones(60), np.stack([half]), np.stack([~half]))
+    split = half[None], ~half[None]
 
     def loss(raw, chosen):
         return ((raw - targets[chosen]) ** 2).sum(dim=-1)
 
-    settings = TrainingSettings(epochs=60, patience=None, batch_size=20, learning_rate=0.05, device="cpu")
+    policy = TorchPolicy(epochs=60, patience=None, batch_size=20, learning_rate=0.05)
     start = initial_networks((2, 8, 1), 1, np.random.default_rng(0))
-    trained, epoch = train(start, rows, loss, settings, np.random.default_rng(1))
+    trained, epoch = train(policy, start, INPUTS, np.ones(60), loss, split, np.random.default_rng(1))
     assert epoch > 0
     error = np.abs(raw_outputs(trained, INPUTS, "cpu")[0] - goal)[~half].mean()
     assert error < 0.3 * np.abs(goal[~half]).mean()
-    nothing = rows._replace(weight=np.zeros(60))
-    assert train(start, nothing, loss, settings, np.random.default_rng(1)) == (start, 0)
+    assert train(policy, start, INPUTS, np.zeros(60), loss, split, np.random.default_rng(1)) == (start, 0)

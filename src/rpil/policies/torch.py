@@ -18,7 +18,18 @@ from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 from rpil.policies.folds import deal, pieces
 from rpil.policies.heads import Head, Scale, initial_head
-from rpil.policies.networks import Networks, TrainingRows, TrainingSettings, initial_networks, raw_outputs, train
+from rpil.policies.networks import (
+    EVALUATION_ROWS,
+    Loss,
+    Networks,
+    forward,
+    import_torch,
+    initial_networks,
+    on_device,
+    raw_outputs,
+    read_only,
+    single_threaded,
+)
 from rpil.policies.protocol import Actions, Outputs
 
 N_PIECES, VALIDATED_EVERY = 20, 5
@@ -27,6 +38,10 @@ is validated on where there is one network. Chosen by hand, not tuned."""
 
 MIN_VALIDATED_SHARE = 0.01
 """Share of the total weight that a network must be trained on to be validated. Chosen by hand, not tuned."""
+
+MIN_BATCH = 16
+"""Rows of a mini-batch, and mini-batches of an epoch, at least, where there are rows for both: small data need not many
+epochs. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +160,7 @@ class TorchPolicy:
         unit = self._unit_of_step(data)
         trained = self._initial(data, unit)
         for phase in range(trained.head.phases):
-            trained, _ = self._train(trained, data, unit, weight, self.epochs, phase)
+            trained, _ = self._train(trained, data, unit, weight, phase)
             raw = raw_outputs(trained.networks, trained.standardise(data.features), self.device)
             outputs = trained.head.read(raw[unit % len(raw), np.arange(len(unit))])
             trained = replace(trained, head=trained.head.fit(data, weight, outputs))
@@ -164,10 +179,10 @@ class TorchPolicy:
             start = replace(start, head=self.fit(data, weight)[0]._head)
         epochs = self.epochs
         if self.patience is not None:
-            epochs = max(self._train(start, data, unit, weight, epochs)[1], 1)
-        single = replace(self, n_folds=1, space=data.space, patience=None)
+            epochs = max(self._train(start, data, unit, weight)[1], 1)
+        single = replace(self, n_folds=1, space=data.space, patience=None, epochs=epochs)
         start = replace(single._initial(data, unit), head=start.head)
-        trained, _ = single._train(start, data, unit, weight, epochs)
+        trained, _ = single._train(start, data, unit, weight)
         return replace(self, n_folds=1, space=data.space, trained=trained)
 
     @property
@@ -195,20 +210,16 @@ class TorchPolicy:
         return data.per_step(deal(data, data.n_demonstrations, self.seed))
 
     def _train(
-        self, trained: _Trained, data: FitData, unit: Array, weight: Array, epochs: int, phase: int = 0
+        self, trained: _Trained, data: FitData, unit: Array, weight: Array, phase: int = 0
     ) -> tuple[_Trained, int]:
-        """The networks after up to so many `epochs`, and the best epoch; `unit` (N,) is the unit of each step."""
+        """The networks after training, and the best epoch; `unit` (N,) is the unit of each step."""
         n_folds = len(trained.networks[0])
         learn, validation = training_and_validation(unit, n_folds, weight)
         if self.patience is None:  # without validation only the fold itself is held out
             learn = np.arange(n_folds)[:, None] != unit % n_folds if n_folds > 1 else np.ones_like(learn)
-        networks, epoch = train(
-            trained.networks,
-            TrainingRows(trained.standardise(data.features), weight, learn, validation),
-            trained.head.loss(data, weight, self.device),
-            TrainingSettings(epochs, self.patience, self.batch_size, self.learning_rate, self.device),
-            np.random.default_rng([self.seed, 2, phase]),
-        )
+        inputs, loss = trained.standardise(data.features), trained.head.loss(data, weight, self.device)
+        rng, split = np.random.default_rng([self.seed, 2, phase]), (learn, validation)
+        networks, epoch = train(self, trained.networks, inputs, weight, loss, split, rng)
         return replace(trained, networks=networks), epoch
 
 
@@ -244,3 +255,62 @@ def training_and_validation(
         validation = ~held_out & (np.ceil(place * N_PIECES) % VALIDATED_EVERY == 0)
         learn = ~held_out & ~validation
     return learn, validation
+
+
+@single_threaded()
+def train(
+    policy: TorchPolicy,
+    networks: Networks,
+    inputs: Float[Array, "N D"],
+    weight: Float[Array, " N"],
+    loss: Loss,
+    split: tuple[Bool[Array, "k N"], Bool[Array, "k N"]],
+    rng: np.random.Generator,
+) -> tuple[Networks, int]:
+    """The networks after training by Adam as the `policy` says, and the epoch, counted from 1, of the lowest validation
+    loss, 0 for the start; `split` is `training_and_validation`.
+
+    One epoch is the best of all networks: the validation rows of a single network may be few, and all an adversary's.
+    The start is a candidate too, so that the validation loss never rises. Without `patience` the networks are those of
+    the last epoch. `rng` draws the order of the rows. A `DataError` where the loss is not finite.
+    """
+    torch, (learn, validation) = import_torch(), split
+    used = np.flatnonzero((weight > 0.0) & learn.any(axis=0))
+    if not len(used):
+        return networks, 0
+    parameters = [on_device(array, policy.device).requires_grad_() for array in networks]
+    device = parameters[0].device
+    inputs = on_device(inputs, policy.device)
+    # the factor of a row's loss in a mean: over the rows of its network, and over the validation rows of all
+    train_weight = learn / np.maximum((learn * weight).sum(axis=1, keepdims=True), 1e-12)
+    of_train = on_device(train_weight, policy.device)
+    of_validation = on_device(validation / max(float((validation * weight).sum()), 1e-12), policy.device)
+    validated = torch.from_numpy(np.flatnonzero((weight > 0.0) & validation.any(axis=0))).to(device)
+    size = int(np.clip(len(used) // MIN_BATCH, MIN_BATCH, policy.batch_size))
+    adam = torch.optim.Adam(parameters, lr=policy.learning_rate)
+
+    def validation_loss() -> float:
+        with torch.no_grad():
+            parts = validated.split(EVALUATION_ROWS)
+            return float(sum((loss(forward(parameters, inputs[p]), p) * of_validation[:, p]).sum() for p in parts))
+
+    best, best_epoch, kept = validation_loss(), 0, [p.detach().clone() for p in parameters]
+    for epoch in range(1, policy.epochs + 1):
+        total = torch.zeros((), device=device)
+        for batch in torch.from_numpy(rng.permutation(used)).to(device).split(size):
+            adam.zero_grad(set_to_none=True)
+            value = (loss(forward(parameters, inputs[batch]), batch) * of_train[:, batch]).sum()
+            (value * (len(used) / len(batch))).backward()
+            adam.step()
+            total += value.detach()
+        now = validation_loss()
+        if not np.isfinite(now + float(total)):
+            raise DataError(
+                f"The network's loss is not finite in epoch {epoch}; look for extreme observations, or lower "
+                f"learning_rate={policy.learning_rate:g}."
+            )
+        if now < best or policy.patience is None:
+            best, best_epoch, kept = now, epoch, [p.detach().clone() for p in parameters]
+        elif epoch - best_epoch >= policy.patience:
+            break
+    return tuple(read_only(p.cpu().numpy()) for p in kept), best_epoch
