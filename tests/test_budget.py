@@ -20,13 +20,13 @@ BUDGETS = {
     "estimators": (2330, 15),
     "faults": (2278, 81),
     "formats": (9297, 107),
-    "inference": (2729, 93),
-    "mixture": (820, 24),
-    "numerics": (616, 14),
-    "policies": (1956, 68),
+    "inference": (2725, 88),
+    "mixture": (813, 20),
+    "numerics": (590, 14),
+    "policies": (1936, 65),
     "results": (3509, 59),
     "scale": (793, 26),
-    "simulation": (904, 2),
+    "simulation": (881, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,6 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.numerics.parallel import in_processes
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Returns, rollout
 from rpil.simulation.simulate import simulate
@@ -53,7 +55,7 @@ def run(
     done: list[list[Row]] = []
     if progress is not None:
         progress(0, len(jobs))
-    for rows in in_processes(one_draw, jobs, processes):
+    for rows in _results(one_draw, jobs, processes):
         done.append(rows)
         if progress is not None:
             progress(len(done), len(jobs))
@@ -61,6 +63,16 @@ def run(
     asked = (experiment for experiment in EXPERIMENTS if experiment.env_id in environments)
     tables = [summary(one, [row for row in found if row["table"] == one.table]) for one in asked]
     return {"rollouts": rollouts, "features": OUR_FEATURES, "tables": tables, "draws": found}
+
+
+def _results(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], processes: int) -> Iterator[Any]:
+    """``function(*job)`` of every job, in order."""
+    if processes < 2:
+        yield from starmap(function, jobs)
+        return
+    # Spawned, because a fork of a process with threads may hang.
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        yield from pool.map(function, *zip(*jobs, strict=True))
 
 
 def one_draw(env_id: str, seed: int, rollouts: int, methods: Mapping[str, Method]) -> list[Row]:

@@ -16,6 +16,10 @@ from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax, lb
 Array = NDArray[np.float64]
 
 
+def until(tol=1e-6, max_iter=100, max_cg=200):
+    return NewtonSettings(tol, max_iter, max_cg)
+
+
 def soft_problem(seed: int, n: int = 300, n_features: int = 4, n_actions: int = 3) -> tuple[Array, Array, Array]:
     """Design matrix, soft targets of unequal weight, penalty."""
     rng = np.random.default_rng(seed)
@@ -39,16 +43,16 @@ def test_fit_softmax_survives_nearly_equal_columns():
     features, targets, penalty = soft_problem(3)
     features[:, 1] = features[:, 0] + 1e-6 * rng.normal(size=len(features))
     penalty[:-1] = 1e-6
-    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
+    fit = fit_softmax(features, targets, penalty, until(tol=1e-10))
     assert fit.converged
     # Newton's step from there would gain nothing.
-    again = fit_softmax(features, targets, penalty, NewtonSettings(tol=0.0, max_iter=5, max_cg=1000), start=fit.weights)
+    again = fit_softmax(features, targets, penalty, until(tol=0.0, max_iter=5, max_cg=1000), start=fit.weights)
     assert fit.objective - again.objective <= 1e-6
 
 
 def test_fit_softmax_returns_objective_and_log_proba_at_the_weights():
     features, targets, penalty = soft_problem(0)
-    fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=2))
+    fit = fit_softmax(features, targets, penalty, until(max_iter=2))
     assert fit.objective == pytest.approx(objective(fit.weights, features, targets, penalty), rel=1e-12)
     np.testing.assert_allclose(fit.log_proba, log_softmax(features @ fit.weights, axis=1), atol=1e-12)
 
@@ -68,7 +72,7 @@ def test_gradient_and_hessian_product_agree_with_finite_differences():
 @pytest.mark.parametrize("seed", range(3))
 def test_fit_softmax_ends_where_the_gradient_is_zero(seed):
     features, targets, penalty = soft_problem(seed)
-    fit = fit_softmax(features, targets, penalty, NewtonSettings(tol=1e-10))
+    fit = fit_softmax(features, targets, penalty, until(tol=1e-10))
     assert fit.converged
     assert np.abs(slope(fit.weights, features, targets, penalty)).max() <= 1e-9 * targets.sum()
 
@@ -81,7 +85,7 @@ def test_fit_softmax_is_never_above_the_start():
         before = objective(start, features, targets, penalty)
         previous = before
         for max_iter in (0, 1, 2, 5):
-            fit = fit_softmax(features, targets, penalty, NewtonSettings(max_iter=max_iter, max_cg=3), start=start)
+            fit = fit_softmax(features, targets, penalty, until(max_iter=max_iter, max_cg=3), start=start)
             assert fit.objective <= previous + 1e-9 * abs(before)
             previous = fit.objective
 
@@ -89,14 +93,14 @@ def test_fit_softmax_is_never_above_the_start():
 def test_fit_softmax_does_not_change_its_start():
     features, targets, penalty = soft_problem(0)
     start = np.ones((5, 3))
-    fit_softmax(features, targets, penalty, NewtonSettings(), start=start)
+    fit_softmax(features, targets, penalty, until(), start=start)
     np.testing.assert_array_equal(start, 1.0)
 
 
 def test_fit_softmax_of_separable_classes_is_finite():
     x = np.linspace(-1, 1, 50)
     features = np.column_stack([x, np.ones(50)])
-    fit = fit_softmax(features, np.eye(2)[(x > 0).astype(int)], np.array([1e-6, 0.0]), NewtonSettings())
+    fit = fit_softmax(features, np.eye(2)[(x > 0).astype(int)], np.array([1e-6, 0.0]), until())
     assert fit.converged
     assert np.isfinite(fit.weights).all()
     assert (fit.log_proba.argmax(axis=1) == (x > 0)).all()
@@ -106,8 +110,8 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
     features, targets, penalty = soft_problem(0)
     targets[:, 2] = 0.0
     targets[:100] = 0.0
-    fit = fit_softmax(features, targets, penalty, NewtonSettings())
-    rest = fit_softmax(features[100:], targets[100:], penalty, NewtonSettings())
+    fit = fit_softmax(features, targets, penalty, until())
+    rest = fit_softmax(features[100:], targets[100:], penalty, until())
     assert np.isfinite(fit.weights).all()
     assert fit.objective == pytest.approx(rest.objective, rel=1e-6)
     assert np.exp(fit.log_proba[:, 2]).max() < 1e-3
@@ -115,8 +119,8 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
 
 def test_fit_softmax_in_single_precision():
     features, targets, penalty = soft_problem(4, n=2000)
-    double = fit_softmax(features, targets, penalty, NewtonSettings())
-    single = fit_softmax(features.astype(np.float32), targets, penalty, NewtonSettings(tol=1e-5))
+    double = fit_softmax(features, targets, penalty, until())
+    single = fit_softmax(features.astype(np.float32), targets, penalty, until(tol=1e-5))
     assert single.converged
     assert single.objective == pytest.approx(double.objective, rel=1e-5)
     np.testing.assert_allclose(single.weights, double.weights, atol=1e-3)

@@ -1,15 +1,14 @@
-"""Threads and processes give the results of a loop, in order."""
+"""Threads give the results of a loop, in order."""
 
 from __future__ import annotations
 
-import operator
 import threading
 
 import numpy as np
 import pytest
 
 from rpil.numerics import parallel
-from rpil.numerics.parallel import in_parallel, in_processes
+from rpil.numerics.parallel import in_parallel
 
 
 @pytest.mark.parametrize("min_size", [0, 10**9])
@@ -23,10 +22,3 @@ def test_in_parallel_gives_the_results_of_a_loop(min_size):
     assert in_parallel(square, range(20), np.ones((3, 2)), min_size) == [x * x for x in range(20)]
     main = threading.main_thread().name
     assert (main in threads) == (min_size > 0 or parallel.cores() < 2)
-
-
-@pytest.mark.parametrize("processes", [1, 2])
-def test_in_processes_gives_the_results_in_order_and_raises_errors(processes):
-    assert list(in_processes(operator.floordiv, [(7, 2), (9, 3), (8, 2)], processes)) == [3, 3, 4]
-    with pytest.raises(ZeroDivisionError):
-        list(in_processes(operator.floordiv, [(1, 1), (1, 0)], processes))

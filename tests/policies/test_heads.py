@@ -21,8 +21,8 @@ def test_softmax_head_averages_probabilities():
 
 def test_student_head_reads_outputs_in_the_units_of_the_box():
     box = Box(np.array([-1.0, 0.0, 2.0]), np.array([1.0, 10.0, 3.0]))
-    head = StudentHead(box, StudentPolicy.zero(box, np.zeros(1), 1.0), fixed=False)
-    assert (head.width, head.phases) == (3, 3)
+    head = StudentHead(box, StudentPolicy.zero(box, np.zeros(1), 1.0))
+    assert head.width == 3
     means = head.read(np.array([[[-1.0, -1.0, -1.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]]))
     np.testing.assert_allclose(means[0], [box.low, (box.low + box.high) / 2, box.high])
     np.testing.assert_allclose(head.average(head.read(RAW)), head.read(RAW).mean(axis=0))

@@ -217,15 +217,6 @@ def test_continuous_actions():
     assert np.abs(final.outputs(x) - wave(x)).mean() < 0.1
 
 
-def test_a_given_scale_stays():
-    problem, _ = continuous(0, n=6, n_bad=0)
-    policy, outputs = TorchPolicy(hidden=(8,), epochs=3, scale=(0.5, 2.0)).fit(problem, np.ones(len(problem.actions)))
-    np.testing.assert_array_equal(policy.trained.head.noise.cholesky, np.diag([0.5, 2.0]))
-    density = policy.log_prob(outputs, outputs)
-    np.testing.assert_allclose(density, density[0])
-    assert (policy.log_prob(outputs, outputs + 1) < density).all()
-
-
 def test_untrained_it_says_nothing():
     x = np.zeros((4, 2))
     policy = TorchPolicy().for_space(Discrete(3))
@@ -282,7 +273,6 @@ def test_check_whole_numbers_names_the_parameter(value):
         ({"n_folds": 0}, "n_folds=0"),
         ({"patience": 0}, "patience=0"),
         ({"learning_rate": float("nan")}, "learning_rate=nan"),
-        ({"scale": -1.0}, r"scale=-1\.0"),
     ],
 )
 def test_parameters_that_make_no_sense(wrong, words):

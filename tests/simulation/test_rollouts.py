@@ -11,14 +11,11 @@ import pytest
 from scipy import stats
 
 from problems import refused
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
-from rpil.estimators.cloning import BehavioralCloning
 from rpil.simulation.environments import make
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
-from rpil.simulation.simulate import simulate
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]
@@ -85,21 +82,6 @@ def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_the
     np.testing.assert_array_equal(few, many[:3])
     starts = {episode.observations[0].tobytes() for episode in record(driver, "MountainCar-v0", n_episodes=12, seed=5)}
     assert len(starts) == 12
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["Acrobot-v1", "LunarLander-v3"])
-def test_the_returns_are_the_same_bits_in_however_many_processes(env_id):
-    made = simulate(env_id, "corrupted", n_good=3, n_bad=0, seed=0)
-    policy = BehavioralCloning(features="nystroem").fit(Demonstrations.from_episodes(made.episodes))
-    calls = []
-    alone = rollout(policy, env_id, n_episodes=9, seed=2).returns
-    shared = rollout(
-        policy, env_id, n_episodes=9, seed=2, processes=2, progress=lambda *call: calls.append(call)
-    ).returns
-    np.testing.assert_array_equal(shared, alone)
-    assert [done for done, _ in calls] == [3, 5, 7, 9]
-    assert {total for _, total in calls} == {9}
 
 
 def test_one_predict_per_time_step_with_finished_episodes_dropped():

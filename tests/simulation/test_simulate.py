@@ -142,7 +142,7 @@ for call in CALLS:
         "simulate('LunarLander-v3', 'random', n_good=1, n_bad=1, seed=0)",
         "[simulate(name, 'flip', n_good=1, n_bad=1, seed=0) for name in ('CartPole-v1', 'LunarLander-v3')]",
         "simulate('Pendulum-v1', 'sensor', n_good=1, n_bad=1, seed=0)",
-        "rollout(expert('CartPole-v1'), 'CartPole-v1', n_episodes=2, seed=0, processes=2)",
+        "rollout(expert('CartPole-v1'), 'CartPole-v1', n_episodes=2, seed=0)",
         "rollout(expert('CartPole-v1'), 'Unknown-v1', n_episodes=1, seed=0)",
         "rollout(expert('CartPole-v1'), 'Blackjack-v1', n_episodes=1, seed=0)",
     ],

@@ -40,6 +40,11 @@ MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
 """Iterations at most, the gain in nats at which they stop, and the least share of a step."""
 
 
+def no_pairs() -> Int[Array, "0 2"]:
+    """Nothing was compared."""
+    return np.empty((0, 2), dtype=np.int64)
+
+
 @stored()
 @dataclass(frozen=True, eq=False)
 class Answers:
@@ -51,9 +56,7 @@ class Answers:
     """The better and the worse demonstration of each pair that was compared."""
     outcome: Float[Array, " M"] = field(metadata=array_field("M", missing=True))
     """Higher is better; NaN where it is unknown."""
-    tied: Int[Array, "T 2"] = field(
-        default_factory=lambda: np.empty((0, 2), dtype=np.int64), metadata=array_field("tied 2", np.int64)
-    )
+    tied: Int[Array, "T 2"] = field(default_factory=no_pairs, metadata=array_field("tied 2", np.int64))
     """The two demonstrations of each pair without a difference."""
     _flag: bool | None = None
     """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
@@ -66,7 +69,7 @@ class Answers:
     @classmethod
     def of_labels(cls, labels: Int[Array, " M"]) -> Answers:
         """Labels alone."""
-        return cls(labels, np.empty((0, 2), dtype=np.int64), np.full(len(labels), np.nan))
+        return cls(labels, no_pairs(), np.full(len(labels), np.nan))
 
     @property
     def any(self) -> bool:

@@ -99,7 +99,7 @@ class HeldOutSoftmax(_Linear):
 
         def predict(k: int, test: Array) -> Array:
             rows = np.flatnonzero(~test & (weight > 0))
-            self._fits[k] = fit_weighted(self.data, rows, weight[rows], ridge, self.settings, self._fits.get(k))
+            self._fits[k] = fit_weighted(self.data, rows, weight[rows], ridge, self._fits.get(k))
             return log_softmax(features[test] @ self._fits[k][0])
 
         log_proba = out_of_fold(self.data.per_step(self.fold), predict, features)
@@ -111,7 +111,6 @@ def fit_weighted(
     rows: Int[Array, " R"],
     weight: Float[Array, " R"],
     ridge: float,
-    settings: HeldOutSettings,
     start: WarmStart | None = None,
 ) -> WarmStart:
     """A softmax policy fitted to weighted `rows` of the data, from `start`, with a `ridge` a step."""
@@ -119,8 +118,7 @@ def fit_weighted(
     features = data.features[rows]
     targets = one_hot(data.actions[rows], weight, n_actions(data))
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
-    newton = NewtonSettings(settings.tol, settings.max_iter, settings.max_cg)
-    fit = fit_softmax(features, targets, penalty, newton, start=weights, preconditioner=preconditioner)
+    fit = fit_softmax(features, targets, penalty, NewtonSettings(), start=weights, preconditioner=preconditioner)
     return fit.weights, fit.preconditioner
 
 

@@ -28,11 +28,6 @@ class HeldOutSettings:
     docs/tried.md: .05 and .15 were no better."""
     ridges: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4)
     """Ridges a step to choose from, the strongest first. benchmarks/ablations.py ("one ridge, 1e-4")."""
-    tol: float = 1e-3
-    """Gradient, a step, at which the fit of a softmax policy stops; the final policy is fitted further."""
-    max_iter: int = 15
-    max_cg: int = 30
-    """Newton steps of such a fit at most, and iterations of conjugate gradients in each."""
     errors: ErrorSettings = ErrorSettings()
     """Distribution of the errors of continuous actions."""
 

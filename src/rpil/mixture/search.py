@@ -17,6 +17,7 @@ from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import MixtureFit, State, e_step, run_em
 from rpil.mixture.expert_prior import as_prior
 from rpil.mixture.settings import MixtureSettings
+from rpil.numerics.newton import NewtonSettings
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array, Float
 from rpil.policies.protocol import Policy
@@ -111,6 +112,4 @@ def _contradicted_labels(data: FitData, settings: SearchSettings, result: Mixtur
 
 def _fit_start(data: FitData, settings: SearchSettings, weight: Array) -> tuple[Policy, Array]:
     """The policy fitted to demonstrations of `weight` (M,), and its outputs (N, ...)."""
-    mixture, weight = settings.mixture, data.per_step(weight)
-    max_iter, max_cg = mixture.start_newton_iter, mixture.start_cg_iter
-    return settings.policy.fit(data, weight, tol=mixture.start_tol, max_iter=max_iter, max_cg=max_cg)
+    return settings.policy.fit(data, data.per_step(weight), **vars(NewtonSettings()))

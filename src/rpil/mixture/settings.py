@@ -38,11 +38,6 @@ class MixtureSettings:
     """Demonstrations of which each is a start by itself. Chosen by hand, not tuned."""
     start_iter: int = 18
     """EM iterations after which the starts are compared. Chosen by hand, not tuned."""
-    start_newton_iter: int = 20
-    start_cg_iter: int = 20
-    """Newton steps, and iterations of conjugate gradients in each, of the policy at a start. By hand, not tuned."""
-    start_tol: float = 1e-3
-    """Gradient, a step, at which that policy is done. Chosen by hand, not tuned."""
 
     def __post_init__(self) -> None:
         as_prior(self.prior)

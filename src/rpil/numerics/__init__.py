@@ -1,1 +1,1 @@
-"""Numerics: passes over blocks of rows, Newton steps, weighted regression, threads and processes."""
+"""Numerics: passes over blocks of rows, Newton steps, weighted regression, threads."""

@@ -34,13 +34,13 @@ CurvatureHistory = Float[Array, "_ 2 _ _"]
 
 @dataclass(frozen=True)
 class NewtonSettings:
-    """When `fit_softmax` stops."""
+    """When `fit_softmax` stops: by default a fit whose likelihoods are compared, and whose policy is not kept."""
 
-    tol: float = 1e-6
+    tol: float = 1e-3
     """Largest entry of the gradient, divided by the total weight of the steps, at which the fit has converged."""
-    max_iter: int = 100
+    max_iter: int = 15
     """Newton steps at most; 1 is one improving step."""
-    max_cg: int = 200
+    max_cg: int = 30
     """Hessian products in each Newton step at most."""
 
 

@@ -1,15 +1,10 @@
-"""Independent work on the machine's cores.
-
-Fits share threads: NumPy releases the interpreter lock in its loops. Work in Python itself, environments above all,
-needs processes.
-"""
+"""Independent work on the machine's cores, in threads: NumPy releases the interpreter lock in its loops."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from rpil.numerics.types import Array, Float
@@ -42,24 +37,3 @@ def in_parallel(
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, items))
-
-
-def in_processes(
-    function: Callable[..., Result], jobs: Sequence[tuple[object, ...]], processes: int | None = None
-) -> Iterator[Result]:
-    """``function(*job)`` for every job, in order, each as soon as it and all jobs before it are done.
-
-    The function must be one of a module, and the arguments such as can be pickled. The work is shared by one process
-    for each core, or by `processes`; with 1 this process works alone.
-    """
-    workers = min(cores() if processes is None else processes, len(jobs))
-    if workers < 2:
-        yield from (function(*job) for job in jobs)
-        return
-    # Spawned, because a fork of a process with threads may hang.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        try:
-            yield from (future.result() for future in [pool.submit(function, *job) for job in jobs])
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise

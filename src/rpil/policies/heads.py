@@ -19,9 +19,6 @@ from rpil.policies.protocol import Actions, Outputs
 from rpil.policies.softmax import at_actions, one_hot
 from rpil.policies.student import StudentPolicy
 
-Scale = float | tuple[float, ...] | Array | None
-"""Standard deviations of continuous actions, one or one for each part; None where they are fitted."""
-
 
 @dataclass(frozen=True)
 class SoftmaxHead:
@@ -29,8 +26,6 @@ class SoftmaxHead:
 
     width: int
     """K, the raw outputs of a network."""
-    phases: int = 1
-    """Trainings, after each of which the head is fitted."""
 
     def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
         """Outputs, as in `rpil.policies.protocol`, of raw ones."""
@@ -51,7 +46,7 @@ class SoftmaxHead:
         return lambda raw, rows: -(targets[rows] * torch.log_softmax(raw, dim=-1)).sum(dim=-1)
 
     def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> SoftmaxHead:
-        """The head fitted to held-out outputs for weighted steps."""
+        """The head fitted to held-out outputs for weighted steps; itself where nothing is to be fitted."""
         return self
 
 
@@ -61,18 +56,11 @@ class StudentHead:
 
     box: Box
     noise: StudentPolicy
-    """The distribution of the errors."""
-    fixed: bool
-    """Whether `noise` is given. Else it is fitted to held-out errors: those of the steps that a network was trained on
-    are too small."""
+    """Fitted to held-out errors: those of the steps that a network was trained on are too small."""
 
     @property
     def width(self) -> int:
         return len(self.box.low)
-
-    @property
-    def phases(self) -> int:
-        return 1 if self.fixed else 3
 
     def read(self, raw: Float[Array, "*k N O"]) -> Float[Array, "*k N O"]:
         return np.asarray(self._middle + self._half_width * raw)
@@ -97,7 +85,7 @@ class StudentHead:
         return loss
 
     def fit(self, data: FitData, weight: Float[Array, " N"], outputs: Outputs) -> StudentHead:
-        if self.fixed or not weight.any():
+        if not weight.any():
             return self
         # Features of zero: the errors have no mean to be predicted, only a distribution.
         errors = replace(data, features=np.zeros((len(outputs), 1)), actions=data.actions - outputs)
@@ -116,11 +104,8 @@ Head = SoftmaxHead | StudentHead
 """What a neural policy needs of its outputs; `SoftmaxHead` says what the methods do."""
 
 
-def initial_head(space: Space, n_steps: float, scale: Scale) -> Head:
-    """The head before training on steps of the total weight `n_steps`, `scale` its standard deviations."""
+def initial_head(space: Space, n_steps: float) -> Head:
+    """The head before training on steps of the total weight `n_steps`."""
     if isinstance(space, Discrete):
         return SoftmaxHead(space.n)
-    noise = StudentPolicy.of_errors(space, n_steps)
-    if scale is not None:
-        noise = replace(noise, cholesky=np.diag(np.broadcast_to(scale, space.low.shape).astype(float)))
-    return StudentHead(space, noise, scale is not None)
+    return StudentHead(space, StudentPolicy.of_errors(space, n_steps))

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.newton import fit_softmax
+from rpil.numerics.newton import NewtonSettings, fit_softmax
 from rpil.numerics.regression import MIN_WEIGHT, column_scales, normal_equations
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.features import FeatureMap, ridge_of
@@ -143,7 +143,7 @@ def _fit_softmax(
     """Coefficients (D, K) for each penalty."""
     start: Array | None = None
     for penalty in penalties:
-        start = fit_softmax(design, targets * weight[:, None], penalty, settings.newton, start=start).weights
+        start = fit_softmax(design, targets * weight[:, None], penalty, NewtonSettings(), start=start).weights
         yield start
 
 

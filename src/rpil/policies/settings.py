@@ -6,12 +6,10 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.settings_record import check_settings, settings_record
-from rpil.numerics.newton import NewtonSettings
 from rpil.numerics.regression import ErrorSettings
 from rpil.policies.features import FeatureSettings
 
-for settings_class in (NewtonSettings, ErrorSettings):
-    stored()(settings_class)  # here, because numerics knows nothing of archives
+stored()(ErrorSettings)  # here, because numerics knows nothing of archives
 
 
 @settings_record(n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
@@ -30,8 +28,6 @@ class SelectionSettings:
     """Mean weight of a demonstration's steps, relative to the largest one, from which it is used."""
     temperatures: tuple[float, float] = (0.03, 5.0)
     """Bounds of the temperature."""
-    newton: NewtonSettings = NewtonSettings(tol=1e-3, max_iter=20, max_cg=30)
-    """When a softmax fit stops."""
     n_reweightings: int = 4
     """Least-squares fits after each of which steps with large errors get less weight: a bad step that is trusted by
     mistake must not choose."""
@@ -41,7 +37,6 @@ class SelectionSettings:
     """How every feature map is fitted, that of the judge included."""
 
     def __post_init__(self) -> None:
-        check_settings(self.newton, tol="[0, inf)")
         check_settings(self.errors, min_scale="[0, inf)")
 
 

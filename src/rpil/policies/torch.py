@@ -17,7 +17,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 from rpil.policies.folds import deal, pieces
-from rpil.policies.heads import Head, Scale, initial_head
+from rpil.policies.heads import Head, StudentHead, initial_head
 from rpil.policies.networks import (
     EVALUATION_ROWS,
     Loss,
@@ -38,6 +38,9 @@ is validated on where there is one network. Chosen by hand, not tuned."""
 
 MIN_VALIDATED_SHARE = 0.01
 """Share of the total weight that a network must be trained on to be validated. Chosen by hand, not tuned."""
+
+N_TRAININGS = 3
+"""Trainings at most, after each of which the head is fitted to held-out errors."""
 
 MIN_BATCH = 16
 """Rows of a mini-batch, and mini-batches of an epoch, at least, where there are rows for both: small data need not many
@@ -84,8 +87,6 @@ class TorchPolicy:
     device : str
         "cpu", "cuda", or another name that torch knows.
     seed : int
-    scale : float or (A,) array, optional
-        Standard deviations of continuous actions; by default they are fitted to held-out steps.
     space : Discrete or Box, optional
         Space of the actions; `fit` takes that of the data.
 
@@ -109,7 +110,6 @@ class TorchPolicy:
     learning_rate: float = 3e-3
     device: str = "cpu"
     seed: int = 0
-    scale: Scale = None
     space: Space | None = None
     trained: _Trained | None = None
 
@@ -120,8 +120,6 @@ class TorchPolicy:
         check_whole_numbers(sizes if self.patience is None else sizes | {"patience": self.patience})
         if not 0.0 < self.learning_rate < np.inf:
             raise DataError(f"TorchPolicy: learning_rate={self.learning_rate!r} must be a positive number.")
-        if self.scale is not None and not np.all(np.asarray(self.scale, dtype=float) > 0):
-            raise DataError(f"TorchPolicy: scale={self.scale!r} must be positive, one number or one for each part.")
 
     def for_space(self, space: Space) -> TorchPolicy:
         """The policy for such actions, before it is fitted."""
@@ -159,11 +157,13 @@ class TorchPolicy:
         """
         unit = self._unit_of_step(data)
         trained = self._initial(data, unit)
-        for phase in range(trained.head.phases):
+        for phase in range(N_TRAININGS):
             trained, _ = self._train(trained, data, unit, weight, phase)
             raw = raw_outputs(trained.networks, trained.standardise(data.features), self.device)
             outputs = trained.head.read(raw[unit % len(raw), np.arange(len(unit))])
-            trained = replace(trained, head=trained.head.fit(data, weight, outputs))
+            last, trained = trained.head, replace(trained, head=trained.head.fit(data, weight, outputs))
+            if trained.head is last:
+                break
         return replace(self, space=data.space, trained=trained), outputs
 
     def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> TorchPolicy:
@@ -175,7 +175,7 @@ class TorchPolicy:
         start = self._initial(data, unit)
         if self.trained is not None:
             start = replace(start, head=self.trained.head)  # fitted to held-out errors
-        elif start.head.phases > 1:
+        elif isinstance(start.head, StudentHead):
             start = replace(start, head=self.fit(data, weight)[0]._head)
         epochs = self.epochs
         if self.patience is not None:
@@ -191,13 +191,13 @@ class TorchPolicy:
             return self.trained.head
         if self.space is None:
             raise DataError("TorchPolicy: it is not fitted and does not know the actions; call fit first.")
-        return initial_head(self.space, 1.0, self.scale)
+        return initial_head(self.space, 1.0)
 
     def _initial(self, data: FitData, unit: Array) -> _Trained:
         features = np.asarray(data.features, dtype=float)
         center, spread = features.mean(axis=0), features.std(axis=0)
         spread = np.where(spread > 1e-9 * np.maximum(np.abs(center), 1.0), spread, 1.0)
-        head = initial_head(data.space, len(data.actions), self.scale)
+        head = initial_head(data.space, len(data.actions))
         n_networks = min(self.n_folds, int(unit.max()) + 1)
         sizes = (features.shape[1], *self.hidden, head.width)
         networks = initial_networks(sizes, n_networks, np.random.default_rng([self.seed, 0]))

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.numerics.intervals import mean_interval, wilson
-from rpil.numerics.parallel import in_processes
 from rpil.numerics.types import Array
 from rpil.simulation.environments import actions_of, make, success_of
 
@@ -103,7 +102,6 @@ def rollout(
     n_episodes: int,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
-    processes: int = 1,
 ) -> Returns:
     """Play a policy and report its return.
 
@@ -122,9 +120,6 @@ def rollout(
         seed are compared on the same starts.
     progress : callable, optional
         Called as `progress(n_finished, n_episodes)` whenever episodes finish.
-    processes : int
-        Python processes among which the episodes are divided; each takes a second or two to start. The returns of a
-        policy that depends on the observation alone are the same for any number. With 2 or more it must be picklable.
 
     Returns
     -------
@@ -139,27 +134,9 @@ def rollout(
     """
     if n_episodes < 1:
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
-    seeds = _seeds(seed, n_episodes)
-    if processes < 2:
-        parts = [_returns(policy, env_id, seeds, progress)]
-    else:
-        # More shards than processes, so that one long episode does not delay the result.
-        shards, parts = np.array_split(seeds, min(n_episodes, 2 * processes)), []
-        for part in in_processes(_returns, [(policy, env_id, shard.tolist()) for shard in shards], processes):
-            parts.append(part)
-            if progress is not None:
-                progress(sum(len(returns) for returns, *_ in parts), n_episodes)
-    returns, steps, reports = zip(*parts, strict=True)
-    return Returns.of(np.concatenate(returns), np.concatenate(steps) if any(reports) else None)
-
-
-def _returns(
-    policy: Player, env_id: str, seeds: Sequence[int], progress: Callable[[int, int], None] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.int64], bool]:
-    """Return and steps to success of one episode per seed, and whether the environment reports successes."""
-    returns, steps, first = np.zeros(len(seeds)), np.zeros(len(seeds), np.int64), np.zeros(len(seeds), np.int64)
+    returns, steps, first = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(n_episodes, np.int64)
     n_finished, reports = 0, False
-    for step in _play(policy, env_id, seeds):
+    for step in _play(policy, env_id, _seeds(seed, n_episodes)):
         returns[step.running] += step.rewards
         steps[step.running] += 1
         succeeded = step.running[(step.success == 1) & (first[step.running] == 0)]
@@ -167,8 +144,8 @@ def _returns(
         reports = reports or not np.isnan(step.success).all()
         if progress is not None and step.finished.any():
             n_finished += int(step.finished.sum())
-            progress(n_finished, len(seeds))
-    return returns, first, reports
+            progress(n_finished, n_episodes)
+    return Returns.of(returns, first if reports else None)
 
 
 def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:

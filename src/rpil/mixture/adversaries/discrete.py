@@ -99,13 +99,12 @@ def _without_taken(outputs: Array, actions: Array) -> Array:
 class Confusion(Adversary):
     """psi(k|s) = sum_j pi(j|s) C[j, k]: the adversary intends the expert's action j and takes action k.
 
-    Each row of C (K, K) is a distribution, given or learned. A learned row has a Dirichlet prior that adds
-    `pseudo_count` steps to each of its entries; one step was chosen by hand, not tuned.
+    Each row of C (K, K) is a distribution, given or learned. A learned row has a Dirichlet prior worth one step of each
+    action, so that no action is impossible.
     """
 
     log_matrix: Float[Array, "K K"]
     learned: bool = True
-    pseudo_count: float = 1.0
     name: str = "confusion"
 
     @classmethod
@@ -145,8 +144,8 @@ class Confusion(Adversary):
             return self
         intended = weight[:, None] * self.intended_action_proba(outputs, data.actions)
         expected = [intended[data.actions == k].sum(axis=0) for k in range(len(self.log_matrix))]
-        counts = self.pseudo_count + np.stack(expected, axis=1)
+        counts = 1.0 + np.stack(expected, axis=1)
         return replace(self, log_matrix=np.log(counts / counts.sum(axis=1, keepdims=True)))
 
     def log_prior(self) -> float:
-        return self.pseudo_count * float(self.log_matrix.sum()) if self.learned else 0.0
+        return float(self.log_matrix.sum()) if self.learned else 0.0
