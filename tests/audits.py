@@ -77,7 +77,6 @@ def make_audit(
         "copy_of": np.arange(size),
         "adversary": "uniform",
         "settings": AuditSettings(),
-        "history": -2 + 0.9 * (1 - np.exp(-np.arange(5.0))),
         "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
     }
     fields |= changes

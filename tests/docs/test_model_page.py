@@ -9,7 +9,6 @@ from pathlib import Path
 from rpil.inference import settings
 from rpil.inference.channels import CHANNELS
 from rpil.inference.groups import CLUSTER_DISTANCE
-from rpil.results.settings import AuditSettings
 
 TEXT = (Path(__file__).parents[2] / "docs" / "model.md").read_text(encoding="utf-8")
 FLAT = " ".join(TEXT.split())
@@ -69,12 +68,11 @@ def test_constants_of_rivals_are_those_of_the_judge():
 
 
 def test_constants_of_steps_are_those_of_the_judge():
-    judge, audit = settings.JudgeSettings(), AuditSettings()
+    judge = settings.JudgeSettings()
     assert f"continues with probability {judge.steps.stay}.".replace("0.", ".") in FLAT
     assert judge.steps.p_stretches == 0.5
     assert "at even odds, in stretches" in FLAT
     assert f"uniform on {judge.reliability_nodes} values" in FLAT
-    assert audit.steps == judge.steps
     assert f"at least {judge.steps.whole_reliability} of that of a typical".replace("0.", ".") in FLAT
 
 

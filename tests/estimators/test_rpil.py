@@ -99,8 +99,6 @@ def test_fitted_attributes_agree_with_the_audit():
     model = RPIL().fit(toy.demonstrations)
     assert toy.is_judged_right(model.audit_)
     assert model.converged_
-    assert model.n_iter_ == len(model.audit_.history)
-    assert model.lower_bound_ == model.audit_.history[-1]
     np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
     np.testing.assert_array_equal(model.expert_proba_, model.audit_.expert_proba)
     assert model.audit_.ids == toy.ids
@@ -128,7 +126,7 @@ def test_same_seed_gives_same_bits_for_arrays_and_demonstrations(toy, estimator)
         np.testing.assert_array_equal(other.predict(toy.observations), models[0].predict(toy.observations))
         if isinstance(estimator, RPIL):
             np.testing.assert_array_equal(other.log_odds_, models[0].log_odds_)
-            np.testing.assert_array_equal(other.audit_.history, models[0].audit_.history)
+            assert other.lower_bound_ == models[0].lower_bound_
         if isinstance(estimator, RMEnt):
             np.testing.assert_array_equal(other.log_likelihood_, models[0].log_likelihood_)
             assert other.objective_ == models[0].objective_

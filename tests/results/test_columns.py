@@ -133,7 +133,7 @@ def test_the_page_of_a_saved_audit_is_that_of_the_audit(path):
 
 def test_no_field_of_the_full_audit_is_its_default():
     audit, default = full_audit(), make_audit()
-    given = ("offsets", "finding", "prior", "adversary", "history", "assumptions", "settings", "anchor", "identifiable")
+    given = ("offsets", "finding", "prior", "adversary", "assumptions", "settings", "anchor", "identifiable")
     changed = [field.name for field in fields(audit) if same(getattr(audit, field.name), getattr(default, field.name))]
     assert set(changed) <= {*given, "verdicts"}
 

@@ -136,7 +136,7 @@ def test_of_a_demonstration_that_is_alone_nothing_is_known():
     assert (audit.expert_proba[4], audit.reliability[4], *audit.reliability_interval[4]) == (0.5, 0.5, 0, 1)
     for name, nothing in (("step_log_ratio", 0.0), ("step_share", 0.5), ("step_weight", 1.0)):
         assert getattr(audit, name)[8:].tolist() == [nothing] * 2
-    assert (audit.history.shape, audit.sessions, audit.within) == ((0,), (), "tasks")
+    assert (audit.sessions, audit.within) == ((), "tasks")
     assert joined(what="sessions").within == "sessions"
 
 

@@ -7,7 +7,7 @@ import pytest
 from audits import make_audit
 from problems import make
 from rpil.estimators.rpil import RPIL
-from rpil.results.words import SIDES, WORDS, n_lower
+from rpil.results.words import SIDES, WORDS
 
 
 @pytest.mark.parametrize("anchor", WORDS)
@@ -27,10 +27,6 @@ def test_without_an_anchor_the_sentence_is_conditional():
 def test_words_change_at_the_thresholds():
     words = WORDS["none"]
     assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["typical", "open", "open", "unlike"]
-
-
-def test_lower_words_of_all_vocabularies_are_counted():
-    assert n_lower(("unlike", "bad", "adversary", "open", "good", "typical", "expert")) == 3
 
 
 def test_counts_have_the_words_of_the_audit_and_those_that_occur():

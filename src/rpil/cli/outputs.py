@@ -157,12 +157,12 @@ def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     """The exit code under a `WordLimit`: 1, with a line on stderr, if more are unlike or bad than it allows, else 0."""
-    from rpil.results.words import n_lower
+    from rpil.results.words import SIDES
 
     word, _, most = (limit or "").partition(":")
     # Those called unlike without an answer are not bad; those called bad are unlike the good ones.
     verdicts = audit.verdicts if word == "unlike" else [verdict for verdict in audit.verdicts if verdict != "unlike"]
-    count, allowed = n_lower(verdicts), int(most or 0)
+    count, allowed = [SIDES[verdict] for verdict in verdicts].count("lower"), int(most or 0)
     if limit is None or count <= allowed:
         return 0
     click.echo(

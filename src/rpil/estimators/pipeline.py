@@ -64,7 +64,7 @@ class FitOptions:
     @property
     def audit_settings(self) -> AuditSettings:
         """The settings of the audit, which answers like the judge."""
-        return self.settings.audit.of(self.settings.judge)
+        return replace(self.settings.audit, judge=self.settings.judge)
 
     @property
     def judges(self) -> bool:

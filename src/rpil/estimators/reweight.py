@@ -248,7 +248,8 @@ def reweight(
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     data = data if once is demonstrations else task.data(demonstrations, features)
     judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
-    audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, chosen.audit.of(chosen.judge))
+    settings = replace(chosen.audit, judge=chosen.judge)
+    audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, settings)
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))
     model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):

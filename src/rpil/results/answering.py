@@ -62,9 +62,9 @@ def with_answers(audit: A, known: Answers) -> A:
         return audit
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
-    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
-    found = answer(columns, known, audit.settings.answers, audit.copy_of, audit.claimed)
-    who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.demonstrators
+    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers)
+    found = answer(columns, known, audit.settings.judge.answers, audit.copy_of, audit.claimed)
+    who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
     said = known.shared(audit.copy_of).labels
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = found.log_odds + from_demonstrator
@@ -145,7 +145,9 @@ def doubts_of_answers(found: Answered) -> tuple[str, ...]:
 
 def sentence_of(audit: Judged, known: Answers) -> str:
     """How many answers there are, about different demonstrations, and whether two groups are ranked by themselves."""
-    is_within = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers) is not audit.columns
+    is_within = (
+        learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers) is not audit.columns
+    )
     known = known.once(audit.copy_of)
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
@@ -168,15 +170,6 @@ def question(audit: Judged, fps: float | None = None) -> str:
     Seconds are named where the frames a second, `fps`, are known.
     """
     return f"Which is better: {' or '.join(where_to_look(audit, name, fps) for name in audit.pair)}?"
-
-
-def question_to_dict(audit: Judged) -> dict[str, object] | None:
-    """The question as numbers and text: the pair, the first and the last step to look at in each (None where no step
-    stands out), and the question itself; None where nothing is asked."""
-    if not is_asked(audit):
-        return None
-    look_at = [stretch_of(audit, audit.index(name)) for name in audit.pair]
-    return {"pair": list(audit.pair), "look_at": look_at, "text": question(audit)}
 
 
 def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
@@ -208,8 +201,8 @@ def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
         order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
         return tuple(audit.ids[m] for m in order.tolist() if not audit.answers.labels[m])[:k]
     first, known = np.unique(audit.copy_of, return_index=True)[1], audit.answers
-    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.answers)
-    chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.answers, k)]
+    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers)
+    chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.judge.answers, k)]
     return tuple(audit.ids[m] for m in chosen.tolist())
 
 

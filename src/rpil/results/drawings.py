@@ -27,7 +27,7 @@ def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, 
     ratios = [audit.log_ratio(m) for m in chosen]
     lengths = audit.lengths[chosen]
     # At once for all: a pass goes from step to step.
-    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.steps)
+    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.judge.steps)
     parts = zip(chosen, ratios, np.split(trust, np.cumsum(lengths)[:-1]), strict=True)
     return {str(m): _drawn(audit, m, ratio, own) for m, ratio, own in parts}
 

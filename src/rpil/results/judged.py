@@ -99,7 +99,6 @@ class Judged:
     step_weight: Float[Array, " N"] = field(metadata=of_step(1.0))
     prior: Interval
     adversary: str
-    history: Float[Array, " T"] = field(metadata=array_field("T"))
     columns: Float[Array, "M D"] = field(metadata=of_demonstration("M channels"))
     columns_within: Float[Array, "M W"] = field(metadata=of_demonstration("M within"))
     claimed: Int[Array, " M"] = field(metadata=of_demonstration(type=np.int64))

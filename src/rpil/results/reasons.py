@@ -84,14 +84,12 @@ def _by_finding(audit: Judged, group: str) -> str:
     if audit.finding == "two groups":
         acts = f"It acts as group {group} does, and only" if group else "Only"
         return f"{acts} an answer can tell which group is good"
-    if audit.finding == "nothing could be learned":
-        return "Nothing tells it from the others: the state does not help to predict any actions"
     if audit.finding == "in doubt":
         doubt = audit.doubts[0] if audit.doubts else ""
         return f"No word, because of a doubt: {doubt[:1].lower()}{doubt[1:].rstrip('.')}"
-    if audit.finding == "nobody stands out":
-        return "Nothing tells it from the others: all scores are one group"
-    return ""
+    why = {"nothing could be learned": "the state does not help to predict any actions"}
+    why["nobody stands out"] = "all scores are one group"
+    return f"Nothing tells it from the others: {why[audit.finding]}" if audit.finding in why else ""
 
 
 def _by_evidence(audit: Judged, m: int, score: float, trusted_score: float) -> str:

@@ -72,8 +72,6 @@ class Audit(AuditResult):
         Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
-    history : (T,) array
-        Mean log-likelihood of the training group in each round, or the objective of EM in each iteration, in nats.
     assumptions : tuple of str
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator

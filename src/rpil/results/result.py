@@ -160,7 +160,7 @@ class AuditResult(Judged):
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
         one = slice(index, index + 1)
-        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.steps)
+        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.judge.steps)
 
     @property
     def run_id(self) -> str:
@@ -180,7 +180,10 @@ class AuditResult(Judged):
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
-        columns = self.table()
+        columns, asked = self.table(), None
+        if self.question:
+            look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
+            asked = {"pair": list(self.pair), "look_at": look_at, "text": self.question}
         return {
             "n_demonstrations": len(self.ids),
             "n_steps": int(self.offsets[-1]),
@@ -191,7 +194,7 @@ class AuditResult(Judged):
             "identifiable": self.identifiable,
             "groups": [list(group) for group in self.competing],
             "pair": list(self.pair),
-            "question": answering.question_to_dict(self),
+            "question": asked,
             "doubts": list(self.doubts),
             "notes": list(self.notes),
             "contradicting": list(self.contradicting),

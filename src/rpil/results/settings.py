@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rpil.data.archive import stored
-from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings, StepSettings
-from rpil.mixture.settings import DemonstratorSettings
+from rpil.inference.settings import JudgeSettings
 
 
 @stored()
@@ -32,14 +31,8 @@ class AuditSettings:
     one minus this down."""
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
-    answers: AnswerSettings = AnswerSettings()
-    """Of answers to an audit; a fit puts those of the judge here."""
-    steps: StepSettings = StepSettings()
-    """Of the steps of an audit after answers; a fit puts those of the judge here."""
-    claims: ClaimSettings = ClaimSettings()
-    """Of words without answers; a fit puts those of the judge here."""
-    demonstrators: DemonstratorSettings = DemonstratorSettings()
-    """Of demonstrators after answers; a fit puts those of the judge here."""
+    judge: JudgeSettings = JudgeSettings()
+    """Of answers, of words without answers, of steps and of demonstrators; a fit puts its own here."""
     keep: KeepSettings = KeepSettings()
     """Of what is kept."""
 
@@ -47,10 +40,4 @@ class AuditSettings:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
         if anchor == "named adversary":
             return self.min_verdict_proba
-        return self.answers.min_proba if anchor == "answers" else self.claims.min_proba
-
-    def of(self, judge: JudgeSettings) -> AuditSettings:
-        """The settings of an audit that answers, uses words and weighs steps as the judge does."""
-        return replace(
-            self, answers=judge.answers, claims=judge.claims, demonstrators=judge.demonstrators, steps=judge.steps
-        )
+        return self.judge.answers.min_proba if anchor == "answers" else self.judge.claims.min_proba

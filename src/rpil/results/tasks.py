@@ -130,7 +130,6 @@ def join_audits(
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
         prior=_mean_prior(parts),
         adversary=parts[0].adversary if parts else "",
-        history=np.empty(0),
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
@@ -170,7 +169,7 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> A
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
         reasons[m] = f"Labelled {verdicts[m]}."
-    log_odds = np.where(signs, signs * logit(1 - audit.settings.answers.min_proba_bound), audit.log_odds)
+    log_odds = np.where(signs, signs * logit(1 - audit.settings.judge.answers.min_proba_bound), audit.log_odds)
     proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs, audit.lengths)
     return replace(
         audit,

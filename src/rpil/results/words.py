@@ -77,8 +77,3 @@ SIDES: dict[str, Side] = {
 
 COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}
 """The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish."""
-
-
-def n_lower(verdicts: Iterable[str]) -> int:
-    """The number of demonstrations that are called unlike, bad or adversary."""
-    return sum(SIDES[verdict] == "lower" for verdict in verdicts)

@@ -18,7 +18,7 @@ from html_page import Page
 from rpil.data.errors import DataError
 from rpil.faults.report import Fault, FaultReport
 from rpil.inference.findings import FINDINGS
-from rpil.inference.settings import AnswerSettings, ClaimSettings
+from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 from rpil.results.answering import NEXT_STEPS
 from rpil.results.html.page import Article, format_percent, render_page, write_page
 from rpil.results.provenance import Provenance
@@ -81,8 +81,8 @@ def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
 @pytest.mark.parametrize(
     ("anchor", "settings"),
     [
-        ("none", AuditSettings(claims=ClaimSettings(min_proba=0.6))),
-        ("answers", AuditSettings(answers=AnswerSettings(min_proba=0.6))),
+        ("none", AuditSettings(judge=JudgeSettings(claims=ClaimSettings(min_proba=0.6)))),
+        ("answers", AuditSettings(judge=JudgeSettings(answers=AnswerSettings(min_proba=0.6)))),
         ("named adversary", AuditSettings(min_verdict_proba=0.6)),
     ],
 )
