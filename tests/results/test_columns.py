@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import fields, is_dataclass, replace
 from time import process_time
 
@@ -129,6 +131,11 @@ def test_the_page_of_a_saved_audit_is_that_of_the_audit(path):
     assert same(audit, full_audit())
     assert view == make_view(full_audit(), ABOUT)
     assert render_page([Article(view)]) == render_page([Article(make_view(full_audit(), ABOUT))])
+
+
+def test_a_saved_audit_is_read_by_a_process_that_imports_nothing_else(path):
+    code = "import sys; from rpil.results.record import Audit; Audit.load(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", code, path], check=True)
 
 
 def test_no_field_of_the_full_audit_is_its_default():

@@ -10,6 +10,9 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
+from rpil.numerics.regression import ErrorSettings
+
+stored()(ErrorSettings)  # here, because numerics knows nothing of archives
 
 Record = TypeVar("Record")
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.data.settings_record import check_settings, settings_record
 from rpil.numerics.regression import ErrorSettings
 from rpil.policies.features import FeatureSettings
-
-stored()(ErrorSettings)  # here, because numerics knows nothing of archives
 
 
 @settings_record(n_folds="[2, inf)", min_trust="[0, 1)", n_reweightings="[0, inf)")
