@@ -129,6 +129,15 @@ def test_the_module_is_the_command(words):
     assert done.returncode == (2 if "nowhere.npz" in words else 0)
 
 
+def test_an_environment_may_import_pandas(tmp_path):
+    pytest.importorskip("pandas")
+    (tmp_path / "world.py").write_text("import pandas")
+    script = "from rpil.cli.entry import WithoutPandas\nimport sys\nsys.meta_path.insert(0, WithoutPandas)\n"
+    script += "import pyarrow\npyarrow.array([1])\nimport world\nprint(world.pandas.__name__)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout == "pandas\n", done.stderr
+
+
 def test_the_package_is_imported_in_a_moment():
     script = "import sys, rpil.cli.entry; print({'typing', 'click', 'importlib.metadata'} & {*sys.modules})"
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "set()\n"

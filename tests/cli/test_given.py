@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +106,7 @@ def test_small_sessions_are_named_with_the_remedy():
     stderr = call("audit", write("s.parquet", 10, {3}, 1), "--session", "day", "-q", "--observations", "x,v").stderr
     words = " ".join(stderr.split())
     assert "the session 'tue' has 5 demonstrations" in words
-    assert "leave out the session" in words
+    assert "leave out --session" in words
 
 
 def test_files_are_sessions(given):
@@ -275,3 +276,25 @@ def test_what_has_missing_values_is_not_kept_whatever_its_verdict():
 def test_check_names_what_is_missing_and_checks_the_rest():
     said = json.loads(ok("check", with_missing("d.parquet", 4, 20), "--skip-bad", "--json", "--without", "20").stdout)
     assert (said["set_aside"], said["counts"]["missing values"], said["demonstrations"]) == ([4], 1, 23)
+
+
+@pytest.mark.parametrize(
+    "option", ["id", "action", "observations", "exclude", "operator", "outcome", "order", "task", "session"]
+)
+def test_a_column_that_is_not_there_is_named_with_the_option(option):
+    message = refused_with(option, "nowhere")
+    assert "no column is called 'nowhere'" in message
+
+
+@pytest.mark.parametrize("option", ["only", "without"])
+def test_a_demonstration_that_is_not_there_is_named_with_the_option(option):
+    assert "no demonstration is called '99'" in refused_with(option, "99")
+
+
+def refused_with(option, value):
+    """The message about an option of the command, which names no argument of Python."""
+    result = call("audit", write("b.parquet", 10, {3}, 1), f"--{option}", value)
+    assert result.exit_code == 2
+    assert f"correct --{option}" in result.stderr
+    assert re.search(r"\w=", result.stderr) is None, result.stderr
+    return result.stderr

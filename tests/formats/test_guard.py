@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import refused
+from command_line import ok, refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import Recording, registry
@@ -147,6 +147,20 @@ def write_json(path, change):
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("fps", [HUGE, DEEP])
+@pytest.mark.parametrize("command", ["info", "check", "audit"])
+def test_lerobot_with_an_impossible_rate(fps, command):
+    path = sample("LeRobot")
+    text = (path / INFO).read_text()
+    (path / INFO).write_text(text.replace('"fps": 30', f'"fps": {fps}'))
+    if fps is DEEP:
+        refused("info.json", command, path)
+        return
+    ok(command, path)
+    notes = formats.read_recording(path).description.notes
+    assert any("fps = '1000" in note and len(note) < 200 for note in notes)
 
 
 def test_deep_json():

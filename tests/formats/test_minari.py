@@ -167,3 +167,25 @@ def test_minari_whose_metadata_are_damaged_is_no_folder_of_tables(tmp_path, cont
         with pytest.raises(DataError, match=why):
             use(path)
     assert not (tmp_path / "kept").exists()
+
+
+def test_minari_in_python():
+    from minari.dataset.episode_data import EpisodeData
+
+    episodes = [EpisodeData(m, np.ones((4, 2)), np.arange(3) % 2, *(np.zeros(3),) * 3, None) for m in range(3)]
+    assert rpil.read(iter(episodes)).lengths.tolist() == [3, 3, 3]
+
+
+@pytest.mark.parametrize("place", ["data/0/extra", "0/extra"])
+def test_a_link_in_an_episode_is_not_published(tmp_path, place):
+    """Nor where an empty folder ``data`` is put beside the episodes."""
+    secret = tmp_path / "home"
+    secret.mkdir()
+    path, _ = write(tmp_path, "arrow", ACTIONS["discrete"], lengths=(3, 2, 4))
+    if place.startswith("0"):
+        for file in list((path / "data").iterdir()):
+            file.rename(path / file.name)
+    (path / place).symlink_to(secret)
+    with pytest.raises(DataError):
+        find(path).keep(tmp_path / "kept", [0])
+    assert not (tmp_path / "kept").exists()

@@ -254,6 +254,13 @@ def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_senten
     assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; change one of the labels."
 
 
+def test_copies_share_a_label_and_an_outcome():
+    known = Answers(np.array([0, 0, 1, 0]), np.empty((0, 2), dtype=int), np.array([np.nan, 1.0, np.nan, 2.0]))
+    shared = known.shared(np.array([0, 1, 0, 1]))
+    assert shared.labels.tolist() == [1, 0, 1, 0]
+    np.testing.assert_array_equal(shared.outcome, [np.nan, 1.5, np.nan, 1.5])
+
+
 def test_flags_of_copies_that_contradict_each_other_change_no_other_row():
     copy_of = np.array([0, 1, 2, 3, 0])
     one, other = (answers_of(m=5, outcome=[1, 0, 0, 1, last]).once(copy_of) for last in (1, 0))

@@ -74,8 +74,9 @@ def world(seed):
     return toy, data, ["Ann"] * 8 + ["{Bob}"] * 8, ["Ann", "Bob"] * 8
 
 
-def test_operators_without_answers_change_no_log_odds():
-    toy, data, one, several = world(0)
+@pytest.mark.parametrize("seed", range(3))
+def test_operators_without_answers_change_no_log_odds(seed):
+    toy, data, one, several = world(seed)
     alone, doubtful, mixed = (RPIL().fit(data, demonstrators=who).audit_ for who in (None, one, several))
     np.testing.assert_array_equal(alone.log_odds, doubtful.log_odds)
     np.testing.assert_array_equal(alone.log_odds, mixed.log_odds)

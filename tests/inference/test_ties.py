@@ -48,6 +48,16 @@ def test_ties_alone_never_turn_the_direction(seed):
     np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-4)  # nothing is said of the share of good ones
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_ties_alone_give_no_word_and_turn_no_ranking(seed):
+    rng = np.random.default_rng(seed)
+    tied, claimed = [rng.choice(12, 2, replace=False) for _ in range(1 + 2 * seed)], np.repeat([-1, 0, 1], 4)
+    found = judged(tied, settings=replace(SETTINGS, min_proba=0.51), claimed=claimed)
+    assert (found.words == 0).all()
+    assert (found.stays * claimed >= 0).all()
+    assert np.corrcoef(found.log_odds, judged([]).log_odds)[0, 1] > 0.5
+
+
 WINS, ACROSS = [(11, 0), (10, 1)], [(11, 0), (10, 1)]
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gymnasium
 import numpy as np
+import pytest
 
+from rpil.data.errors import DataError
 from rpil.data.spaces import Box, Discrete
 from rpil.simulation.environments import actions_of, make
 
@@ -23,3 +25,19 @@ def test_spaces_of_actions():
     box = actions_of(make("Pendulum-v1"))
     assert isinstance(box, Box)
     assert (box.low, box.high) == (-2, 2)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ("own_worlds:Own-v0", "The environment 'own_worlds:Own-v0' needs the module 'missing_module': install it."),
+        ("no_worlds.here:Own-v0", "Gymnasium has no environment 'no_worlds.here:Own-v0'"),
+        ("Nowhere-v0", "Gymnasium has no environment 'Nowhere-v0'"),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, monkeypatch, env_id, message):
+    (tmp_path / "own_worlds.py").write_text("import missing_module")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(DataError) as error:
+        make(env_id)
+    assert str(error.value).startswith(message)

@@ -219,7 +219,11 @@ def test_success_is_unknown_where_the_environment_never_reports_it():
 
 
 class Lucky(gymnasium.Wrapper):
-    """Reports success in every third step, and only then."""
+    """Reports success under a name in every third step, and only then."""
+
+    def __init__(self, env, name):
+        super().__init__(env)
+        self.name = name
 
     def reset(self, **options):
         self.n = 0
@@ -228,11 +232,12 @@ class Lucky(gymnasium.Wrapper):
     def step(self, action):
         self.n += 1
         *outcome, info = self.env.step(action)
-        return *outcome, info | ({"success": 1.0} if self.n % 3 == 0 else {})
+        return *outcome, info | ({self.name: 1.0} if self.n % 3 == 0 else {})
 
 
-def test_the_first_success_counts(monkeypatch):
-    monkeypatch.setattr("rpil.simulation.rollouts.make", lambda env_id: Lucky(make(env_id)))
+@pytest.mark.parametrize("name", ["success", "is_success"])
+def test_the_first_success_counts(monkeypatch, name):
+    monkeypatch.setattr("rpil.simulation.rollouts.make", lambda env_id: Lucky(make(env_id), name))
     seen = rollout(Always(1), "CartPole-v1", n_episodes=5, seed=0)
     assert seen.success.all()
     np.testing.assert_array_equal(seen.steps_to_success, 3)

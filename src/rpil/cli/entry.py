@@ -12,11 +12,15 @@ RETRY_SECONDS = 0.02
 
 
 class WithoutPandas:
-    """Finds no pandas, which pyarrow imports for its first array: that takes longer than to read a small file."""
+    """Hides pandas from pyarrow, which imports it for its first array: that takes longer than to read a small file."""
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> None:
-        if name == "pandas":
+        """Refuse pandas where a function of rpil called pyarrow, whose C has no frames; environments may import it."""
+        frame = sys._getframe(1)
+        while frame.f_back is not None and "importlib" in frame.f_code.co_filename:
+            frame = frame.f_back
+        if name == "pandas" and frame.f_globals.get("__name__", "").partition(".")[0] in ("rpil", "pyarrow"):
             raise ModuleNotFoundError(name=name)
 
 
@@ -54,6 +58,7 @@ def unraisable(error: "sys.UnraisableHookArgs") -> None:
 
 
 def interrupt_later() -> None:
+    """Send the interruption again in a moment."""
     again = Timer(RETRY_SECONDS, signal.raise_signal, (signal.SIGINT,))
     again.daemon = True
     again.start()

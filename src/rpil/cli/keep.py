@@ -96,7 +96,7 @@ def keep(
     tell_of_set_aside(read)
     _print_kept(read, choice.kept, output, trims if trim else None)
     if n_unnamed:
-        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}.")
+        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
         deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()

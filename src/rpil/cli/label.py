@@ -120,7 +120,7 @@ def ask(session: Session, fps: float | None) -> None:
         except DataError as error:  # such as two labels that contradict each other: the question comes again
             if not session.is_as_written:
                 raise
-            lines = [str(error)]
+            lines = [error.in_shell]
         terminal.print_lines(lines)
     else:
         terminal.print_lines(["", "Nothing more is asked in this run."])

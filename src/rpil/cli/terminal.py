@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.data.errors import shortened
+from rpil.data.errors import DataWarning, shortened
 from rpil.data.privacy import without_secrets
 from rpil.data.text import MAX_IDS, listed, printable
 
@@ -42,7 +42,8 @@ def print_warnings() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
-    messages = (str(warning.message) for warning in caught if issubclass(warning.category, UserWarning))
+    of_users = (warning.message for warning in caught if issubclass(warning.category, UserWarning))
+    messages = (one.in_shell if isinstance(one, DataWarning) else str(one) for one in of_users)
     for message in dict.fromkeys(messages):
         click.echo(f"note: {to_one_line(message)}", err=True)
 

@@ -19,8 +19,8 @@ _IN_PYTHON = {
 """How a user of Python gives an option; any other one is an argument of its name."""
 
 
-class DataError(ValueError):
-    """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`.
+class SentenceWithOptions(Exception):
+    """One sentence naming the file or array, the demonstration and the remedy; see `shortened`.
 
     Where the remedy is an option, or several, ``<option>`` stands in their places in the sentence: the message names an
     argument of Python, and `in_shell` an option of the command.
@@ -29,7 +29,16 @@ class DataError(ValueError):
     def __init__(self, sentence: str, option: str | Sequence[str] = ()) -> None:
         options = [option] if isinstance(option, str) else option
         super().__init__(_spelt(sentence, (_IN_PYTHON.get(name, f"{name}=") for name in options)))
-        self.in_shell = _spelt(sentence, (f"--{name.replace('_', '-')}" for name in options))
+        in_shell = sentence.replace("<option>'", "<option> '")  # a value follows
+        self.in_shell = _spelt(in_shell, (f"--{name.replace('_', '-')}" for name in options))
+
+
+class DataError(SentenceWithOptions, ValueError):
+    """Bad input."""
+
+
+class DataWarning(SentenceWithOptions, UserWarning):
+    """Something about the data that a user may want to change."""
 
 
 def _spelt(sentence: str, options: Iterable[str]) -> str:

@@ -35,13 +35,13 @@ _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re
 _EXTENSIONS = (".csv", ".json")
 
 
-def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
+def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str, option: str = "") -> None:
     """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
     texts = dict.fromkeys(map(str, ids))
     unknown = [str(name) for name in names if str(name) not in texts]
     if unknown:
         wrong, right = quoted(unknown, 5), quoted(texts, 5)
-        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.", option)
 
 
 def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:

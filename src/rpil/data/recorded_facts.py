@@ -104,7 +104,7 @@ def given_outcome(given: Outcome | None, ids: Sequence[Hashable], source: str) -
         return None
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
-        check_ids(by_id, ids, "the outcome", "outcome=")
+        check_ids(by_id, ids, "the outcome", "<option>", "outcome")
         given = [by_id.get(str(m), np.nan) for m in ids]
     return check_outcome(_numbers(given, "outcome", ids, source), "the outcome", source)
 

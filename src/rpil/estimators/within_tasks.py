@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
-from rpil.data.errors import user_stack_level
+from rpil.data.errors import DataWarning, user_stack_level
 from rpil.data.files import StrPath
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order
 from rpil.data.reference import with_reference
@@ -203,9 +203,9 @@ def _warn_of_few(group: str, n: int, recording: Recording) -> None:
     if n < MIN_DEMONSTRATIONS:
         description, options = recording.description, recording.options
         what = "session" if options.session else "task"
-        remedy = "leave out the session" if options.session else f"exclude the column {description.task_column!r}"
-        warnings.warn(
+        remedy = "leave out <option>" if options.session else f"add <option>{description.task_column!r}"
+        sentence = (
             f"{description.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge "
-            f"all {what}s as one, {remedy}.",
-            stacklevel=1,
+            f"all {what}s as one, {remedy}."
         )
+        warnings.warn(DataWarning(sentence, "session" if options.session else "exclude"), stacklevel=1)

@@ -80,11 +80,13 @@ def check(
     >>> rpil.check(rpil.open("drive.parquet")).counts     # doctest: +SKIP
     """
     if isinstance(recording, Recording):
+        given = times.fps if times else None
         times = times or recording.times()
-        times = replace(times, fps=fps or recording.description.fps or times.fps)
+        times = replace(times, fps=given or recording.description.fps or times.fps)
         demonstrations = _with_missing(recording)
     else:
-        times, demonstrations = times or Times(fps=fps), recording
+        times, demonstrations = times or Times(), recording
+    times = replace(times, fps=fps or times.fps)
     with allow_missing():
         labels = column_labels(demonstrations)
         sample, numbers = pilot(demonstrations, labels, settings)

@@ -70,7 +70,7 @@ def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) 
         for name in [given] if given in places else map(str.strip, given.split(",")):
             ends = _RANGE.fullmatch(name)
             named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-            check_ids(named, places, source, f"{option}=")
+            check_ids(named, places, source, "<option>", option)
             low, high = named[0], named[-1]
             if low == high:
                 yield places[low]

@@ -167,8 +167,9 @@ class _Search:
                 if not hits and not (option == "exclude" and "list" in self.kinds.values()):
                     close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
                     raise DataError(
-                        f"{self.source}: no column is called {pattern.strip()!r}; correct {option}= "
-                        f"(found {quoted(close)})."
+                        f"{self.source}: no column is called {pattern.strip()!r}; correct <option> "
+                        f"(found {quoted(close)}).",
+                        option,
                     )
                 found |= dict.fromkeys(hits)
         return list(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,7 +61,7 @@ class Recording:
         Reads what the file says of order, sessions and outcomes.
     options : ColumnOptions
         Those with which it was opened.
-    write_some : function of ids and a path, optional
+    write_some : function of ids, a path and trims, optional
         Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     chosen : function of a mask of the M demonstrations, optional
         The recording of those that it chooses.
@@ -80,7 +81,7 @@ class Recording:
     times: Callable[[], Times] = Times
     read_facts: Callable[[], Facts] = Facts
     options: ColumnOptions = ColumnOptions()
-    write_some: Callable[[Sequence[Id], StrPath], None] | None = None
+    write_some: Callable[[Sequence[Id], StrPath, Mapping[Id, tuple[int, int]]], None] | None = None
     chosen: Callable[[Array], Recording] | None = None
     ids: tuple[Id, ...] = ()
     faulty: Set[int] = frozenset()
@@ -93,13 +94,32 @@ class Recording:
         """Counts, columns and their roles, as ``rpil info`` prints them."""
         return self.description
 
-    def keep(self, ids: Sequence[Id], output: StrPath) -> None:
-        """Write some demonstrations to a new file or folder of the same format."""
+    def keep(
+        self, ids: Sequence[Id], output: StrPath, trims: Mapping[Id, tuple[int, int]] = MappingProxyType({})
+    ) -> None:
+        """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
+
+        Parameters
+        ----------
+        ids : sequence of ids
+            Those to write, in the order of the file.
+        output : path
+            A file there is replaced whole; a folder must not be there yet. The data themselves are never changed.
+        trims : mapping of id to (int, int), optional
+            The first step to keep of a demonstration, and the first after those to keep; of LeRobot's folders only.
+            ``rpil.check(recording).trims`` has those of idle ends.
+
+        Raises
+        ------
+        DataError
+            Where an id is unknown, the output cannot be written or is in the data, the format cannot be given back, or
+            the demonstrations were not opened from a file.
+        """
         if self.write_some is None:
             raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
         if isinstance(ids, str):
             raise DataError(f"The ids are one text, {ids!r}; give a sequence of ids, and then the new path.")
-        self.write_some(ids, output)
+        self.write_some(ids, output, trims)
 
     @cached_property
     def facts(self) -> Facts:

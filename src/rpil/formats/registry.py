@@ -95,7 +95,9 @@ class ClaimedPath:
                 from rpil.formats.embeddings import with_embeddings
 
                 recording = with_embeddings(recording, options.embeddings)
-            return replace(recording, options=options, write_some=lambda ids, new: self.keep(new, ids, options))
+            return replace(
+                recording, options=options, write_some=lambda ids, new, trims: self.keep(new, ids, options, trims)
+            )
 
     def keep(
         self,

@@ -32,6 +32,9 @@ def make(env_id: str) -> Untyped:
         except gymnasium.error.DependencyNotInstalled as error:
             raise MissingExtraError(f"The environment {env_id}", "gym") from error
         except (gymnasium.error.Error, ModuleNotFoundError) as error:
+            missing = getattr(error.__cause__, "name", None)
+            if missing and not f"{env_id.partition(':')[0]}.".startswith(f"{missing}."):
+                raise DataError(f"The environment {env_id!r} needs the module {missing!r}: install it.") from error
             raise DataError(
                 f"Gymnasium has no environment {env_id!r}: check the name and its version with "
                 "gymnasium.pprint_registry()."

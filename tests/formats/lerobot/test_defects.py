@@ -28,9 +28,8 @@ def found(root, look=False):
 def test_nothing_is_found_in_a_folder_that_is_right(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
     assert found(root, look=True) == []
-    if version == "v3.0":
-        find(root).keep(tmp_path / "kept", [1, 3, 4])
-        assert found(tmp_path / "kept", look=True) == []
+    find(root).keep(tmp_path / "kept", [1, 3, 4])
+    assert found(tmp_path / "kept", look=True) == []
 
 
 def test_totals_and_statistics_are_compared(tmp_path):
@@ -42,6 +41,18 @@ def test_totals_and_statistics_are_compared(tmp_path):
     assert found(root) == [("totals", "meta/info.json"), ("statistics", "meta/stats.json")]
 
 
+def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", options={"g": "4", "crf": "30"})
+    find(root).keep(tmp_path / "kept", [1, 2], trims={1: (7, 20)})
+    file = tmp_path / "kept" / "data" / "chunk-000" / "episode_000000.parquet"
+    assert pq.read_table(file)["timestamp"][0].as_py() > 0
+    assert found(tmp_path / "kept", look=True) == []
+    table = pq.read_table(file)
+    later = folders.pa.array(table["timestamp"].to_numpy() + np.float32(2 / folders.FPS))
+    pq.write_table(table.set_column(table.column_names.index("timestamp"), "timestamp", later), file)
+    assert ("frame count", "0") in found(tmp_path / "kept")
+
+
 @pytest.mark.parametrize("size", [0.5, 0, -3, 1.5, "many", True, None])
 def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
@@ -50,7 +61,6 @@ def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     assert "cannot be used: chunks_size." in note
     (defect,) = find_defects(root, False)
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
-    change_info(root, codebase_version="v3.0")
     with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):
         find(root).keep(tmp_path / "kept", [1])
 
@@ -161,9 +171,8 @@ def test_times_that_lerobot_does_not_load_are_named(tmp_path, version, fault):
     assert defect.sentence.startswith("LeRobot cannot load these rows: ")
     assert words in defect.sentence
     assert defect.sentence.endswith("; write frame_index / 20 in their place")
-    if version == "v3.0":
-        with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
-            find(root).keep(tmp_path / "kept", [1, 2, 3, 4])
+    with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
+        find(root).keep(tmp_path / "kept", [1, 2, 3, 4])
     named = episodes.replace("all 5 episodes", "episodes 1 to 4")
     with pytest.warns(UserWarning, match=rf"drive, timestamps of {named}: LeRobot cannot load"):
         find(root).keep(tmp_path / "kept.json", [1, 2, 3, 4])

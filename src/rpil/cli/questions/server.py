@@ -159,7 +159,7 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             changed = change(given)
             return review.state() | changed, 200
         except DataError as error:
-            return {"error": str(error)}, 400
+            return {"error": error.in_shell}, 400
 
 
 def load_server() -> None:
