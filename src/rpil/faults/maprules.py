@@ -25,8 +25,11 @@ USUAL_NEXT_STATE = 0.75
 """Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
 of a hand, may be so always."""
 
-FEW, MOST_STILL = (4, 0.1), 0.25
-"""Demonstrations, or share of them, in which a column may never move before that is usual; and the share at most."""
+FEW = (4, 0.1)
+"""Demonstrations, or share of them, in which a column may never move before that is usual."""
+
+MOST_STILL = 0.25
+"""Share of the demonstrations in which a column never moves, up to which that is a fault."""
 
 
 def compare_maps(seen: Measurements) -> Iterator[AppliedRule]:

@@ -17,8 +17,11 @@ from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
-EXPLAINED, CONSTANT = 2.0, 1.1
-"""Times what undoing a fault gains that may be unusual before: it explains at least half, and an offset nine tenths."""
+EXPLAINED = 2.0
+"""Times what undoing a fault gains that may be unusual before: it explains at least half."""
+
+CONSTANT = 1.1
+"""The same of an offset, which explains nine tenths."""
 
 
 @dataclass(frozen=True, eq=False)

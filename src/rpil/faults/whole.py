@@ -21,8 +21,11 @@ NORMAL_DEVIATION = 0.6745
 LEAST_SPREAD = 0.02
 """Standard deviations of a column by which first, and last, steps do not differ."""
 
-UNUSUAL_LENGTHS, LENGTH_MARGIN = 0.02, 0.1
-"""Share of the demonstrations that are unusually short, and long; and by how much a joined one may be so."""
+UNUSUAL_LENGTHS = 0.02
+"""Share of the demonstrations that are unusually short, and long."""
+
+LENGTH_MARGIN = 0.1
+"""By how much a joined demonstration may be unusually short or long."""
 
 LARGE_CHANGE = 0.99
 """Quantile of the changes from step to step, in which a leap is measured."""
