@@ -11,7 +11,7 @@ from hand_made import groups_of
 from problems import fit_data_of, make, make_continuous
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.channels import StateScale, channels, own_log_prob
+from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import held_out_model
 from rpil.inference.scores import mean_variance
@@ -41,15 +41,6 @@ def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
     again = kept.log_odds(data, measure, SETTINGS)
     np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
-
-
-def test_channels_are_those_of_the_judged_steps(judged):
-    data, judgement, kept, (log_prob, log_ratio) = judged
-    found = kept.channels(data, log_prob, log_ratio, SETTINGS)
-    actions = kept.ratio.indicators(data.actions)
-    by_hand = channels(data, log_prob, log_ratio, actions, judgement.states, SETTINGS.held_out.errors)
-    np.testing.assert_array_equal(found, by_hand)
-    assert found.shape == (data.n_demonstrations, 7)
 
 
 def test_a_user_policy_replaces_the_ratio(judged):

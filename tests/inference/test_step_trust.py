@@ -11,7 +11,7 @@ from scipy.special import expit, logit
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.inference.step_trust import against_others, balanced, reliability_of, step_proba, step_shares
+from rpil.inference.step_trust import balanced, reliability_of, step_proba, step_shares
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -51,7 +51,7 @@ def test_a_demonstration_whose_steps_are_alike_has_equal_shares():
 def test_a_reliable_demonstration_is_taken_whole():
     problem = FitData(np.ones((8, 1)), np.zeros(8, int), np.array([0, 4, 8]), Discrete(2), np.zeros(2, int))
     log_ratio = np.array([4.0, 4.0, -4.0, 4.0, -4.0, -4.0, 4.0, -4.0])
-    reliability = against_others(problem, log_ratio, JudgeSettings())
+    reliability = reliability_of(problem, log_ratio, JudgeSettings())[0]
     assert reliability[0] > 0.5 > reliability[1]
     share = step_shares(problem, log_ratio, JudgeSettings(), 0.5)
     np.testing.assert_array_equal(share[:4], 0.5)

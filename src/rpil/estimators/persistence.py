@@ -183,7 +183,7 @@ def _try_out(estimator: SavedEstimator) -> None:
     if isinstance(estimator, RPIL):
         state, judge = estimator.state_, estimator.judge_  # neither where several tasks were judged
         check_sound(estimator.audit_)
-        sound &= state is None or (judge is None and np.isfinite(state.prior.log_odds))
+        sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
         if state is not None or judge is not None:
             one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
             sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()

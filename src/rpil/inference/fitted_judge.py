@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.inference.channels import StateScale, channels, own_log_prob
+from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
@@ -133,14 +133,6 @@ class FittedJudge:
         assert self.ratio is not None
         return self.ratio.step_ratios(features, actions, settings.held_out)
 
-    def channels(
-        self, data: FitData, log_prob: Float[Array, " N"], log_ratio: Float[Array, " N"], settings: JudgeSettings
-    ) -> Float[Array, "M C"]:
-        """The channels of demonstrations whose steps have these log-ratios."""
-        assert self.ratio is not None
-        actions = self.ratio.indicators(data.actions)
-        return channels(data, log_prob, log_ratio, actions, self.states, settings.held_out.errors)
-
     def step_ratios_of(
         self,
         policy: CrossFittedPolicy,
@@ -171,10 +163,5 @@ class FittedJudge:
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
         """Log-odds of the upper group against the lower, of demonstrations whose steps have these log-ratios."""
         score, squares = self.score(data, log_ratio, settings)
-        return self.groups.log_odds(score, self.score_variance(squares, data.lengths, settings))
-
-    def score_variance(
-        self, squares: Float[Array, " M"], lengths: Int[Array, " M"], settings: JudgeSettings
-    ) -> Float[Array, " M"]:
-        """Variance of the score, see `rpil.inference.scores.mean_variance`."""
-        return mean_variance(squares, lengths, self.step_variance, settings.variance_steps)
+        variance = mean_variance(squares, data.lengths, self.step_variance, settings.variance_steps)
+        return self.groups.log_odds(score, variance)

@@ -77,15 +77,10 @@ def step_shares(
     """The share s_n of each step in its demonstration, given the held-out `log_ratio` log pi_T - log pi_R; 1/2 in
     demonstrations with a reliability against the others of `whole_from` or more."""
     clipped = np.clip(log_ratio, -settings.max_log_ratio, settings.max_log_ratio)
-    reliability = against_others(data, log_ratio, settings)
+    reliability = reliability_of(data, log_ratio, settings)[0]
     proba = step_proba(reliability, clipped, data.lengths, settings.steps)
     share = balanced(logit(np.clip(proba, _LEAST_SHARE, 1 - _LEAST_SHARE)), data.lengths)
     return np.where(data.per_step(reliability >= whole_from), 0.5, share)
-
-
-def against_others(data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
-    """The reliability of each demonstration against the others, given log pi_T - log pi_R."""
-    return reliability_of(data, log_ratio, settings)[0]
 
 
 def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:

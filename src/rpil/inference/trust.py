@@ -23,7 +23,7 @@ from rpil.inference.held_out import HeldOutModel
 from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import StepTrust, against_others, reliability_of, step_shares
+from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
 from rpil.inference.trimming import fit_trimmed
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -119,7 +119,7 @@ def judge(
     against = np.zeros(len(log_ratio))
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
         claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
-    typical = float(np.median(against_others(data, against, settings)[scores.fit.group]))
+    typical = float(np.median(reliability_of(data, against, settings)[0][scores.fit.group]))
     whole_from = settings.steps.whole_reliability * typical
     shares = step_shares(data, against, settings, whole_from)
     steps = StepTrust(*reliability_of(data, log_ratio, settings), shares, whole_from)

@@ -23,11 +23,6 @@ class ExpertPrior:
     fixed: bool = False
 
     @property
-    def log_odds(self) -> float:
-        """logit p."""
-        return float(np.log(self.p) - np.log1p(-self.p))
-
-    @property
     def log(self) -> Float[Array, " 2"]:
         """log p and log (1 - p)."""
         return np.array([np.log(self.p), np.log1p(-self.p)])

@@ -47,6 +47,7 @@ class ClassifierPolicy:
     settings: CrossFitSettings
     lapse: float
     temperature: float = 1.0
+    """Both are chosen by `fit`."""
     models: tuple[Estimator, ...] = ()
     """One for each fold of demonstrations, or the one of `fit_all`."""
 
@@ -165,7 +166,7 @@ def cross_fitted_policy(
             f"The policy {name} has no predict_proba; give one that has, or wrap it in scikit-learn's "
             "CalibratedClassifierCV."
         )
-    return ClassifierPolicy(estimator, space.n, settings, settings.start_lapse)
+    return ClassifierPolicy(estimator, space.n, settings, settings.lapses[0])
 
 
 def _cross_fit(

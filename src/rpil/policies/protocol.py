@@ -17,14 +17,19 @@ Actions = Num[Array, "N ..."]
 
 
 @runtime_checkable
-class CrossFittedPolicy(Protocol):
-    """A policy whose `fit` returns held-out outputs: those of a model that was fitted without the demonstration."""
+class ActionModel(Protocol):
+    """The distribution of the actions in each state."""
 
     def outputs(self, features: Num[Array, "N D"]) -> Outputs:
-        """The outputs in new states: the mean over the models."""
+        """The outputs in each state, before the action is looked at; of several models their mean."""
 
     def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
         """log pi(a_n|s_n) of the actions taken: log-probabilities, or log-densities."""
+
+
+@runtime_checkable
+class CrossFittedPolicy(ActionModel, Protocol):
+    """A policy whose `fit` returns held-out outputs: those of a model that was fitted without the demonstration."""
 
     def fit(self, data: FitData, weight: Float[Array, " N"]) -> tuple[CrossFittedPolicy, Outputs]:
         """A policy fitted to weighted steps, one model for each fold of demonstrations, and its held-out outputs."""
@@ -34,14 +39,8 @@ class CrossFittedPolicy(Protocol):
 
 
 @runtime_checkable
-class Policy(Protocol):
+class Policy(ActionModel, Protocol):
     """A policy that EM can fit; instances are immutable."""
-
-    def outputs(self, features: Num[Array, "N D"]) -> Outputs:
-        """The outputs in each state, before the action is looked at."""
-
-    def log_prob(self, outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
-        """log pi(a_n|s_n) of the actions taken: log-probabilities, or log-densities."""
 
     def fit(
         self,

@@ -37,7 +37,7 @@ class SelectionSettings:
         check_settings(self.errors, min_scale="[0, inf)")
 
 
-@settings_record(n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)", start_lapse="(0, 1)")
+@settings_record(n_folds="[2, inf)", min_weight="[0, 1)", lapses="(0, 1)")
 class CrossFitSettings:
     """How an estimator is cross-fitted. All were chosen by hand, not tuned."""
 
@@ -49,5 +49,3 @@ class CrossFitSettings:
     """Temperatures to choose from; a classifier's logits are multiplied by one."""
     lapses: tuple[float, ...] = (1e-4, 1e-3, 0.01, 0.03, 0.1)
     """Probabilities to choose from that the action is any, uniformly."""
-    start_lapse: float = 0.01
-    """That probability before the fit."""

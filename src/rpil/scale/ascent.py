@@ -93,7 +93,7 @@ def ascend(
             candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
             new_value, new_sums = objective(candidate)
         policy, value, sums = candidate, new_value, new_sums
-        radius = 2.0 * radius if radius < settings.max_radius else np.inf
+        radius = 2.0 * radius if radius < settings.radius else np.inf
     return policy
 
 

@@ -20,10 +20,11 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
 from rpil.inference.answers import Answers
-from rpil.inference.channels import components, summaries
+from rpil.inference.channels import channels, components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.groups import fit_groups
+from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
 from rpil.inference.trust import Evidence, Judgement, conclude
@@ -83,10 +84,11 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
     scored = log_ratio if data.space.kind == "discrete" else log_prob
     score, squares = judge.score(data, scored, settings)
-    described = judge.channels(data, log_prob, log_ratio, settings)
-    described[:, 0] = score
     assert judge.ratio is not None
-    summed = summaries(data, judge.ratio.indicators(data.actions)).astype(np.float32)
+    actions = judge.ratio.indicators(data.actions)
+    described = channels(data, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
+    described[:, 0] = score
+    summed = summaries(data, actions).astype(np.float32)
     return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, summed)
 
 
@@ -111,7 +113,7 @@ def judge_everyone(
     score, squares, reliability, interval, described, summed = BlockScores.join(blocks, data.n_demonstrations)
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
-    variance = judge.score_variance(squares, lengths, settings)
+    variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, groups=groups)
     claims = extended(judged.claims, scores, sample.indices, settings)

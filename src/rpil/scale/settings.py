@@ -38,12 +38,10 @@ class AscentSettings:
     max_passes: int = 200
     """Passes at most."""
     radius: float = 2.0
-    """Largest change of a coefficient in the step after one that lowered the objective: the Hessian of a sample has no
-    curvature where the sample has no steps."""
+    """Largest change of a coefficient in the step after one that lowered the objective, until steps of that size
+    succeed: the Hessian of a sample has no curvature where the sample has no steps."""
     min_radius: float = 1e-4
     """Radius at which the ascent stops."""
-    max_radius: float = 64.0
-    """Radius from which steps are no longer bounded."""
     patience: int = 10
     """Passes in which the gradient must halve or the objective grow."""
     rounding: float = 1e-8

@@ -62,12 +62,7 @@ def sensor(observations: Array, actions: Array, space: Space, rng: np.random.Gen
 
 
 CORRUPTIONS: dict[str, Corruption] = {
-    "corrupted": corrupted,
-    "flip": flip,
-    "shift": shift,
-    "noisy": noisy,
-    "window": window,
-    "sensor": sensor,
+    function.__name__: function for function in (corrupted, flip, shift, noisy, window, sensor)
 }
 
 RANDOM = "random"

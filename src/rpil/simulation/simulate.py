@@ -20,9 +20,6 @@ from rpil.simulation.rollouts import RandomPolicy, record
 class Simulation:
     """M simulated demonstrations, good and bad in random order."""
 
-    env_id: str
-    kind: str
-    """Of the bad demonstrations."""
     episodes: list[tuple[Array, Array]]
     """Observations (n, D) and actions, (n,) or (n, A), of each."""
     is_good: NDArray[np.int64]
@@ -85,8 +82,6 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     is_good = np.random.default_rng(order_seed).permutation(np.repeat([1, 0], [n_good, n_bad]))
     order = np.argsort(np.argsort(-is_good, kind="stable"))  # the good, and the bad, among themselves as recorded
     return Simulation(
-        env_id=env_id,
-        kind=kind,
         episodes=[episodes[m] for m in order.tolist()],
         is_good=is_good,
         returns=np.array([episode.total_reward for episode in [*good, *bad]])[order],
