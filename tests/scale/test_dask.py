@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -169,12 +170,17 @@ def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
         list(placed.map(_steps))
 
 
-@pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:9", "tcp://localhost:99999", "nonsense", "tcp://host", "http://a:1"]
-)
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "tcp://localhost:99999"])
 def test_connect_refuses_an_address_without_scheduler(address):
-    with pytest.raises(DataError, match=f"{address}: no Dask scheduler answers there .*; check the address, as tcp://"):
+    with pytest.raises(DataError, match=f"{address}: no Dask scheduler answers there .*; check the address"):
         engine.connect(address, timeout=0.5)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "not an address", "tcp://host", "http://host:8786", "host:port"])
+def test_what_is_no_address_is_refused_at_once(address, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(DataError, match=r"it is no address of a Dask scheduler; write it as tcp://HOST:8786"):
+        engine.connect(address)
 
 
 def test_another_server_is_refused():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 TIMEOUT = 5.0
 """Seconds within which a scheduler answers."""
+
+_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(?:\[[^]]+\]|[^\s/:]+):\d{1,5}/?|inproc://\S+")
+"""Addresses of a scheduler, with host and port; of others Dask prints a traceback at the end of the process."""
 
 _SHARDS_PER_THREAD = 2
 """More than one, so that the shards of a worker that died can be divided among the others."""
@@ -54,10 +58,12 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
     MissingExtraError
         Where ``distributed`` is not installed.
     """
+    if _ADDRESS.fullmatch(address) is None:
+        raise DataError(f"{address}: it is no address of a Dask scheduler; write it as tcp://HOST:8786.")
     distributed = _distributed()
     with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
         greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
-    with guarded(address, "no Dask scheduler answers there", "check the address, as tcp://HOST:8786"):
+    with guarded(address, "no Dask scheduler answers there", "check the address"):
         greeted.result()
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     try:
