@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.step_weights import of_demonstrations, sign_with_answers, step_weight, weights_of, why_equal
+from rpil.results.step_weights import of_demonstrations, step_weight, weights_of, why_equal
 
 LENGTHS = np.array([2, 1, 1])
 
@@ -95,9 +95,10 @@ def test_who_scores_neither_high_nor_low_is_not_in_the_training_group():
     assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.4 + 0.1) / 2)
 
 
-def test_without_two_groups_steps_are_no_evidence_after_answers():
-    assert sign_with_answers(np.array([0.9, 0.1]), np.array([True, True])) == 0.0
-    assert sign_with_answers(np.array([0.9, 0.1]), np.array([True, False])) == pytest.approx(0.8)
+@pytest.mark.parametrize(("from_actions", "sign"), [((1.0, 2.0), 0.0), ((1.0, -1.0), 0.8)])
+def test_without_two_groups_steps_are_no_evidence_after_answers(from_actions, sign):
+    audit = make_audit(("open",) * 2, labels={0: 1, 1: -1}, anchor="answers", expert_proba=np.array([0.9, 0.1]))
+    assert of_demonstrations(replace(audit, from_actions=np.array(from_actions)))[1] == pytest.approx(sign)
 
 
 def test_a_named_adversary_weighs_by_p_expert():

@@ -164,12 +164,13 @@ def is_asked(audit: Judged) -> bool:
     return audit.anchor == "none" and not audit.answers.any and len(audit.pair) == 2
 
 
-def question(audit: Judged, fps: float | None = None) -> str:
-    """The question whose answer would say most, and where to look: the worst stretch of either demonstration.
+def question(audit: Judged, fps: float | None = None) -> str | None:
+    """The question whose answer would say most, and where to look, the worst stretch of either; None after an answer.
 
     Seconds are named where the frames a second, `fps`, are known.
     """
-    return f"Which is better: {' or '.join(where_to_look(audit, name, fps) for name in audit.pair)}?"
+    places = " or ".join(where_to_look(audit, name, fps) for name in audit.pair)
+    return f"Which is better: {places}?" if is_asked(audit) else None
 
 
 def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import partial
-from itertools import starmap
 
 import numpy as np
 
@@ -34,17 +32,18 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
     """
     if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
         return ()
-    worst = [_worst_steps(audit, m) for m in range(len(audit.ids))]
-    place = np.searchsorted(evidence.members, audit.copy_of)
-    rows = [evidence.data.offsets[k] + steps for k, steps in zip(place, worst, strict=True)]
-    if evidence.data.space.kind == "continuous":
-        return tuple(starmap(partial(_far_part, evidence), zip(rows, worst, strict=True)))
-    every = np.concatenate([audit.offsets[m] + steps for m, steps in enumerate(worst)])
-    if not len(every):
-        return ()
-    expected = np.split(outputs(every), np.cumsum([len(steps) for steps in worst])[:-1])
-    likely = (classes[each.argmax(axis=1)] for each in expected)
-    return tuple(map(_other_action, (classes[evidence.data.actions[own]] for own in rows), likely))
+    phrases, data = [], evidence.data
+    for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
+        steps = _worst_steps(audit, m)
+        rows = data.offsets[place] + steps
+        if not len(steps):
+            phrases.append("")
+        elif data.space.kind == "continuous":
+            phrases.append(_far_part(evidence, rows, steps))
+        else:
+            likely = outputs(audit.offsets[m] + steps).argmax(axis=1)
+            phrases.append(_other_action(classes[data.actions[rows]], classes[likely]))
+    return tuple(phrases)
 
 
 def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
@@ -72,8 +71,6 @@ def _other_action(taken: Array, likely: Array) -> str:
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
     """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
     of the typical by the median distance; "" where it does not."""
-    if not len(rows):
-        return ""
     parts = evidence_by_part(evidence.nats[rows].sum(axis=0))
     if not parts:
         return ""

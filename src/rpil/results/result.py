@@ -120,7 +120,7 @@ class AuditResult(Judged):
     @property
     def question(self) -> str | None:
         """The question whose answer would say most, "which is better?", and where to look; None after an answer."""
-        return answering.question(self) if answering.is_asked(self) else None
+        return answering.question(self)
 
     def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
         """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see

@@ -10,7 +10,7 @@ evidence: 1 for that of the training group T, -1 for that of the others R, 0 whe
                        c = 1;  0 where two groups have policies of their own
     two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
 
-One answer alone changes the weight of its own demonstration.
+Where T or R has no members, c = 0. One answer alone changes the weight of its own demonstration.
 """
 
 from __future__ import annotations
@@ -47,19 +47,13 @@ def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, "
         return proba, np.zeros(len(proba))
     labels = known.shared(audit.copy_of).labels
     if known.once(audit.copy_of).count >= audit.settings.keep.min_answers:
-        return proba, np.full(len(proba), sign_with_answers(proba, audit.from_actions > 0))
+        groups = [proba[audit.from_actions > 0], proba[audit.from_actions <= 0]]
+        sign = groups[0].mean() - groups[1].mean() if all(map(len, groups)) else 0.0
+        return proba, np.full(len(proba), sign)
     is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
     proba = np.where(labels, proba, expit(audit.from_actions))
     weighs_less = is_lower & (audit.identifiable | (labels < 0))
     return np.where(weighs_less, proba, 1.0), np.full(len(proba), float(audit.identifiable))
-
-
-def sign_with_answers(p_good: Float[Array, " M"], in_training_group: Array) -> float:
-    """How far the training group is the good one: the difference of the mean P(good) of the two groups; 0 where one of
-    them has no members."""
-    if in_training_group.all() or not in_training_group.any():
-        return 0.0
-    return float(p_good[in_training_group].mean() - p_good[~in_training_group].mean())
 
 
 def why_equal(audit: Judged) -> str:

@@ -123,7 +123,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> Vi
         "source": about.source,
         "seconds": about.seconds,
         **_finding(audit),
-        "question": answering.question(audit, about.fps) if asked else "",
+        "question": answering.question(audit, about.fps) or "",
         "pair": [places[name] for name in audit.pair] if asked else [],
         "doubts": list(audit.doubts),
         "notes": [note for note in audit.notes if TWO_GROUPS not in note],
@@ -178,15 +178,13 @@ def _finding(audit: AuditResult) -> View:
             "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
         },
         "words": {
-            "upper": words.upper,
-            "lower": words.lower,
-            "probability": words.probability,
+            **{name: getattr(words, name) for name in ("upper", "lower", "probability")},
             "meaning": words.meaning(audit.expert_proba),
             "threshold": audit.settings.min_proba(audit.anchor),
         },
         "sides": {word: SIDES[word] for word in counts},
         "counts": counts,
-        "share": {"mean": audit.prior.mean, "low": audit.prior.low, "high": audit.prior.high},
+        "share": asdict(audit.prior),
         "adversary": audit.adversary,
         "mean_weight": float(np.mean(audit.step_weight)),
     }
@@ -250,9 +248,7 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         return {"kinds": [], "found": {}, "not_checked": [], "usual": []}
     places = {str(name): m for m, name in enumerate(audit.ids)}
     found = report.findings[:MAX_FOUND]
-    reasons: dict[str, list[str]] = {}
-    for rule, reason in report.not_checked.items():
-        reasons.setdefault(reason, []).append(rule)
+    unknown = report.not_checked
     return {
         "kinds": [
             {"rule": rule, "words": RULES[rule].words, "n": count}
@@ -265,6 +261,9 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
             "last": [one.last for one in found],
             "sentence": [one.sentence if str(one.id) in places else f"{one.id}: {one.sentence}" for one in found],
         },
-        "not_checked": [{"reason": reason, "rules": rules} for reason, rules in reasons.items()],
+        "not_checked": [
+            {"reason": reason, "rules": [rule for rule in unknown if unknown[rule] == reason]}
+            for reason in dict.fromkeys(unknown.values())
+        ],
         "usual": list(report.usual.values()),
     }
