@@ -39,7 +39,7 @@ print(f"rank correlation with the score: {spearmanr(audit.log_odds, score).stati
 # %%
 # Left: the ranking, as `audit.plot.ranking()` draws it. Right: the score against it.
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 6), layout="constrained")
-audit.plot.ranking(quantity="log_odds", ax=left)
+audit.plot.ranking(ax=left)
 right.plot(score, audit.log_odds, "o")
 right.set(xlabel="score that the audit did not see", ylabel="log-odds (nats)")
 right.spines[["top", "right"]].set_visible(False)

@@ -24,7 +24,7 @@ BUDGETS = {
     "mixture": (808, 20),
     "numerics": (590, 14),
     "policies": (1931, 64),
-    "results": (3479, 59),
+    "results": (3460, 59),
     "scale": (799, 25),
     "simulation": (874, 2),
 }

@@ -73,24 +73,10 @@ def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour
     assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]
 
 
-def test_ranking_by_log_odds_keeps_labelled_demonstrations_in_the_picture() -> None:
-    audit = make_audit(("typical", "typical", "unlike"), log_odds=np.array([np.inf, 4.0, -np.inf]))
-    ax = audit.plot.ranking(quantity="log_odds")
-    drawn = np.concatenate(
-        [line.get_xdata() for line in ax.lines if line.get_label().startswith(("typical", "unlike"))]
-    )
-    np.testing.assert_array_equal(drawn, [8.0, 4.0, -8.0])
-
-
 def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
     ax = make_audit(("typical", "unlike") * 50).plot.ranking()
     assert ax.get_ylabel() == "Rank"
     assert len(ax.get_yticks()) < 20
-
-
-def test_ranking_refuses_an_unknown_quantity() -> None:
-    with pytest.raises(ValueError, match="'reliability' or 'log_odds'"):
-        make_audit().plot.ranking(quantity="trust")
 
 
 def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,25 +31,15 @@ class AuditPlots:
 
     audit: AuditResult = field(repr=False)
 
-    def ranking(self, *, quantity: Literal["reliability", "log_odds"] = "reliability", ax: Axes | None = None) -> Axes:
-        """Every demonstration, the most trusted at the top: its reliability with the 95 % interval, or its log-odds."""
-        if quantity not in ("reliability", "log_odds"):
-            raise ValueError(f"quantity is 'reliability' or 'log_odds', not {quantity!r}.")
+    def ranking(self, *, ax: Axes | None = None) -> Axes:
+        """The reliability of every demonstration with its 95 % interval, the most trusted at the top."""
         audit, order = self.audit, self.audit.ranking()
-        size, words = len(order), audit.words
+        size = len(order)
         ax = _axes(ax, (6.4, 1.2 + 0.2 * min(size, MAX_NAMED_ROWS)))
-        if quantity == "reliability":
-            colours = [COLOURS[SIDES[audit.verdicts[m]]] for m in order]
-            ax.hlines(np.arange(size), *audit.reliability_interval[order].T, color=colours, alpha=0.4, linewidth=2)
-            ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {words.upper} steps, 95 % interval)")
-        else:
-            # Log-odds grow with the number of steps: some are hundreds of nats, others near 0.
-            ax.set_xscale("symlog", linthresh=10)
-            ax.axvline(0, color=COLOURS["open"], linewidth=0.8)
-            ax.set(xlabel=f"Log-odds of {words.upper} against {words.lower} (nats, logarithmic beyond 10)")
-        values = getattr(audit, quantity)[order]
-        bound = 2 * np.abs(values[np.isfinite(values)]).max(initial=1)  # infinite ones are drawn beyond all others
-        _dots(ax, audit, order, values.clip(-bound, bound), np.arange(size))
+        colours = [COLOURS[SIDES[audit.verdicts[m]]] for m in order]
+        ax.hlines(np.arange(size), *audit.reliability_interval[order].T, color=colours, alpha=0.4, linewidth=2)
+        ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {audit.words.upper} steps, 95 % interval)")
+        _dots(ax, audit, order, audit.reliability[order], np.arange(size))
         has_names = size <= MAX_NAMED_ROWS
         if has_names:
             ax.set_yticks(np.arange(size), [printable(audit.ids[m]) for m in order], parse_math=False)
