@@ -17,7 +17,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 from rpil.policies.folds import deal, pieces
-from rpil.policies.heads import Head, StudentHead, initial_head
+from rpil.policies.heads import Head, initial_head
 from rpil.policies.networks import (
     EVALUATION_ROWS,
     Loss,
@@ -171,18 +171,15 @@ class TorchPolicy:
 
         It is trained for the number of epochs that is best for new networks that are cross-fitted.
         """
-        unit = self._unit_of_step(data)
-        start = self._initial(data, unit)
-        if self.trained is not None:
-            start = replace(start, head=self.trained.head)  # fitted to held-out errors
-        elif isinstance(start.head, StudentHead):
-            start = replace(start, head=self.fit(data, weight)[0]._head)
+        if self.trained is None:
+            return self.fit(data, weight)[0].fit_all(data, weight)
+        unit, head = self._unit_of_step(data), self.trained.head  # which was fitted to held-out errors
+        start = replace(self._initial(data, unit), head=head)
         epochs = self.epochs
         if self.patience is not None:
             epochs = max(self._train(start, data, unit, weight)[1], 1)
         single = replace(self, n_folds=1, space=data.space, patience=None, epochs=epochs)
-        start = replace(single._initial(data, unit), head=start.head)
-        trained, _ = single._train(start, data, unit, weight)
+        trained, _ = single._train(replace(single._initial(data, unit), head=head), data, unit, weight)
         return replace(self, n_folds=1, space=data.space, trained=trained)
 
     @property

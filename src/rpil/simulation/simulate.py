@@ -67,18 +67,15 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     good_seed, bad_seed, policy_seed, corruption_seed, order_seed = seeds
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
-    if kind == RANDOM:
-        bad = record(RandomPolicy(space, policy_seed), env_id, n_episodes=n_bad, seed=bad_seed)
-        corrupted = [(episode.observations, episode.actions) for episode in bad]
-    else:
-        bad = record(driver, env_id, n_episodes=n_bad, seed=bad_seed)
+    bad_driver = RandomPolicy(space, policy_seed) if kind == RANDOM else driver
+    bad = record(bad_driver, env_id, n_episodes=n_bad, seed=bad_seed)
+    episodes = [(episode.observations, episode.actions) for episode in [*good, *bad]]
+    if kind != RANDOM:
         # One generator per episode: the first bad demonstrations do not depend on `n_bad`.
         streams = np.random.default_rng(corruption_seed).spawn(n_bad)
-        corrupted = [
-            CORRUPTIONS[kind](episode.observations, episode.actions, space, rng)
-            for episode, rng in zip(bad, streams, strict=True)
+        episodes[n_good:] = [
+            CORRUPTIONS[kind](*episode, space, rng) for episode, rng in zip(episodes[n_good:], streams, strict=True)
         ]
-    episodes = [*((episode.observations, episode.actions) for episode in good), *corrupted]
     is_good = np.random.default_rng(order_seed).permutation(np.repeat([1, 0], [n_good, n_bad]))
     order = np.argsort(np.argsort(-is_good, kind="stable"))  # the good, and the bad, among themselves as recorded
     return Simulation(
