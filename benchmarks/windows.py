@@ -31,7 +31,7 @@ from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
-from rpil.results.reasons import MAX_LOG_RATIO
+from rpil.results.judged import MAX_LOG_RATIO
 from rpil.simulation.corruptions import window
 from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
