@@ -31,7 +31,10 @@ from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
+<<<<<<< HEAD
 from rpil.results.judged import MAX_LOG_RATIO
+=======
+>>>>>>> 0fd71c94 (One number says how many demonstrations are drawn, and one how far log-ratios count)
 from rpil.simulation.corruptions import window
 from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
@@ -149,7 +152,8 @@ def _game(task: str, _: str, has_window: Array, rng: np.random.Generator) -> tup
 def scores_of(judged: Judged) -> dict[str, Array]:
     """What the audit says of each step, (N,); larger is better."""
     audit = judged.audit
-    bounded = np.clip(audit.step_log_ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO)
+    bound = audit.settings.judge.max_log_ratio
+    bounded = np.clip(audit.step_log_ratio, -bound, bound)
     of_trust = audit.reliability, bounded, judged.lengths
     proba = {name: step_proba(*of_trust, settings) for name, settings in ({"P(step)": StepSettings()} | OTHERS).items()}
     return {"log-ratio": audit.step_log_ratio} | proba | {"weight": audit.step_weight}

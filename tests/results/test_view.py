@@ -12,8 +12,9 @@ from rpil.faults.report import Fault, FaultReport
 from rpil.inference.answers import Answers
 from rpil.results.answering import stretch_of
 from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.traces import MAX_DRAWN
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.view import MAX_DRAWINGS, About, looking_order, make_view
+from rpil.results.view import About, looking_order, make_view
 
 
 def view(audit: Audit, **about):
@@ -114,9 +115,9 @@ def test_groups_and_demonstrators():
 
 
 def test_those_most_worth_a_look_are_drawn():
-    n = MAX_DRAWINGS + 20
+    n = MAX_DRAWN + 20
     audit = make_audit(("typical",) * (n - 5) + ("unlike",) * 5, lengths=[6] * n)
-    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWINGS]
+    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWN]
 
 
 def test_infinite_log_odds_are_numbers():

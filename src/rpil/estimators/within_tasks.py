@@ -24,9 +24,10 @@ from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.assumptions import assumption_sentences
-from rpil.results.evidence import MAX_DRAWN, with_fewer_traces
+from rpil.results.evidence import with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
+from rpil.results.traces import MAX_DRAWN
 from rpil.scale.sample import is_large
 
 

@@ -45,7 +45,7 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
         "compared_with": traces.compared_with if traces else "typical",
         "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
-            {"name": part.name, "share": round(part.share, 4), "nats": _short(part.nats)}
+            {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}
             | packed({"value": part.value, "low": part.low, "high": part.high})
             for part in (traces.parts if traces else ())
         ],
@@ -59,7 +59,7 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
     scaled = LEVELS * (values - low) / (high - low or 1.0)
     codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
-    return {"from": _short(low), "to": _short(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
+    return {"from": significant(low), "to": significant(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
 
 
 def _as_text(codes: Int[Array, " P"]) -> str:
@@ -67,5 +67,6 @@ def _as_text(codes: Int[Array, " P"]) -> str:
     return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
 
 
-def _short(value: float) -> float:
+def significant(value: float) -> float:
+    """A number with six significant digits."""
     return float(f"{value:.6g}")

@@ -32,14 +32,12 @@ from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import at_actions
 from rpil.results.record import Audit
-from rpil.results.traces import TracedPart, Traces, bin_means, bin_starts
+from rpil.results.traces import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.words import SIDES
 
 PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 """The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
 
-MAX_DRAWN = 300
-"""Demonstrations with traces."""
 BAND = 0.05, 0.95
 """Quantiles of what the typical do that are drawn."""
 

@@ -48,9 +48,6 @@ class Demonstrator:
 ALONE = "Not judged: it is the only demonstration of its task or session."
 """The reason for a verdict that is open for want of other demonstrations."""
 
-MAX_LOG_RATIO = 50.0
-"""Nats. Log-ratios of steps are bounded by this in sums: one impossible step is not all there is to say."""
-
 SHARE = (0.0, 1.0)
 """Limits of a probability or a share."""
 
@@ -151,9 +148,9 @@ class Judged:
         return slice(int(self.offsets[index]), int(self.offsets[index + 1]))
 
     def log_ratio(self, index: int) -> Float[Array, " n"]:
-        """Log-ratios of the steps of demonstration `index` within `MAX_LOG_RATIO`, in double precision."""
-        ratio = self.step_log_ratio[self.steps(index)]
-        return np.asarray(np.clip(ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float))
+        """Log-ratios of the steps of demonstration `index`, bounded: one impossible step is not all there is to say."""
+        bound = self.settings.judge.max_log_ratio
+        return np.asarray(np.clip(self.step_log_ratio[self.steps(index)], -bound, bound, dtype=float))
 
 
 def table_fields(kind: type[Judged]) -> Iterator[tuple[str, str, Any]]:

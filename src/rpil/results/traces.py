@@ -10,6 +10,9 @@ import numpy as np
 from rpil.data.archive import array_field, stored
 from rpil.numerics.types import Array, Float, Int
 
+MAX_DRAWN = 300
+"""Demonstrations with traces, and with drawings on a page: those that are most worth a look."""
+
 MAX_POINTS = 400
 """Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
 

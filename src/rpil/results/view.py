@@ -70,20 +70,15 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array
 from rpil.results import answering
-from rpil.results.drawings import drawings
+from rpil.results.drawings import drawings, significant
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.traces import MAX_DRAWN
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
 from rpil.results.words import SIDES
 
-MAX_DRAWINGS = 300
-"""Demonstrations with drawings, those that are most worth a look."""
-
 MAX_FOUND = 20_000
 """Recording faults of a view, the worst."""
-
-DIGITS_SHOWN = 6
-"""Significant digits of log-odds."""
 
 DECIMALS_SHOWN = 9
 """Of probabilities and shares."""
@@ -112,7 +107,7 @@ class About:
     seconds: float | None = None
 
 
-def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWINGS) -> View:
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """The view of an audit, with drawings of the `drawn` first in the order of looking."""
     order, n_review = looking_order(audit)
     asked = answering.is_asked(audit)
@@ -239,7 +234,7 @@ def _decimals(values: Array) -> list[float]:
 def _significant(values: Array) -> list[float]:
     """Numbers with few digits; infinite ones as large as an audit's may be, because JSON has no infinity."""
     bounded = np.nan_to_num(values, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS).tolist()
-    return [float(f"{value:.{DIGITS_SHOWN}g}") for value in bounded]
+    return [significant(value) for value in bounded]
 
 
 def _faults(audit: AuditResult, report: FaultReport | None) -> View:
