@@ -31,10 +31,6 @@ from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
-<<<<<<< HEAD
-from rpil.results.judged import MAX_LOG_RATIO
-=======
->>>>>>> 0fd71c94 (One number says how many demonstrations are drawn, and one how far log-ratios count)
 from rpil.simulation.corruptions import window
 from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
