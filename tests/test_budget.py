@@ -18,7 +18,7 @@ BUDGETS = {
     "cli": (2849, 19),
     "data": (3414, 42),
     "estimators": (2332, 15),
-    "faults": (2289, 81),
+    "faults": (2295, 81),
     "formats": (9320, 107),
     "inference": (2707, 88),
     "mixture": (808, 20),

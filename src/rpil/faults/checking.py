@@ -79,14 +79,9 @@ def check(
     --------
     >>> rpil.check(rpil.open("drive.parquet")).counts     # doctest: +SKIP
     """
-    if isinstance(recording, Recording):
-        given = times.fps if times else None
-        times = times or recording.times()
-        times = replace(times, fps=given or recording.description.fps or times.fps)
-        demonstrations = _with_missing(recording)
-    else:
-        times, demonstrations = times or Times(), recording
+    times = _times_of(recording, times)
     times = replace(times, fps=fps or times.fps)
+    demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     with allow_missing():
         labels = column_labels(demonstrations)
         sample, numbers = pilot(demonstrations, labels, settings)
@@ -126,6 +121,17 @@ def check(
         tuple(f.id for f in missing) if skip_bad else (),
         n_expected,
     )
+
+
+def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | None) -> Times:
+    """The times that are given, or else those of the recording, whose metadata may state the frames a second."""
+    if not isinstance(recording, Recording):
+        return times or Times()
+    stated = recording.description.fps
+    if times is None:
+        times = recording.times()
+        return replace(times, fps=stated or times.fps)
+    return replace(times, fps=times.fps or stated)
 
 
 def _compare(seen: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:
