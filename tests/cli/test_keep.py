@@ -75,7 +75,7 @@ def test_keep_by_labels_keeps_what_has_no_label(folder):
     printed = ok(*call, "kept.parquet").stdout.splitlines()
     assert printed[:4] == [
         "Kept 11 of 12 demonstrations: kept.parquet",
-        "9 of these are not named in labels.csv.",
+        "9 of these are not named in labels.csv: --only IDS keeps some alone.",
         "Rejected: 1 by your labels.",
         "  by your labels: 4",
     ]
