@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3414, 42),
     "estimators": (2332, 15),
     "faults": (2295, 81),
-    "formats": (9320, 107),
+    "formats": (9331, 107),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -264,7 +264,7 @@ def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray
     they do already, because to gather rows copies all the data.
     """
     # Of runs of rows, which are fewer than rows.
-    heads = np.flatnonzero(np.append(len(group) > 0, group[1:] != group[:-1]))
+    heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)[: len(group)]
     lengths = np.diff(np.append(heads, len(group)))
     values, first, inverse = np.unique(group[heads], return_index=True, return_inverse=True)
     appearance = np.argsort(first, kind="stable")

@@ -73,6 +73,8 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     table = read_columns(rows, names)
     check_any(len(table), source)
     names_of, group = flat.id_codes(table, columns.episode, lambda row: place_of(rows, row, names))
+    table = table.select(list(dict.fromkeys([*columns.orders, *columns.parts])))
+    flat.free_memory()  # of the ids, which are as large as all else here
 
     def at(row: int) -> str:
         return place_of(rows, row, names, lambda row: f", demonstration {names_of[group[row]]!r}")
@@ -134,6 +136,8 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
     """
+    if not columns.orders:
+        return Order(words=_FILE_ORDER), None
     by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""

@@ -218,6 +218,13 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     return ids.dictionary.to_pylist(), np.repeat(ids.indices.to_numpy(), np.concatenate(lengths))
 
 
+def free_memory() -> None:
+    """Let Arrow give back the memory of tables that are gone, which it would keep for the next ones."""
+    import pyarrow as pa
+
+    pa.default_memory_pool().release_unused()
+
+
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
     import pyarrow as pa
