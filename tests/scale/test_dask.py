@@ -58,7 +58,7 @@ def demonstrations(maker=make, kind="noisy"):
 
 
 def assert_same(one, other):
-    for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability", "history"):
+    for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(one.audit_, name), getattr(other.audit_, name), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(one.coef_, other.coef_, rtol=1e-6, atol=1e-6)
     assert one.audit_.verdicts == other.audit_.verdicts
