@@ -43,8 +43,9 @@ def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
 
 
-READY = interrupt("rpil.cli.main", "print('ready', flush=True)") + RUN
-"""From then on an interruption meets the command, and not what Python does before."""
+READY = interrupt("rpil.cli.main", "print('ready', flush=True)")
+READY += interrupt("rpil.faults.checking", "import time; time.sleep(2)") + RUN
+"""After "ready" an interruption meets the command, and not what Python does before; an audit lasts two seconds more."""
 
 
 def check(code: int, stdout: str, stderr: str) -> None:
