@@ -44,8 +44,8 @@ def interrupt(name, what="raise KeyboardInterrupt"):
 
 
 READY = interrupt("rpil.cli.main", "print('ready', flush=True)")
-READY += interrupt("rpil.faults.checking", "import time; time.sleep(2)") + RUN
-"""After "ready" an interruption meets the command, and not what Python does before; an audit lasts two seconds more."""
+READY += interrupt("rpil.estimators.auditing", "import time; time.sleep(2)") + RUN
+"""After "ready" an interruption meets the command, and not what Python does before; an audit lasts two seconds more, in the import of the judge."""
 
 
 def check(code: int, stdout: str, stderr: str) -> None:
