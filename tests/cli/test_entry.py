@@ -45,7 +45,8 @@ def interrupt(name, what="raise KeyboardInterrupt"):
 
 READY = interrupt("rpil.cli.main", "print('ready', flush=True)")
 READY += interrupt("rpil.estimators.auditing", "import time; time.sleep(2)") + RUN
-"""After "ready" an interruption meets the command, and not what Python does before; an audit lasts two seconds more, in the import of the judge."""
+"""After "ready" an interruption meets the command, and not what Python does before. The import of the judge takes two
+seconds, so that an audit is not over before the interruption."""
 
 
 def check(code: int, stdout: str, stderr: str) -> None:
