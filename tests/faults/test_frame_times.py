@@ -31,6 +31,15 @@ def test_dropped_frames_are_found_with_and_without_a_frame_rate():
         assert "20 ms" in report.usual["dropped frames"]
 
 
+def test_the_frame_rate_of_the_user_comes_before_that_of_the_times():
+    stamps = times([(2, 30, 3), (4, 10, 1)])
+    reports = [check(CLEAN, times=Times(stamps, fps), fps=100.0) for fps in (50.0, None)]
+    assert {report.usual["dropped frames"] for report in reports} == {
+        check(CLEAN, times=Times(stamps, 100.0)).usual["dropped frames"]
+    }
+    assert "10 ms" in reports[0].usual["dropped frames"]
+
+
 def test_time_that_stands_still_is_a_repeated_frame():
     report = check(CLEAN, times=Times(times([(1, 20, -1)])))
     assert rules(report) == [("repeated frames", 1, 20)]

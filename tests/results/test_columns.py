@@ -342,3 +342,6 @@ def test_other_files_are_refused(path, audits, tmp_path, monkeypatch):
     path.write_bytes(content)
     monkeypatch.setattr(saved, "MAX_DEMONSTRATIONS", 9)
     refused(path, "it holds more than 9 demonstrations")
+    with pytest.raises(DataError, match=r"new\.rpil: more than 9 demonstrations are not saved; write their verdicts\."):
+        full_audit().save(tmp_path / "new.rpil")
+    assert not (tmp_path / "new.rpil").exists()

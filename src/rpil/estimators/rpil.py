@@ -202,13 +202,13 @@ class RPIL(PolicyEstimator):
 
     def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
         """Judge each task and session by itself, and learn one policy by the weights of all."""
-        options = self._options()
+        options, several = self._options(), len(groups_of(recording, stated)) > 1
+        task = Task.of(recording.demonstrations.select(slice(None)), self.action_box) if several else None
         audit, fits = fit_within_tasks(recording, stated, options)
         self._seen(recording.demonstrations)
-        if len(groups_of(recording, stated)) == 1:
+        if task is None:
             self._keep(*fits[0])
         else:
-            task = Task.of(recording.demonstrations.select(slice(None)), self.action_box)
             self._keep(task, learn(task, options, audit))
             decisions = [result.decision for _, result in fits]
             self.n_iter_ = sum(decision.n_iter for decision in decisions)

@@ -79,8 +79,7 @@ def check(
     --------
     >>> rpil.check(rpil.open("drive.parquet")).counts     # doctest: +SKIP
     """
-    times = _times_of(recording, times)
-    times = replace(times, fps=fps or times.fps)
+    times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     with allow_missing():
         labels = column_labels(demonstrations)
@@ -123,15 +122,13 @@ def check(
     )
 
 
-def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | None) -> Times:
-    """The times that are given, or else those of the recording, whose metadata may state the frames a second."""
+def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | None, fps: float | None) -> Times:
+    """The times that are given, or else those of the recording; what the user says of the frames a second is first."""
+    fps = fps or (times.fps if times else None)
     if not isinstance(recording, Recording):
-        return times or Times()
-    stated = recording.description.fps
-    if times is None:
-        times = recording.times()
-        return replace(times, fps=stated or times.fps)
-    return replace(times, fps=times.fps or stated)
+        return replace(times or Times(), fps=fps)
+    times = times or recording.times()
+    return replace(times, fps=fps or recording.description.fps or times.fps)
 
 
 def _compare(seen: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:

@@ -32,16 +32,16 @@ from rpil.policies.networks import (
 )
 from rpil.policies.protocol import Actions, Outputs
 
-N_PIECES, VALIDATED_EVERY = 20, 5
-"""Pieces into which steps are cut where no whole demonstration can be held out; one demonstration, or piece, in so many
-is validated on where there is one network. Chosen by hand, not tuned."""
+N_PIECES = 20
+"""Pieces into which steps are cut where no whole demonstration can be held out. Chosen by hand, not tuned."""
+VALIDATED_EVERY = 5
+"""One demonstration, or piece, in so many is validated on where there is one network. Chosen by hand, not tuned."""
 
 MIN_VALIDATED_SHARE = 0.01
 """Share of the total weight that a network must be trained on to be validated. Chosen by hand, not tuned."""
 
 N_TRAININGS = 3
 """Trainings at most, after each of which the head is fitted to held-out errors."""
-
 MIN_BATCH = 16
 """Rows of a mini-batch, and mini-batches of an epoch, at least, where there are rows for both: small data need not many
 epochs. Chosen by hand, not tuned."""

@@ -29,7 +29,7 @@ SCHEMA = "rpil audit"
 AGAIN = "run rpil audit --save again"
 
 MAX_DEMONSTRATIONS = 100_000
-"""Of a saved audit of which a page is made."""
+"""Of a saved audit: its page is made as it is read."""
 
 NOT_SHARED = ("report", "weights", "verdicts", "keep", "save", "scheduler")
 """Options of ``rpil audit`` that no command of a page has: files to write, and an address that may send code."""
@@ -38,7 +38,9 @@ A = TypeVar("A", bound=AuditResult)
 
 
 def write_audit(path: StrPath, audit: AuditResult, about: About) -> None:
-    """Write an audit to a file of any name."""
+    """Write an audit to a file of any name; a `DataError` where it is too large to be read again."""
+    if len(audit.ids) > MAX_DEMONSTRATIONS:
+        raise DataError(f"{path}: more than {MAX_DEMONSTRATIONS:,} demonstrations are not saved; write their verdicts.")
     arrays: dict[str, Array] = {}
     header = {"schema": SCHEMA, "version": VERSION, "rpil": rpil_version()}
     content = {"audit": encode(audit, "audit", arrays), "about": encode(about, "about", arrays)}

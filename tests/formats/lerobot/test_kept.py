@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
+import rpil
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.formats.registry import find
 
@@ -71,7 +72,7 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, drive):
 def test_idle_ends_are_cut_with_their_frames(tmp_path, drive):
     version, _, root, old = drive
     trims = {1: (3, 9), 2: (0, 5), 4: (5, 8)}
-    find(root).keep(tmp_path / "kept", [0, 1, 2, 4, 5], trims=trims)
+    rpil.open(root).keep([0, 1, 2, 4, 5], tmp_path / "kept", trims)
     new = folders.read(tmp_path / "kept")
     for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
         assert_same(one, old[m], *trims.get(m, (0, None)))

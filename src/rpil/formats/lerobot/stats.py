@@ -1,4 +1,4 @@
-"""ColumnStatistics as LeRobot writes them: of numbers, and of episodes joined as LeRobot joins them."""
+"""Statistics as LeRobot writes them: of numbers, and of episodes joined as LeRobot joins them."""
 
 from __future__ import annotations
 
