@@ -69,10 +69,10 @@ print(peak() - before)
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not say how much memory was taken")
 def test_memory_does_not_grow_with_the_data(tmp_path):
-    """Six times the steps in hardly more memory."""
+    """Six times the steps in hardly more memory: the least of three measurements, as threads take more by chance."""
     taken = []
-    # The allocators of threads would keep more or less, by chance.
-    environment = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1"}
+    one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread of BLAS has buffers of its own
+    environment = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1"} | one_thread
     for n_steps in (100_000, 600_000):  # each is many blocks, of which a few are in memory
         path = tmp_path / f"{n_steps}.parquet"
         rng = np.random.default_rng(0)
@@ -84,7 +84,10 @@ def test_memory_does_not_grow_with_the_data(tmp_path):
         # One row group: not even that may be in memory as a whole.
         pq.write_table(table, path, row_group_size=n_steps, use_dictionary=["episode_index", "action"])
         command = [sys.executable, "-W", "ignore", "-c", MEASURE, str(path)]
-        out = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
-        taken.append(float(out.stdout))
+        measured = [
+            float(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout)
+            for _ in range(3)
+        ]
+        taken.append(min(measured))
     assert 0 < taken[0] < 400e6  # what the judge reads, and the pages of forty columns
     assert taken[1] - taken[0] < 0.25 * 500_000 * 40 * 4
