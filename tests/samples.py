@@ -196,31 +196,6 @@ def npz_folder(folder: Path) -> Path:
     return path
 
 
-def donkeycar(folder: Path) -> Path:
-    """A tub of one drive, of which records were deleted, so that three stretches are left."""
-    path = folder / "tub"
-    (path / "images").mkdir(parents=True)
-    numbers = [*range(5), *range(7, 14), *range(20, 26)]  # one record more than steps in each stretch
-    driven = _RNG.normal(size=(30, 2))
-    for part in range(2):
-        records = [
-            {"_index": k, "_timestamp_ms": 50 * k, "cam/image_array": f"{k}.jpg", "user/mode": "user"}
-            | {"user/angle": driven[k, 0], "user/throttle": driven[k, 1]}
-            for k in range(15 * part, 15 + 15 * part)
-        ]
-        (path / f"catalog_{part}.catalog").write_text("".join(f"{json.dumps(one)}\n" for one in records))
-        beside = {"line_lengths": [1] * len(records), "start_index": 15 * part}
-        (path / f"catalog_{part}.catalog_manifest").write_text(json.dumps(beside))
-        for one in records:
-            (path / "images" / str(one["cam/image_array"])).write_text(str(one["_index"]))
-    fields = {"cam/image_array": "image_array", "user/angle": "float", "user/throttle": "float", "user/mode": "str"}
-    last = {"paths": ["catalog_0.catalog", "catalog_1.catalog"], "current_index": 30, "max_len": 15}
-    last |= {"deleted_indexes": sorted({*range(30)} - {*numbers})}
-    lines = [list(fields), list(fields.values()), {}, {"created_at": 1.0}, last]
-    (path / "manifest.json").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
-    return path
-
-
 def _hdf5(name: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         import hdf5_files
@@ -264,7 +239,6 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "imitation": imitation,
     "imitation, NPZ": imitation_npz,
     "folder of NPZ": npz_folder,
-    "Donkeycar": donkeycar,
 }
 if find_spec("h5py"):
     SAMPLES |= {name: _hdf5(name) for name in ("robomimic", "d4rl", "aloha")} | {"Minari, HDF5": minari_hdf5}

@@ -31,7 +31,7 @@ NUMBERED_ANEW = {"LeRobot", "Zarr", "Minari", "imitation", "HDF5 of D4RL", "HDF5
 """Formats whose demonstrations are called by their places in the file."""
 
 TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
-RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20, "Donkeycar": 20}
+RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
 ACTION_NAMES = {"LeRobot": ("action.a", "action.b"), "aloha": tuple(f"action.{k}" for k in range(14))}
 
 

@@ -48,7 +48,6 @@ FORMATS: Iterable[Format] = Formats(
     "robomimic",
     "d4rl",
     "aloha",
-    "donkeycar",
     "npz_folder",
     "hdf5",
     "table_folder",
