@@ -23,7 +23,7 @@ from rpil.cli.commands import AuditRun
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
-from rpil.formats.recording import from_demonstrations
+from rpil.formats.recording import from_demonstrations, from_tables
 from rpil.results.record import Audit
 from rpil.results.saved import read_audit
 
@@ -68,7 +68,7 @@ def test_secrets_of_an_address_are_in_no_report():
     parts = np.random.default_rng(0).normal(size=(2, audit.offsets[-1], 2))
     source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
-    recording = from_demonstrations(data, "CSV")
+    recording = from_tables(from_demonstrations(data, "CSV"))
     given = AuditRun(audit, recording.description.source, recording, {})
     with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
         ctx.params["file"] = given.source
@@ -187,7 +187,8 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.rpil"}
     assert tuple(paths) == outputs.OUTPUTS
     stages: list[str] = []
-    recording = from_demonstrations(Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2])), "arrays")
+    data = Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2]))
+    recording = from_tables(from_demonstrations(data, "arrays"))
     audit, faults = make_audit(), check(recording.demonstrations)
     given = AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):

@@ -17,7 +17,7 @@ from command_line import ok
 from problems import make, make_continuous
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from rpil.formats.recording import from_demonstrations
+from rpil.formats.recording import from_demonstrations, from_tables
 from small import FAST, SMALL
 
 
@@ -66,7 +66,7 @@ def test_it_says_what_the_command_says(folder):
 @pytest.mark.parametrize("settings", [FAST, SMALL], ids=["in memory", "by passes"])
 def test_an_audit_is_that_of_a_fit_and_keeps_no_policy(settings, maker):
     toy, judged, fitted = maker("random", 0, n_good=80, n_bad=40, steps=(20, 60)), [], []
-    data = from_demonstrations(toy.demonstrations, "arrays")
+    data = from_tables(from_demonstrations(toy.demonstrations, "arrays"))
     audit = rpil.audit(data, settings=settings, progress=judged.append)
     model = rpil.RPIL("folded", settings=settings, progress=fitted.append).fit(data)
     np.testing.assert_array_equal(audit.step_weight, model.audit_.step_weight)

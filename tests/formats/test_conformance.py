@@ -292,16 +292,16 @@ def counted(path: Path) -> Iterator[Callable[[], int]]:
         os.close(watch)
 
 
-MOST_OPENS = 2
-"""How often an audit and a keep together may open a file: to read it once, and to copy it."""
+MOST_OPENS = 4
+"""How often an audit and a keep together may open a file: to find its format and read it, and the same to copy it."""
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
-def test_an_audit_opens_a_file_once(path):
+def test_an_audit_opens_a_file_seldom(path):
     with counted(path) as opened:
         recording = rpil.open(path, on_disk=False)
         recording.demonstrations, recording.facts, rpil.check(recording)
-        assert opened() == 1
+        assert opened() <= 2  # to find its format, and to read it
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")

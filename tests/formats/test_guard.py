@@ -103,7 +103,11 @@ def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, nam
         return fail() if name == "read" else Recording(recording.description, fail)
 
     Path("mine").write_text("x")
-    monkeypatch.setattr(registry, "FORMATS", (Format("mine", lambda path: path.name == "mine", read, fail),))
+    monkeypatch.setattr(
+        registry,
+        "FORMATS",
+        (Format("mine", lambda path: path.name == "mine", read, fail, reads_in_place=lambda _: name != "keep"),),
+    )
     where = "a.csv" if name == "load" else "mine"  # a recording names its source
     with pytest.raises(DataError, match=f"^{where}: .*OverflowError: never seen before.*;.*[.]$"):
         find("mine").keep("out", [0]) if name == "keep" else rpil.read("mine")

@@ -14,6 +14,7 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
         keep=keep_by_own_ids(lambda *given: kept.append(given)),
+        reads_in_place=lambda _: True,
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"

@@ -4,6 +4,7 @@ import pytest
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.recording import from_tables
 from rpil.formats.step_arrays import Part, from_parts
 
 RNG = np.random.default_rng(0)
@@ -22,7 +23,7 @@ def part(name, n_steps, **changes):
 
 
 def recording(parts):
-    return from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions())
+    return from_tables(from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions()))
 
 
 def test_other_types_are_read_as_they_are():

@@ -30,7 +30,8 @@ def holding() -> Iterator[None]:
 
     Nothing does where an open file cannot be replaced, as on Windows.
     """
-    if _open.get() is not None or os.name != "posix":
+    place = _open.get()
+    if (place is not None and place[2] == _here()) or os.name != "posix":
         yield
         return
     with ExitStack() as stack:

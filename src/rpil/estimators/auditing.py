@@ -22,7 +22,7 @@ from rpil.estimators.within_tasks import Statements, fit_within_tasks
 from rpil.formats import AuditOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.recording import Recording, from_demonstrations
+from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
@@ -121,4 +121,4 @@ def _opened(data: object, options: ColumnOptions) -> Recording:
     if isinstance(data, Recording):
         return data
     demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
-    return from_demonstrations(demonstrations, "demonstrations in memory")
+    return from_tables(from_demonstrations(demonstrations, "demonstrations in memory"))

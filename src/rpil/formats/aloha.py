@@ -19,8 +19,8 @@ from rpil.data.names import natural_key
 from rpil.formats import d4rl, hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Closed, Part, from_parts
+from rpil.formats.step_tables import StepTables
 
 LINK_TABLE = "kept.csv"
 """The table in the kept folder that says what each file was called."""
@@ -38,7 +38,7 @@ def claims(path: Path) -> bool:
     )
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     read = [_read_part(name, file) for name, file in _files(path).items()]
     notes = tuple(dict.fromkeys(note for _, of_file in read for note in of_file))

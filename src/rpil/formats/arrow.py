@@ -16,7 +16,8 @@ from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_unique
-from rpil.formats.recording import Recording, from_batches
+from rpil.formats.recording import Recording, from_tables
+from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
 
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    return replace(with_chosen(from_arrow(table, options, FRAME, "data frame"), options), options=options)
+    return replace(with_chosen(from_tables(from_arrow(table, options, FRAME, "data frame")), options), options=options)
 
 
 def from_arrow(
     table: pa.Table, options: ColumnOptions, source: str, format_name: str, notes: tuple[str, ...] = ()
-) -> Recording:
+) -> StepTables:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
     table = _plain(table)
     check_unique(table.column_names, source)
@@ -61,7 +62,7 @@ def from_arrow(
     columns = find_columns(table.column_names, kinds, source, options, head=table.select(plain).slice(0, 1))
     chosen = table.select([*columns.all, *columns.outcomes])
     check_memory(2 * chosen.nbytes, source)
-    return from_batches([chosen], columns, Origin(source, format_name, notes=notes))
+    return StepTables([chosen], columns, Origin(source, format_name, notes=notes))
 
 
 def _plain(table: pa.Table) -> pa.Table:

@@ -27,9 +27,9 @@ from rpil.formats.columns import ColumnOptions, Columns, check_unique
 from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, text_bytes, without_suffix
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.places import in_two_files
-from rpil.formats.recording import Recording, from_batches
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin
 from rpil.formats.text_types import exact, exact_type, texts_of, written_as
@@ -62,7 +62,7 @@ def claims(path: Path) -> bool:
     return path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES)
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     dialect = find_dialect(path)
     columns = find_text_columns(path, dialect, options)
@@ -70,7 +70,7 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     return _read([Text(path, path.name, dialect)], columns, path.name, dialect.words, note)
 
 
-def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> Recording:
+def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
     files = [Text(path, name, find_dialect(path)) for path, name in zip(paths, names_in_folder(paths), strict=True)]
     first = files[0]
@@ -83,7 +83,7 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> R
     return _read(files, columns, source, f"{first.dialect.words}, {len(paths):,} files", ())
 
 
-def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> Recording:
+def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str, notes: tuple[str, ...]) -> StepTables:
     """The recording in text tables, one below the other.
 
     Column types are inferred from all rows, so the files are read twice; for data on disk, by a temporary file.
@@ -106,7 +106,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
             kinds.setdefault(name, set()).update(written_as(column, name in columns.actions))
     types = {name: exact_type(found) for name, found in kinds.items()}
     sizes = {file.name: rows.runs[-1][1] for file, rows in found}
-    return from_batches(
+    return StepTables(
         (exact(table, columns, decimal, types) for table in tables()),
         columns,
         Origin(source, format_name, notes=notes),

@@ -17,8 +17,8 @@ from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts
+from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def claims(path: Path) -> bool:
     return hdf5.has_layout(path, _fits)
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that have a value for each action, and split them into demonstrations."""
     with hdf5.opened(path) as file:
         found = hdf5.contents(file)

@@ -15,6 +15,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import Recording
+from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 K = TypeVar("K", int, str)
@@ -72,7 +73,7 @@ class Format:
         Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
         search.
     read : function of a path and the options for columns
-        The `Recording`; a `DataError` where it cannot be read.
+        Its `StepTables`, or the `Recording` where it is read in place; a `DataError` where it cannot be read.
     keep : Keep
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
     suffixes : tuple of str
@@ -95,11 +96,14 @@ class Format:
         The `Recording`.
     stays_on_disk : function of a path
         Whether the data stay on disk where the user does not say.
+    reads_in_place : function of a path
+        Whether `read` reads Parquet where it is; by default a process of its own imports it, see
+        `rpil.formats.imported`.
     """
 
     name: str
     claims: Callable[[Path], bool]
-    read: Callable[[Path, ColumnOptions], Recording]
+    read: Callable[[Path, ColumnOptions], Recording | StepTables]
     keep: Keep
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
@@ -110,8 +114,9 @@ class Format:
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
-    read_address: Callable[[StrPath, ColumnOptions], Recording] | None = None
+    read_address: Callable[[StrPath, ColumnOptions], Recording | StepTables] | None = None
     stays_on_disk: Callable[[StrPath], bool] = lambda _: False
+    reads_in_place: Callable[[StrPath], bool] = lambda _: False
 
 
 def keep_by_own_ids(keep: Callable[[Path, Path, Sequence[Id]], None]) -> Keep:

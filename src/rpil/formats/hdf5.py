@@ -26,7 +26,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.hdf5_storage import checked
-from rpil.formats.recording import Recording
+from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def claims(path: Path) -> bool:
     return is_hdf5(path)
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """A `DataError` that says what is in a file of a layout that is not known."""
     with opened(path) as file:
         found = contents(file).arrays

@@ -25,8 +25,8 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
+from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def claims(path: Path) -> bool:
     return path.suffix.lower() in _PICKLES or _is_npz(path)
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """The recording in all trajectories, which are numbered from 0; a `DataError` where they are damaged."""
     if path.is_dir():
         table = _table(path)
@@ -90,7 +90,7 @@ def _is_npz(path: Path) -> bool:
 
 def _recording(
     columns: Mapping[str, Sequence[Array]], source: str, format_name: str, options: ColumnOptions
-) -> Recording:
+) -> StepTables:
     """The recording in arrays of each trajectory, which `columns` have one below the other."""
     names = list(columns)
     parts = [

@@ -21,8 +21,8 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.parquet_pages import open_table
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
+from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py
@@ -41,7 +41,7 @@ def claims(path: Path) -> bool:
     return _find(path) is not None
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """The recording in all episodes; parts of Dict and Tuple spaces are columns such as ``observations/goal/0``.
 
     A `DataError` where a file is damaged, and where the data would take more memory than they may.
@@ -139,7 +139,7 @@ def _folders(data: Path) -> dict[int, Path]:
     return {int(folder.name): folder for folder in sorted(found, key=lambda folder: int(folder.name))}
 
 
-def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, notes: tuple[str, ...]) -> Recording:
+def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, notes: tuple[str, ...]) -> StepTables:
     """The recording in folders that hold a table each; images are not read."""
     import pyarrow as pa
     from pyarrow import dataset

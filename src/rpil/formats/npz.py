@@ -18,7 +18,8 @@ from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.columns import ColumnOptions, Columns, as_list
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.recording import Recording, from_demonstrations
+from rpil.formats.recording import from_demonstrations, from_tables
+from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
@@ -30,7 +31,7 @@ def claims(path: Path) -> bool:
     return path.is_file() and path.suffix.lower() == ".npz"
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
     source = path.name
     with opened_npz(path) as stored:
@@ -133,7 +134,7 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
 
     An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
     """
-    order = [str(name) for name in read(path, options).demonstrations.ids]
+    order = [str(name) for name in from_tables(read(path, options)).demonstrations.ids]
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
     column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)

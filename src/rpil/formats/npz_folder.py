@@ -18,8 +18,8 @@ from rpil.data.names import ACTION, ACTION_COLUMNS, EPISODE, TASK, may_be_outcom
 from rpil.data.npy import opened_npz
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Closed, Part, from_parts
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import find_files
 from rpil.numerics.types import Array
 
@@ -36,7 +36,7 @@ def claims(path: Path) -> bool:
     return all(file.endswith((".txt", ".txt.gz")) for file in tables) and bool(_files(path))
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     files = _files(path)
     parts = [

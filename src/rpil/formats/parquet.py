@@ -18,9 +18,10 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_pages import check_groups
-from rpil.formats.recording import Recording, from_batches, from_rows
+from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.spool import is_on_disk
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
@@ -57,7 +58,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     for row, table, _ in rows.tables(0, rows.runs[-1][1], [*columns.all, *columns.outcomes]):
         tables.append(table)
         sizes[rows.files(np.array([row]))[0]] += len(table)
-    return from_batches(tables, columns, origin, sizes)
+    return from_tables(StepTables(tables, columns, origin, sizes))
 
 
 def _format_name(metadata: Metadata, n_files: int) -> str:
@@ -130,5 +131,6 @@ FORMAT = Format(
     read=read,
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
+    reads_in_place=lambda _: True,
     write=write,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from types import MappingProxyType
@@ -26,6 +26,7 @@ from rpil.formats.places import Order, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
@@ -141,21 +142,19 @@ class Recording:
         return replace(self, description=description, chosen=chosen)
 
 
-def from_batches(
-    tables: Iterable[pa.Table], columns: Columns, origin: Origin, sizes: Mapping[str, int] = {}
-) -> Recording:
-    """The recording in tables one below the other; within `rpil.formats.spool.on_disk` they never are in memory all.
-
-    `sizes` are the numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    """
+def from_tables(found: StepTables) -> Recording:
+    """The recording in tables; within `rpil.formats.spool.on_disk` they never are in memory all."""
     import pyarrow as pa
 
+    columns, origin = found.columns, found.origin
     if is_on_disk():
-        return from_rows(copied_rows(spool(tables, origin.source), sizes), columns, origin)
-    whole = list(tables)
-    check_any(len(whole), origin.source)
-    table = pa.concat_tables(whole, promote_options="permissive")
-    return from_rows(TableRows(table, origin.source, sizes=sizes), columns, origin)
+        recording = from_rows(copied_rows(spool(found.tables, origin.source), found.sizes), columns, origin)
+    else:
+        whole = list(found.tables)
+        check_any(len(whole), origin.source)
+        table = pa.concat_tables(whole, promote_options="permissive")
+        recording = from_rows(TableRows(table, origin.source, sizes=found.sizes), columns, origin)
+    return recording.with_ignored(found.ignored)
 
 
 def from_rows(rows: Rows, columns: Columns, origin: Origin, layout: Layout | None = None) -> Recording:
@@ -169,8 +168,8 @@ def from_rows(rows: Rows, columns: Columns, origin: Origin, layout: Layout | Non
 
 def from_demonstrations(
     demonstrations: Demonstrations, format_name: str, columns: Columns | None = None, others: Mapping[str, Array] = {}
-) -> Recording:
-    """The recording in demonstrations in memory, of a format that has no table of columns.
+) -> StepTables:
+    """The table of demonstrations in memory, of a format that has no table of columns.
 
     `others` have a value for each step, in the order of the demonstrations, and `columns` name them.
     """
@@ -187,7 +186,7 @@ def from_demonstrations(
     }
     files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
     origin = Origin(d.source, format_name, metadata)
-    return from_batches([pa.table({**others, **table})], columns, origin, files)
+    return StepTables([pa.table({**others, **table})], columns, origin, files)
 
 
 def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -20,9 +21,12 @@ from rpil.data.missing import allow_missing
 from rpil.formats import spool, table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
+from rpil.formats.import_process import in_child
+from rpil.formats.imported import imported, size_of
 from rpil.formats.places import UnsortedError
-from rpil.formats.recording import Recording
+from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files
 
 
@@ -55,6 +59,9 @@ FORMATS: Iterable[Format] = Formats(
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any HDF5 file or folder may be comes last."""
 
+BY_NAME = (".parquet", *TEXT_SUFFIXES)
+"""Extensions of files that no format needs to open."""
+
 
 def find_format(path: StrPath) -> Format | None:
     """The format that claims a file, a folder, a pattern or an address; None for what is not there or not known.
@@ -66,7 +73,10 @@ def find_format(path: StrPath) -> Format | None:
         many = may_be_many_files(path)
         return next((one for one in FORMATS if many and one.read_address is not None), None)
     check_folder(check_exists(place))
-    return next((one for one in FORMATS if _claims(one, place)), None)
+    if place.is_file() and place.name.lower().endswith(BY_NAME):
+        return next(one for one in FORMATS if _claims(one, place))
+    number = in_child(lambda: next((k for k, one in enumerate(FORMATS) if _claims(one, place)), None), str(place), 0)
+    return None if number is None else next(itertools.islice(FORMATS, number, None))
 
 
 @dataclass(frozen=True)
@@ -84,12 +94,7 @@ class ClaimedPath:
                 return self.read(options, on_disk=stays)
             return self.read(options, on_disk=not stays)
         with holding(), guarded(str(self.path)), spool.on_disk(on_disk), allow_missing(options.skip_bad):
-            if self.format.read_address is not None and not Path(self.path).exists():
-                recording = self.format.read_address(self.path, options)
-            else:
-                path = Path(self.path)
-                recording = self.format.read(check_readable(path) if path.is_file() else path, options)
-            recording = with_chosen(recording, options)
+            recording = with_chosen(self._recording(options), options)
             if options.embeddings:
                 from rpil.formats.embeddings import with_embeddings
 
@@ -97,6 +102,18 @@ class ClaimedPath:
             return replace(
                 recording, options=options, write_some=lambda ids, new, trims: self.keep(new, ids, options, trims)
             )
+
+    def _recording(self, options: ColumnOptions) -> Recording:
+        """The recording in all that is at the path."""
+        path = Path(self.path)
+        if self.format.read_address is not None and not path.exists():
+            found = self.format.read_address(self.path, options)
+        else:
+            readable = check_readable(path) if path.is_file() else path
+            if not self.format.reads_in_place(self.path):
+                return imported(lambda: self.format.read(readable, options), readable)
+            found = self.format.read(readable, options)
+        return found if isinstance(found, Recording) else from_tables(found)
 
     def keep(
         self,
@@ -121,7 +138,14 @@ class ClaimedPath:
                 ends = {str(name): (int(first), int(end)) for name, (first, end) in trims.items()}
                 self.format.trim(Path(self.path), new, ids, ends)
             else:
-                self.format.keep(Path(self.path), new, ids, options)
+                self._keep(new, ids, options)
+
+    def _keep(self, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+        path = Path(self.path)
+        if self.format.reads_in_place(self.path):
+            self.format.keep(path, output, ids, options)
+        else:
+            in_child(lambda: self.format.keep(path, output, ids, options), str(path), 4 * size_of(path))
 
     def check_output(self, output: StrPath, trim: bool = False) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there, or `trim`."""

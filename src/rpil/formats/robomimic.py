@@ -21,8 +21,8 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.metadata import Metadata
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import Part, from_parts
+from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py
@@ -43,7 +43,7 @@ def claims(path: Path) -> bool:
     return hdf5.has_layout(path, lambda file: next(_with_actions(file), None) is not None)
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
         found, settings = dict(_with_actions(file)), _settings(file)

@@ -63,7 +63,20 @@ def _remove(folder: Path, process: int) -> None:
 
 
 def spool(tables: Iterable[pa.Table], name: str) -> Copy:
-    """A temporary Parquet file called `name` with the rows of `tables`.
+    """A temporary Parquet file called `name` with the rows of `tables`; errors are those of `fill`."""
+    copy = new_copy(name)
+    fill(copy, tables, name)
+    return copy
+
+
+def new_copy(name: str) -> Copy:
+    """A temporary file called `name`, to be filled."""
+    with _writing(name):
+        return Copy(temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}")), name)
+
+
+def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
+    """Write the rows of `tables` to a temporary Parquet file.
 
     A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
     """
@@ -76,8 +89,6 @@ def spool(tables: Iterable[pa.Table], name: str) -> Copy:
         check_any(0, name)
     assert first is not None
     with _writing(name):
-        folder = temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}"))
-        copy = Copy(folder, name)
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
     for table in chain([first], waiting):  # whose errors are those of the data
         try:
@@ -91,7 +102,6 @@ def spool(tables: Iterable[pa.Table], name: str) -> Copy:
             writer.write_table(table)
     with _writing(name):
         writer.close()
-    return copy
 
 
 @contextmanager

@@ -19,9 +19,9 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import commas
 from rpil.formats.metadata import Metadata
-from rpil.formats.recording import Recording, from_batches
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.spool import is_on_disk
+from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -118,7 +118,7 @@ def from_parts(
     options: ColumnOptions = ColumnOptions(),
     metadata: Metadata = Metadata(),
     notes: tuple[str, ...] = (),
-) -> Recording:
+) -> StepTables:
     """The recording in all parts, whose columns are those of the first; `id_column` is the id unless `options` say so.
 
     A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
@@ -144,7 +144,7 @@ def from_parts(
     if longer:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     notes = (*notes, *without_steps(empty))
-    return from_batches(tables, columns, Origin(source, format_name, metadata, notes))
+    return StepTables(tables, columns, Origin(source, format_name, metadata, notes))
 
 
 def without_steps(ids: Sequence[object]) -> tuple[str, ...]:

@@ -13,10 +13,11 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import without_suffix
 from rpil.formats.format import Format, check_found
 from rpil.formats.recording import Recording
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import find_files, has_parquet
 
 
-def read(path: StrPath, options: ColumnOptions) -> Recording:
+def read(path: StrPath, options: ColumnOptions) -> Recording | StepTables:
     """The recording in the Parquet files of a folder, or else in its text tables."""
     filesystem, parquet_files, text_files = find_files(path)
     source = Path(str(path)).name or str(path)
@@ -67,5 +68,11 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
 
 
 FORMAT = Format(
-    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, stays_on_disk=has_parquet
+    name="a folder of tables",
+    claims=Path.is_dir,
+    read=read,
+    keep=keep,
+    read_address=read,
+    stays_on_disk=has_parquet,
+    reads_in_place=has_parquet,
 )

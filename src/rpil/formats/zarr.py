@@ -24,8 +24,8 @@ from rpil.formats import umi, zarr_files
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
-from rpil.formats.recording import Recording
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
+from rpil.formats.step_tables import StepTables
 from rpil.formats.zarr_array import ZarrArray
 from rpil.formats.zarr_files import Files
 from rpil.formats.zarr_header import HEADERS, parse_header
@@ -68,7 +68,7 @@ def claims(path: Path) -> bool:
     return found
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """The recording in the arrays of ``data``, whose demonstrations are numbered from 0; no image is opened.
 
     A `DataError` where there are none, or where they do not end where the demonstrations do.

@@ -196,6 +196,7 @@ FORMAT = Format(
     name="LeRobot",
     claims=claims,
     read=read,
+    reads_in_place=lambda _: True,
     keep=keep_by_own_ids(keep),
     check_output=check_output,
     trim=keep,

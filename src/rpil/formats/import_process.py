@@ -1,0 +1,144 @@
+"""Work on files of others in a process of its own, under limits of memory and time.
+
+A library believes what a file declares, and some end the process on a damaged one. In a process of its own neither
+hurts: whatever ends it is one sentence here. Linux alone has these limits, elsewhere the work is done in this process.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NoReturn
+
+from rpil.data.errors import DataError, MissingExtraError, SentenceWithOptions
+from rpil.data.guard import guarded
+from rpil.data.held import holding
+from rpil.data.json_files import Parsed
+from rpil.data.memory import MIB, budget
+
+_LEAST_SECONDS = 15
+"""Seconds of computing that a small file may take."""
+
+_BYTES_A_SECOND = 2 * MIB
+"""Bytes of a file for which one more second is given."""
+
+_WAITING = 20
+"""How many times as long the process may last, as it waits for disks and for other processes."""
+
+_RESERVED = 1024 * MIB
+"""Bytes that libraries reserve and hardly use."""
+
+_REMEDY = "it is damaged or of another form, copy or write it again"
+
+
+def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
+    """The result of `work`, done in a forked process under limits.
+
+    Parameters
+    ----------
+    work : function
+        Its result is a value of JSON.
+    where : str
+        The file in messages.
+    n_bytes : float
+        Its size, by which the process has more time.
+
+    Raises
+    ------
+    DataError, MissingExtraError, OSError
+        What `work` raises; a `DataError` for all that is none of them, and where the process takes too much memory or
+        time, or is ended.
+    """
+    if sys.platform != "linux":
+        return work()
+    seconds = int(_LEAST_SECONDS + n_bytes / _BYTES_A_SECOND)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(reading)
+        _answer(work, where, seconds, writing)
+    os.close(writing)
+    try:
+        with os.fdopen(reading, "rb") as pipe:
+            answer = pipe.read()
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    except BaseException:  # an interruption, of which the child is not told
+        os.kill(child, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            os.waitpid(child, 0)
+        raise
+    if status:
+        raise _death(status, where, seconds)
+    kind, result = json.loads(answer)
+    if kind == "result":
+        return result
+    raise _error(kind, result)
+
+
+def _answer(work: Callable[[], Parsed], where: str, seconds: int, pipe: int) -> NoReturn:
+    """Do the work, write what comes of it to the pipe, and end this process, whose memory is a copy of another's."""
+    status = 1
+    try:
+        _limit(seconds)
+        try:
+            with holding(), guarded(where):
+                answer = "result", work()
+        except SentenceWithOptions as error:
+            answer = type(error).__name__, [str(error), error.in_shell]
+        except MissingExtraError as error:
+            answer = type(error).__name__, error.__reduce__()[1]
+        except OSError as error:
+            answer = "OSError", [error.errno, error.strerror, str(error.filename or where)]
+        with os.fdopen(pipe, "wb") as stream:
+            stream.write(json.dumps(answer).encode())
+        status = 0
+    finally:
+        os._exit(status)
+
+
+def _limit(seconds: int) -> None:
+    """Limit this process; what libraries print when they are about to end it goes nowhere."""
+    import resource  # of Unix
+
+    faulthandler.disable()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process ends this one
+    for number in (signal.SIGTERM, signal.SIGALRM, signal.SIGXCPU):
+        signal.signal(number, signal.SIG_DFL)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stderr__.fileno() if sys.__stderr__ else 2)
+    signal.setitimer(signal.ITIMER_REAL, _WAITING * seconds)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    with open("/proc/self/statm") as sizes:
+        taken = int(sizes.read().split()[0]) * resource.getpagesize()
+    most = resource.getrlimit(resource.RLIMIT_AS)[1]
+    if budget() < sys.maxsize and (most == resource.RLIM_INFINITY or taken + budget() + _RESERVED < most):
+        resource.setrlimit(resource.RLIMIT_AS, (int(taken + budget() + _RESERVED), most))
+
+
+def _death(status: int, where: str, seconds: int) -> DataError:
+    """The error that the process was ended by a signal, or without an answer."""
+    if -status in (signal.SIGXCPU, signal.SIGALRM):
+        return DataError(f"{where}: to read it took more than {seconds} s; {_REMEDY}, or read less of it.")
+    if -status == signal.SIGKILL:
+        return DataError(f"{where}: more memory than is free would be needed to read it; read less of it.")
+    name = signal.Signals(-status).name if status < 0 else f"code {status}"
+    return DataError(f"{where}: the library that reads it was ended by it ({name}); {_REMEDY}.")
+
+
+def _error(kind: str, content: list[str]) -> Exception:
+    """The error of this name, as it was raised in the other process."""
+    if kind == "OSError":
+        return OSError(*content)
+    if kind == MissingExtraError.__name__:
+        return MissingExtraError(*content)
+    classes = [DataError]
+    for one in classes:
+        classes += one.__subclasses__()
+    error = next(one for one in classes if one.__name__ == kind)(content[0])
+    error.in_shell = content[1]
+    return error

@@ -1,0 +1,69 @@
+"""What a format reads of a file: tables with a row for each step, and what they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from rpil.data.json_files import Parsed
+from rpil.formats.columns import Columns
+from rpil.formats.metadata import Metadata
+from rpil.formats.table_facts import Origin
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True, eq=False)
+class StepTables:
+    """Tables one below the other, with a row for each step.
+
+    Attributes
+    ----------
+    tables : iterable of pyarrow.Table
+        Read one by one.
+    columns : Columns
+    origin : Origin
+    sizes : mapping of str to int
+        The numbers of rows from each file, for formats in which files may state the order of demonstrations.
+    ignored : mapping of str to str
+        Parts of the file that are no columns, and why they are not read.
+    """
+
+    tables: Iterable[pa.Table]
+    columns: Columns
+    origin: Origin
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)
+
+    def with_ignored(self, names: Mapping[str, str]) -> StepTables:
+        """The same, where parts of the file are not read for the reasons in `names`."""
+        return replace(self, ignored={**self.ignored, **names})
+
+    def as_json(self) -> Parsed:
+        """All but the tables, as a value of JSON."""
+        origin = {**asdict(self.origin), "metadata": asdict(self.origin.metadata)}
+        lengths = [*self.origin.metadata.lengths.items()]
+        return {
+            "columns": asdict(self.columns),
+            "origin": origin,
+            "lengths": lengths,
+            "sizes": self.sizes,
+            "ignored": self.ignored,
+        }
+
+
+def from_facts(facts: Parsed, tables: Iterable[pa.Table] = ()) -> StepTables:
+    """The tables with what `StepTables.as_json` says of them."""
+    lengths = {name: int(length) for name, length in facts["lengths"]}
+    metadata = Metadata(**_tuples(facts["origin"]["metadata"]) | {"lengths": lengths})
+    origin = Origin(**_tuples(facts["origin"]) | {"metadata": metadata})
+    return StepTables(tables, Columns(**_tuples(facts["columns"])), origin, facts["sizes"], facts["ignored"])
+
+
+def _tuples(value: Parsed) -> Parsed:
+    """The value with tuples for lists, as the records have them."""
+    if isinstance(value, dict):
+        return {name: _tuples(one) for name, one in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
