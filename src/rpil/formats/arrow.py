@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,9 +23,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-_MARK = b"ARROW1\0\0"  # before the stream in a file
-_COMPRESSED = b"ARROW:experimental_compression"  # said so before version 1
-_OF_MESSAGE, _OF_DICTIONARY, _OF_ROWS = 2, 1, 3  # fields: the content, the rows, their compression
+_MARK = b"ARROW1\0\0"  # at the beginning of a file
 
 FRAME = "the frame"
 """Name of a data frame in messages."""
@@ -78,46 +75,14 @@ def _plain(table: pa.Table) -> pa.Table:
     return table
 
 
-def read_ipc(path: Path, where: str) -> pa.Table:
-    """The table in a file or a stream of Arrow, mapped into memory, so that it takes no more than the file.
-
-    A `DataError` where parts of it are compressed, which may be far larger; errors of pyarrow as they are.
-    """
+def read_ipc(path: Path) -> pa.Table:
+    """The table in a file or a stream of Arrow, mapped into memory; errors of pyarrow as they are."""
     import pyarrow as pa
 
     source = pa.memory_map(str(path))
-    start = len(_MARK) if source.read(len(_MARK)) == _MARK else 0
-    source.seek(start)
-    if any(map(_is_compressed, pa.ipc.MessageReader.open_stream(source))):
-        raise DataError(f"{where}: {path.name} is compressed, which may hide its size; write it without compression.")
-    source.seek(start)  # the footer of a file only says again where all is
-    return pa.ipc.open_stream(source).read_all()
-
-
-def _is_compressed(message: pa.ipc.Message) -> bool:
-    """Whether the values in a message are, by its header of FlatBuffers, which pyarrow has verified and does not show.
-
-    In that encoding a table begins with the way back to a list of the places of its fields.
-    """
-    content = memoryview(message.metadata)
-    if _COMPRESSED in bytes(content):
-        return True
-
-    def follow(table: int, field: int) -> int:
-        """The place of a table that is a field of a table; 0 where it is not there."""
-        fields = table - _int(content, "<i", table)
-        place = 4 + 2 * field
-        step = _int(content, "<H", fields + place) if place < _int(content, "<H", fields) else 0
-        return step and table + step + _int(content, "<I", table + step)
-
-    header = follow(_int(content, "<I", 0), _OF_MESSAGE)
-    if message.type == "dictionary":
-        header = follow(header, _OF_DICTIONARY)
-    return message.type in ("record batch", "dictionary") and follow(header, _OF_ROWS) > 0
-
-
-def _int(content: memoryview, kind: str, place: int) -> int:
-    return int(struct.unpack_from(kind, content, place)[0])
+    is_file = source.read(len(_MARK)) == _MARK
+    source.seek(0)
+    return (pa.ipc.open_file if is_file else pa.ipc.open_stream)(source).read_all()
 
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:

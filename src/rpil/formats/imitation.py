@@ -106,7 +106,7 @@ def _table(path: Path) -> pa.Table:
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
         files = [Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
-        tables = [read_ipc(path / name, path.name) for name in files]
+        tables = [read_ipc(path / name) for name in files]
         for table in tables:
             table.validate(full=True)
         return pa.concat_tables(tables)

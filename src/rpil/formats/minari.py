@@ -172,7 +172,7 @@ def _stored(folder: Path, kind: str, source: str) -> tuple[pa.Schema, pa.Table]:
 
     files = sorted(folder.glob(f"*.{kind}"))
     if kind == "arrow":
-        table = pa.concat_tables(read_ipc(file, f"{source}, demonstration {folder.name}") for file in files)
+        table = pa.concat_tables(read_ipc(file) for file in files)
         return table.schema, table
     schema, tables = pa.schema([]), []
     for file in files:

@@ -21,8 +21,8 @@ from rpil.data.missing import allow_missing
 from rpil.formats import spool, table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
+from rpil.formats.hdf5 import is_hdf5
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported, size_of
 from rpil.formats.places import UnsortedError
@@ -59,9 +59,6 @@ FORMATS: Iterable[Format] = Formats(
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any HDF5 file or folder may be comes last."""
 
-BY_NAME = (".parquet", *TEXT_SUFFIXES)
-"""Extensions of files that no format needs to open."""
-
 
 def find_format(path: StrPath) -> Format | None:
     """The format that claims a file, a folder, a pattern or an address; None for what is not there or not known.
@@ -73,10 +70,13 @@ def find_format(path: StrPath) -> Format | None:
         many = may_be_many_files(path)
         return next((one for one in FORMATS if many and one.read_address is not None), None)
     check_folder(check_exists(place))
-    if place.is_file() and place.name.lower().endswith(BY_NAME):
-        return next(one for one in FORMATS if _claims(one, place))
-    number = in_child(lambda: next((k for k, one in enumerate(FORMATS) if _claims(one, place)), None), str(place), 0)
-    return None if number is None else next(itertools.islice(FORMATS, number, None))
+
+    def number() -> int | None:
+        return next((k for k, one in enumerate(FORMATS) if _claims(one, place)), None)
+
+    # To open a damaged file of HDF5 may end the process; of other files no format needs more than names.
+    claimed = in_child(number, str(place), 0) if is_hdf5(place) else number()
+    return None if claimed is None else next(itertools.islice(FORMATS, claimed, None))
 
 
 @dataclass(frozen=True)
