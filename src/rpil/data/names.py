@@ -21,13 +21,14 @@ EPISODE_COLUMNS = [re.compile(rf"(?:{stem})s?{_NUMBER}" if stem else "id|uuid") 
 OF_EPISODE = re.compile(
     r"(?:episode|ep|traj|trajectory|demo|demonstration)_.*|is_good|noise_level|agent_level|trial_ids"
 )
-_ACTION_STEMS = ("actions?", "acts?", "ctrl|controls?", "cmds?|commands?", "a", "u")
+_ACTION_STEMS = ("(?:expert_)?actions?", "acts?", "ctrl|controls?", "cmds?|commands?", "a", "u")
 ACTION_COLUMNS = [
     (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
     for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
 ]
 ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")
-OBSERVATION = re.compile(r"(?:observations?|obs)(?:_.*|\d.*|)")
+OBSERVATION = re.compile(r"(?:expert_)?(?:observations?|obs)(?:_.*|\d.*|)")
+_OBSERVED = re.compile(r"^\s*(expert_)?(observations?|obs)[._/ -]?", re.I)
 STATE = re.compile(r"states?(?:_.*|\d.*|)")
 OUTCOME = re.compile(
     r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
@@ -101,7 +102,7 @@ def plain_name(name: str) -> str:
 
 def short_name(name: str) -> str:
     """An observation's name without the prefix that says that it is one."""
-    return re.sub(r"^\s*(observations?|obs)[._/ -]?", "", name, count=1, flags=re.I) if is_observation(name) else name
+    return _OBSERVED.sub("", name, count=1) if is_observation(name) else name
 
 
 def natural_key(name: str) -> list[tuple[float, str]]:

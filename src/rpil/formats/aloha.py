@@ -16,7 +16,8 @@ from rpil.data.cells import to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import new_folder
 from rpil.data.names import natural_key
-from rpil.formats import d4rl, hdf5
+from rpil.formats import hdf5
+from rpil.formats.array_layout import ACTIONS, is_several
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.step_arrays import Closed, Part, from_parts
@@ -34,7 +35,7 @@ def claims(path: Path) -> bool:
         names = {file.name.lower() for file in path.iterdir()} - {LINK_TABLE}
         return bool(_files(path)) and not any(name.endswith((".parquet", ".csv")) for name in names)
     return hdf5.has_layout(
-        path, lambda file: hdf5.first_array(file, hdf5.ACTIONS) is not None and "observations" in hdf5.groups(file)
+        path, lambda file: hdf5.Arrays(file).first(ACTIONS) is not None and "observations" in hdf5.groups(file)
     )
 
 
@@ -49,14 +50,18 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 def _read_part(name: str, path: Path) -> tuple[Part, tuple[str, ...]]:
     """The demonstration in one file, and notes."""
     with hdf5.opened(path) as file:
-        actions = hdf5.first_array(file, hdf5.ACTIONS)
+        actions = hdf5.Arrays(file).first(ACTIONS)
         if actions is None:
             raise DataError(
                 f"{path.name}: it is no file of one demonstration, because it holds no array 'action'; take it out of "
                 "the folder, or give its path alone."
             )
-        d4rl.check_one(file, path.name)
         found = hdf5.contents(file)
+        if is_several(found.arrays, int(actions.shape[0]), path.name):
+            raise DataError(
+                f"{path.name}: in a folder each file is one demonstration, and here terminals and timeouts tell of "
+                "several; give the path of the file alone."
+            )
         arrays = {
             column: Closed(array.shape, array.dtype, partial(_rows, path, column), array.chunks)
             for column, array in found.arrays.items()

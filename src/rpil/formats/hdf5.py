@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     import h5py
 
 SUFFIXES = (".hdf5", ".h5")
-ACTIONS = ("actions", "action")
 
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -117,11 +116,6 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
     import h5py
 
     return {name: one for name, one in members(group).items() if isinstance(one, h5py.Group)}
-
-
-def first_array(group: h5py.Group, names: Sequence[str]) -> h5py.Dataset | None:
-    """The first of the arrays of these names in a group; None where there is none."""
-    return Arrays(group).first(names)
 
 
 def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:

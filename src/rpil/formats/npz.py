@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +15,18 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.missing import allow_missing
-from rpil.data.names import ACTION, EPISODE, TIMESTAMP, may_be_outcome, quoted
+from rpil.data.names import EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
+from rpil.formats import array_layout
+from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, ArrayLayout
 from rpil.formats.columns import ColumnOptions, Columns, as_list
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.recording import from_demonstrations, from_tables
+from rpil.formats.recording import from_demonstrations
+from rpil.formats.step_arrays import Closed
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
-SPELLINGS = ("observations", "observation"), ACTION[::-1], ("episode_ids", *EPISODE)
+SPELLINGS = OBSERVATIONS, ACTIONS, ("episode_ids", *EPISODE)
 _OPTIONAL = "observation_names"
 
 
@@ -32,10 +36,15 @@ def claims(path: Path) -> bool:
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
-    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``."""
+    """Read ``observations``, ``actions``, ``episode_ids`` and, where there, ``observation_names``, ``timestamps``.
+
+    Arrays of another layout are read as those of HDF5.
+    """
     source = path.name
     with opened_npz(path) as stored:
         found = stored.names
+        if laid_out := _laid_out(stored, options):
+            return array_layout.read_arrays(laid_out, source, "NPZ", options)
         wanted = _find_arrays(found, options, source)
         columns = _fact_columns(found, wanted, options, source)
         clock = _timestamps(stored, wanted[-1])
@@ -57,6 +66,22 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     others = dict.fromkeys([*columns.times, *columns.facts, *([options.operator] if options.operator else [])])
     per_step = {name: _per_step(arrays[name], name, steps, demonstrations) for name in others}
     return from_demonstrations(demonstrations, "NPZ", columns, per_step)
+
+
+def _laid_out(stored: Npz, options: ColumnOptions) -> dict[str, Closed]:
+    """The arrays, where no ids of steps are among them but other arrays say which are a demonstration; else nothing."""
+    names = [name for name in as_list(options.observations) or OBSERVATIONS if name in stored.names]
+    has_ids = any(name in stored.names for name in SPELLINGS[-1])
+    if options.id or (has_ids and not (names and len(stored.declared(names[0])[0]) == 3)):
+        return {}
+    arrays = {name: _closed(stored, name) for name in stored.names}
+    return arrays if array_layout.tells(arrays) else {}
+
+
+def _closed(stored: Npz, name: str) -> Closed:
+    """An array that is read, as a whole, when some of it is first asked for."""
+    whole = cache(lambda: stored.read([name])[name])
+    return Closed(*stored.declared(name), lambda rows: whole()[rows])
 
 
 def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
@@ -134,19 +159,22 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
 
     An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
     """
-    order = [str(name) for name in from_tables(read(path, options)).demonstrations.ids]
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
-    column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
-    owners = arrays[column]
-    owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
-    steps = np.array([str(name) in ids for name in owners.tolist()])
-    demonstrations = np.array([name in ids for name in order])
-    for name, array in arrays.items():
-        mask = next((m for m in (steps, demonstrations) if array.ndim and len(array) == len(m)), None)
-        arrays[name] = array if mask is None or name == "observation_names" else array[mask]
-    write_npz(output, arrays)
-    return {*order} & ids
+        laid_out = _laid_out(stored, options)
+    if laid_out:
+        layout = array_layout.layout_of(arrays, path.name)
+    else:
+        column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
+        owners = arrays[column]
+        owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
+        n = len(dict.fromkeys(owners.tolist()))
+        whole = {name for name, array in arrays.items() if name != _OPTIONAL and array.ndim and len(array) == n}
+        layout = ArrayLayout(len(owners), column, owners, "", by_demonstration=whole)
+    kept = [name for name in layout.names if str(name) in ids]
+    new = {name: layout.kept(name, array, kept) for name, array in arrays.items() if name != _OPTIONAL}
+    write_npz(output, {**arrays, **new, **(layout.added_ends(arrays, kept) if laid_out else {})})
+    return {*map(str, kept)}
 
 
 FORMAT = Format(name="NPZ", claims=claims, read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)

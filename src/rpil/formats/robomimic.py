@@ -17,6 +17,7 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.json_files import object_in
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
+from rpil.formats.array_layout import ACTIONS
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
@@ -49,7 +50,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         found, settings = dict(_with_actions(file)), _settings(file)
         first = hdf5.contents(next(iter(found.values())).group)
         parts = [
-            Part(arrays.length(hdf5.ACTIONS), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
+            Part(arrays.length(ACTIONS), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
             for name, arrays in found.items()
         ]
         in_data = _parent(file) != file
@@ -163,7 +164,7 @@ def _parent(file: h5py.File) -> h5py.Group:
 
 def _demonstrations(file: h5py.File) -> dict[str, h5py.Dataset]:
     """The actions of each demonstration, by the name of its group, with the numbers in names in order."""
-    return {name: arrays.first(hdf5.ACTIONS) for name, arrays in _with_actions(file)}
+    return {name: arrays.first(ACTIONS) for name, arrays in _with_actions(file)}
 
 
 def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
@@ -173,7 +174,7 @@ def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
     parent = _parent(file)
     for name in sorted(parent, key=natural_key):
         group = hdf5.member(parent, name)
-        if isinstance(group, h5py.Group) and (arrays := hdf5.Arrays(group)).first(hdf5.ACTIONS) is not None:
+        if isinstance(group, h5py.Group) and (arrays := hdf5.Arrays(group)).first(ACTIONS) is not None:
             yield name, arrays
 
 

@@ -1,0 +1,123 @@
+"""What says which steps are a demonstration, in NPZ and HDF5 alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpil
+from rpil.data.errors import DataError
+from rpil.formats.registry import find
+from samples import LENGTHS, MOVES, OWNERS, STATES
+
+h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+
+N, M, T = len(OWNERS), len(LENGTHS), max(LENGTHS)
+IS_LAST = np.isin(np.arange(N), np.cumsum(LENGTHS) - 1)
+STEPS = {"observations": STATES, "actions": MOVES}
+BY_NAME = {
+    "obs and acts": {"obs": STATES, "acts": MOVES, "dones": IS_LAST},
+    "expert": {"expert_observations": STATES, "expert_actions": MOVES, "dones": IS_LAST},
+}
+BY_MARKS = {
+    "dones": STEPS | {"dones": IS_LAST.reshape(-1, 1)},
+    "terminals and timeouts": STEPS | {"terminals": IS_LAST & (OWNERS == 1), "timeouts": IS_LAST & (OWNERS != 1)},
+    "gymnasium": STEPS | {"terminations": IS_LAST & (OWNERS == 1), "truncations": IS_LAST & (OWNERS != 1)},
+    "terminals alone": STEPS | {"terminals": IS_LAST.astype(float)},
+    "starts of stable-baselines": STEPS | {"episode_starts": np.roll(IS_LAST, 1), "episode_returns": np.ones(M)},
+    "lengths": STEPS | {"episode_lengths": np.array(LENGTHS)},
+    "following observations": STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
+}
+
+
+def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
+    """(M, n_rows, ...), filled up with zeros."""
+    found = np.zeros((M, n_rows, *values.shape[1:]))
+    for m, n in enumerate(LENGTHS):
+        found[m, :n] = values[m == OWNERS]
+    return found
+
+
+ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
+IS_STEP = np.arange(T) < np.array(LENGTHS)[:, None]
+STACKED = {
+    "lengths": ROWS | {"lengths": np.array(LENGTHS)},
+    "mask": ROWS | {"mask": IS_STEP},
+    "dones": ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1},
+    "one observation more": ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)},
+}
+
+
+@pytest.fixture(params=[".npz", ".hdf5"])
+def written(request, tmp_path):
+    def write(arrays):
+        path = tmp_path / f"steps{request.param}"
+        if request.param == ".npz":
+            np.savez(path, **arrays)
+        else:
+            with h5py.File(path, "w") as file:
+                for name, array in arrays.items():
+                    file[name] = array
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("arrays", [*BY_NAME.values(), *BY_MARKS.values(), *STACKED.values()])
+def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path):
+    path = written(arrays)
+    for on_disk in (False, True):
+        recording = rpil.open(path, on_disk=on_disk)
+        found = recording.demonstrations.select(slice(None))
+        assert found.ids == (0, 1, 2)
+        assert found.lengths.tolist() == list(LENGTHS)
+        np.testing.assert_array_equal(found.observations, STATES)
+        np.testing.assert_array_equal(found.actions, MOVES)
+        assert any("emonstration" in note for note in recording.describe().notes)
+    output = tmp_path / f"kept{path.suffix}"
+    find(path).keep(output, [2, 0])
+    kept = rpil.read(output)
+    np.testing.assert_array_equal(kept.observations, STATES[OWNERS != 1])
+    np.testing.assert_array_equal(kept.actions, MOVES[OWNERS != 1])
+    assert kept.lengths.tolist() == [LENGTHS[0], LENGTHS[2]]
+
+
+def test_what_is_said_of_stacked_demonstrations_as_a_whole_is_known(written):
+    about = {"episode_id": np.array([7, 5, 6]), "success": np.array([1.0, 0.0, 1.0]), "camera": np.zeros((2, 2))}
+    recording = rpil.open(written(STACKED["lengths"] | about), outcome="success")
+    assert recording.demonstrations.ids == (7, 5, 6)
+    assert recording.facts.outcome.tolist() == [1, 0, 1]
+    assert {"camera", "lengths"} <= recording.describe().ignored.keys()
+
+
+def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written):
+    recording = rpil.open(written(ROWS))
+    assert recording.demonstrations.lengths.tolist() == [T] * M
+    assert f"Each first index of the arrays is one demonstration of {T} steps." in recording.describe().notes
+
+
+def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written):
+    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": MOVES, "dones": IS_LAST}
+    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        (STEPS | {"dones": IS_LAST[1:]}, rf"dones has the shape \({N - 1},\)"),
+        (STEPS | {"episode_starts": np.array(["no"] * N, "S")}, "episode_starts has .* the type .S2"),
+        (STEPS | {"terminals": np.zeros(N)}, "nothing says where demonstrations begin"),
+        (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be up to {T} for each of {M} demonstrations"),
+        (ROWS | {"mask": ~IS_STEP}, "mask must be true for the first steps of each demonstration"),
+    ],
+)
+def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
+    with pytest.raises(DataError, match=rf"^steps\..*: {message}"):
+        rpil.read(written(arrays))
+
+
+def test_a_group_for_each_demonstration_may_hold_obs_and_acts(tmp_path):
+    with h5py.File(tmp_path / "groups.hdf5", "w") as file:
+        for m in range(M):
+            file[f"traj_{m}/obs"], file[f"traj_{m}/acts"] = STATES[m == OWNERS], MOVES[m == OWNERS]
+    np.testing.assert_array_equal(rpil.read(tmp_path / "groups.hdf5").actions, MOVES)
