@@ -12,7 +12,8 @@ from rpil.formats.registry import FORMATS
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "formats.md").read_text(encoding="utf-8")
-NEEDED = {"HDF5": "hdf5", "HDF5 of robomimic": "hdf5", "HDF5 of D4RL": "hdf5", "HDF5 of ALOHA": "hdf5", "Zarr": "zarr"}
+OF_HDF5 = ("HDF5", "HDF5 of robomimic", "HDF5 of D4RL", "a file of arrays for each demonstration")
+NEEDED = dict.fromkeys(OF_HDF5, "hdf5") | {"Zarr": "zarr"}
 """The extras without which a format is not read."""
 
 

@@ -243,9 +243,16 @@ def _ends(arrays: Tree, n_steps: int, source: str) -> tuple[Array, str]:
     )
 
 
-def is_several(arrays: Tree, n_steps: int, source: str) -> bool:
-    """Whether arrays that stand for one demonstration hold several, by their terminals and timeouts."""
-    return any(_flags(arrays, name, n_steps, source)[:-1].any() for name in (_TERMINALS[0], TIMEOUTS))
+def holds_several(arrays: Tree, n_steps: int, source: str) -> str:
+    """The array by which arrays that should be of one demonstration are of several; no text where none says so."""
+    for name in (_TERMINALS[0], TIMEOUTS):
+        if _flags(arrays, name, n_steps, source)[:-1].any():
+            return name
+    named = first(arrays, EPISODE)
+    is_of_imitation = {"acts", "indices", "terminal"} <= arrays.keys()
+    if named is None or arrays[named].shape[:1] != (n_steps,):
+        return "indices" if is_of_imitation else ""
+    return named
 
 
 def _flags(arrays: Tree, name: str, n_steps: int, source: str) -> Array:

@@ -74,14 +74,18 @@ def _laid_out(stored: Npz, options: ColumnOptions) -> dict[str, Closed]:
     has_ids = any(name in stored.names for name in SPELLINGS[-1])
     if options.id or (has_ids and not (names and len(stored.declared(names[0])[0]) == 3)):
         return {}
-    arrays = {name: _closed(stored, name) for name in stored.names}
+    arrays = arrays_of(stored)
     return arrays if array_layout.tells(arrays) else {}
 
 
-def _closed(stored: Npz, name: str) -> Closed:
-    """An array that is read, as a whole, when some of it is first asked for."""
-    whole = cache(lambda: stored.read([name])[name])
-    return Closed(*stored.declared(name), lambda rows: whole()[rows])
+def arrays_of(stored: Npz) -> dict[str, Closed]:
+    """All arrays, each of which is read as a whole when some of it is first asked for."""
+
+    def array(name: str) -> Closed:
+        whole = cache(lambda: stored.read([name])[name])
+        return Closed(*stored.declared(name), lambda rows: whole()[rows])
+
+    return {name: array(name) for name in stored.names}
 
 
 def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:

@@ -51,8 +51,7 @@ FORMATS: Iterable[Format] = Formats(
     "npz",
     "robomimic",
     "d4rl",
-    "aloha",
-    "npz_folder",
+    "array_folder",
     "hdf5",
     "table_folder",
 )

@@ -1,0 +1,197 @@
+"""A folder with a file of arrays for each demonstration: HDF5, as ALOHA and ACT write them, or NPZ."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.cells import to_cell
+from rpil.data.errors import DataError
+from rpil.data.files import new_folder
+from rpil.data.folders import copy_folder, is_hidden
+from rpil.data.guard import guarded
+from rpil.data.json_files import Parsed, read_json
+from rpil.data.names import ACTION_COLUMNS, TASK, may_be_outcome, natural_key, plain_name
+from rpil.data.npy import opened_npz
+from rpil.formats import hdf5
+from rpil.formats.array_layout import ACTIONS, first, holds_several
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.npz import arrays_of
+from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
+from rpil.formats.step_tables import StepTables
+
+LINK_TABLE = "kept.csv"
+"""The table in the kept folder of HDF5 files that says what each was called."""
+
+_FILE_NAME = "name of the file"
+_TEXT_BESIDE = "meta.json"
+_TABLES = (".parquet", ".csv", ".csv.gz", ".tsv", ".tsv.gz")
+_NPZ_FILE = ".npz"
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is a folder of such files and of no tables, or one HDF5 file of an action and observations."""
+    if path.is_dir():
+        names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE}
+        return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
+    return hdf5.has_layout(
+        path, lambda file: hdf5.Arrays(file).first(ACTIONS) is not None and "observations" in hdf5.groups(file)
+    )
+
+
+def read(path: Path, options: ColumnOptions) -> StepTables:
+    """Read the arrays of every file; images are ignored. The files are opened again for their values."""
+    files = _files(path)
+    read = [_part(name, file, path) for name, file in files.items()]
+    notes = tuple(dict.fromkeys(note for _, of_file in read for note in of_file))
+    format_name = f"{'NPZ' if _are_npz(files) else 'HDF5'}, a file for each demonstration"
+    return from_parts([part for part, _ in read], _FILE_NAME, path.name, format_name, options, notes=notes)
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
+
+    An NPZ file in a folder of its own is copied with all that is beside it.
+    """
+    files = _files(path)
+    kept = [files[name] for name in kept_of(files, ids, path)]
+    with new_folder(output) as folder:
+        if not _are_npz(files):
+            _link_all(kept, folder, all(re.fullmatch(r"episode_\d+", name) for name in files))
+            return
+        for file in kept:
+            if file.parent != path:
+                copy_folder(file.parent, folder / file.parent.name)
+            else:
+                shutil.copyfile(file, folder / file.name)
+
+
+def _link_all(kept: Sequence[Path], folder: Path, are_numbered: bool) -> None:
+    """Give files second names (hard links), which take no room, and write what each was called to ``kept.csv``.
+
+    On another disk files are copied. ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as
+    it is told, by number.
+    """
+    links = [f"episode_{k}{file.suffix}" if are_numbered else file.name for k, file in enumerate(kept)]
+    for link, file in zip(links, kept, strict=True):
+        try:
+            (folder / link).hardlink_to(file.resolve())
+        except OSError:  # on another disk, of another user, or where files have one name only
+            shutil.copyfile(file, folder / link)
+    with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(["link", "file"])
+        rows.writerows([to_cell(link), to_cell(file.name)] for link, file in zip(links, kept, strict=True))
+
+
+def _files(path: Path) -> dict[str, Path]:
+    """The files by their names without the extension, with the numbers in names in order; HDF5 files come first.
+
+    NPZ files may lie in a folder each, by whose names they are called; a `DataError` where one of these holds several.
+    """
+    if path.is_file():
+        return {path.stem: path}
+    found = {file.stem: file for file in _in_folder(path, hdf5.SUFFIXES) or _in_folder(path, (_NPZ_FILE,))}
+    for folder in path.iterdir() if not found else ():
+        inside = _in_folder(folder, (_NPZ_FILE,)) if folder.is_dir() and not is_hidden(folder.name) else []
+        if len(inside) > 1:
+            raise DataError(
+                f"{folder}: it holds {len(inside):,} NPZ files; give each demonstration a folder of its own."
+            )
+        if inside:
+            found[folder.name] = inside[0]
+    return {name: found[name] for name in sorted(found, key=natural_key)}
+
+
+def _in_folder(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+    files = sorted(folder.iterdir(), key=lambda file: natural_key(file.name))
+    return [file for file in files if file.suffix.lower() in suffixes and not is_hidden(file.name) and file.is_file()]
+
+
+def _are_npz(files: Mapping[str, Path]) -> bool:
+    return next(iter(files.values())).suffix.lower() == _NPZ_FILE
+
+
+def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
+    """The demonstration in one file, whose one array of actions says how many steps it has, and notes."""
+    with _opened(file) as (where, arrays, notes):
+        acted = [one for whole, _ in ACTION_COLUMNS[:2] for one in arrays if whole.fullmatch(plain_name(one))]
+        actions = first(arrays, (*ACTIONS, *acted))
+        if actions is None:
+            raise DataError(
+                f"{where}: it is no file of one demonstration, because no array holds the actions of its steps; save "
+                f"one as {ACTIONS[0]!r}, take the file out of the folder, or give its path alone."
+            )
+        n_steps = arrays[actions].shape[0]
+        if several := holds_several(arrays, n_steps, where):
+            raise DataError(
+                f"{where}: in a folder each file is one demonstration, and here {several} tells of several "
+                "demonstrations; give the path of the file alone."
+            )
+        whole = [one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf"]
+        about = _text_beside(file.parent / _TEXT_BESIDE) if file.parent not in (top, top.parent) else {}
+        about |= {
+            one: np.asarray(arrays[one][...]).item()  # type: ignore[index]
+            for one in whole
+            if may_be_outcome(one)
+        }
+        closed = {
+            one: Closed(array.shape, array.dtype, partial(_rows, file, one), getattr(array, "chunks", None))
+            for one, array in arrays.items()
+            if one not in about
+        }
+        return Part(n_steps, closed, {_FILE_NAME: name, **about}), notes
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[str, ...]]]:
+    """What to call a file in messages, its arrays by name, and notes on it."""
+    if file.suffix.lower() != _NPZ_FILE:
+        with hdf5.opened(file) as stored:
+            contents = hdf5.contents(stored)
+            notes = ("Recorded in a simulation.",) if np.any(stored.attrs.get("sim", False)) else ()
+            yield file.name, contents.arrays, (*notes, *contents.notes)
+        return
+    where = f"{file.parent.name}/{file.name}"
+    with opened_npz(file, where, "write it again, or take it out of the folder") as npz:
+        yield where, arrays_of(npz), ()
+
+
+def _rows(file: Path, name: str, rows: slice) -> object:
+    """Some rows of an array in a file."""
+    with _opened(file) as (where, arrays, _):
+        if name not in arrays:
+            raise DataError(f"{where}: it has changed while it was read; read it again.")
+        return arrays[name][rows]
+
+
+def _text_beside(path: Path) -> dict[str, str | float]:
+    """What the text beside a file says of the task and the outcome of its demonstration."""
+    if not path.is_file():
+        return {}
+    with guarded(path, "no JSON, or damaged", "write it again"):
+        found: Parsed = read_json(path)
+    found = found if isinstance(found, dict) else {}
+    tasks = {
+        name: value for name, value in found.items() if TASK.fullmatch(plain_name(name)) and isinstance(value, str)
+    }
+    ends = {name: value for name, value in found.items() if may_be_outcome(name) and isinstance(value, int | float)}
+    return {**tasks, **{name: float(value) for name, value in ends.items()}}
+
+
+FORMAT = Format(
+    name="a file of arrays for each demonstration",
+    claims=claims,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    check_output=lambda path, output: None,
+)

@@ -1,0 +1,157 @@
+"""A folder with a file for each demonstration, of HDF5 or NPZ."""
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+import rpil
+import samples
+from hdf5_files import aloha, d4rl, h5py, robomimic
+from rpil import formats
+from rpil.data.errors import DataError
+from rpil.formats.registry import find
+
+
+def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
+    folder = aloha(tmp_path / "sim_transfer_cube", 11)
+    (folder / "notes.txt").write_text("not read")
+    recording = formats.read_recording(folder)
+    demonstrations, about = recording.demonstrations, recording.description
+    assert demonstrations.ids == tuple(f"episode_{k}" for k in range(11))
+    assert demonstrations.lengths.tolist() == [20 + k for k in range(11)]
+    assert demonstrations.observation_names[14] == "qvel.0"
+    with h5py.File(folder / "episode_10.hdf5") as file:
+        expected = np.hstack([file["observations/qpos"][:], file["observations/qvel"][:]])
+        np.testing.assert_array_equal(demonstrations.observations[-30:], expected)
+        np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
+    assert set(about.ignored) == {"observations/images/top"}
+    assert "simulation" in about.notes[0]
+
+
+def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
+    d4rl(tmp_path / "walker.hdf5")
+    with pytest.raises(DataError, match=r"walker.hdf5: in a folder each file is one demonstration"):
+        formats.read(tmp_path)
+    d4rl(tmp_path / "walker.hdf5", lengths=(20,), terminal=(0,))
+    assert formats.read(tmp_path).ids == ("walker",)
+
+
+def test_kept_files_are_numbered_from_zero(tmp_path, monkeypatch):
+    folder, output = aloha(tmp_path / "cube", 11), tmp_path / "kept"
+    find(folder).keep(output, ["episode_10", "episode_2"])
+    assert (
+        output / "kept.csv"
+    ).read_text() == "link,file\nepisode_0.hdf5,episode_2.hdf5\nepisode_1.hdf5,episode_10.hdf5\n"
+    assert (output / "episode_1.hdf5").samefile(folder / "episode_10.hdf5")  # which takes no room
+    assert not (output / "episode_1.hdf5").is_symlink()
+    again, first = formats.read(output), formats.read(folder).select([2, 10])
+    assert again.ids == ("episode_0", "episode_1")
+    np.testing.assert_array_equal(again.observations, first.observations)
+    monkeypatch.setattr("pathlib.Path.hardlink_to", lambda *_: os.link("no", "where"))  # as to another disk
+    find(folder).keep(tmp_path / "copied", ["episode_2"])
+    assert (tmp_path / "copied" / "episode_0.hdf5").read_bytes() == (folder / "episode_2.hdf5").read_bytes()
+
+
+def test_other_names_stay(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    for file in list(folder.iterdir()):
+        file.rename(folder / f"take_{file.name}")
+    find(folder).keep(tmp_path / "kept", ["take_episode_2"])
+    assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
+
+
+def test_a_file_of_another_layout_is_named(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    robomimic(folder / "lift.hdf5")
+    with pytest.raises(DataError, match=r"lift.hdf5: it is no file of one demonstration"):
+        formats.read(folder)
+
+
+def test_a_folder_of_tables_is_read_as_tables(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    (folder / "steps.csv").write_text("episode,x,action\n1,0.5,0\n2,0.25,1\n")
+    assert formats.read(folder).ids == (1, 2)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return samples.npz_folder(tmp_path)
+
+
+def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
+    recording = rpil.open(folder, outcome="success")
+    assert recording.tasks == {"0": "lift", "1": "lift", "2": "lift"}
+    assert recording.facts.outcome.tolist() == [1.0, 1.0, 0.0]
+    said = recording.describe()
+    assert said.observations == ("state.0", "state.1")
+    assert {"obs_rgb", "success"} <= {*said.ignored}
+    assert "The last value of obs_state, which comes after the last action, is left out." in said.notes
+
+
+def test_files_may_lie_in_the_folder_itself_in_the_order_of_their_numbers(tmp_path, folder):
+    flat = tmp_path / "flat"
+    flat.mkdir()
+    for old, new in (("0", "run_2"), ("1", "run_10"), ("2", "run_1")):
+        shutil.copyfile(folder / old / "trajectory.npz", flat / f"{new}.npz")
+    assert rpil.read(flat).ids == ("run_1", "run_2", "run_10")
+    find(flat).keep(tmp_path / "kept", ["run_10"])
+    assert [file.name for file in (tmp_path / "kept").iterdir()] == ["run_10.npz"]
+    assert (tmp_path / "kept" / "run_10.npz").read_bytes() == (flat / "run_10.npz").read_bytes()
+
+
+def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
+    (folder / "1" / "camera.mp4").write_bytes(b"video")
+    find(folder).keep(tmp_path / "kept", ["1"])
+    assert sorted(file.name for file in (tmp_path / "kept" / "1").iterdir()) == [
+        "camera.mp4",
+        "meta.json",
+        "trajectory.npz",
+    ]
+    assert [file.name for file in (tmp_path / "kept").iterdir()] == ["1"]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        (
+            {"obs": np.ones((3, 2))},
+            "1/trajectory.npz: it is no file of one demonstration",
+        ),
+        ({"actions": np.ones(3), "episode_ids": np.zeros(3, int)}, "tells of several"),
+        (
+            {"acts": np.ones(3), "indices": np.array([2]), "terminal": np.ones(2, bool)},
+            "tells of several",
+        ),
+        ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
+        ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),
+    ],
+)
+def test_files_that_are_no_demonstration_are_named(folder, arrays, message):
+    np.savez(folder / "1" / "trajectory.npz", **arrays)
+    with pytest.raises(DataError, match=message):
+        rpil.read(folder, action="actions")
+
+
+def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
+    (folder / "2" / "meta.json").write_text("{")
+    with pytest.raises(DataError, match=r"meta.json: no JSON"):
+        rpil.read(folder)
+    (folder / "2" / "meta.json").write_text(json.dumps([1]))
+    with pytest.raises(DataError, match="demonstration '2': it has no 'instruction', as others have"):
+        rpil.read(folder)
+    (folder / "2" / "meta.json").write_text(json.dumps({"instruction": "put"}))
+    shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
+    with pytest.raises(DataError, match="it holds 2 NPZ files"):
+        rpil.read(folder)
+
+
+def test_npz_files_beside_tables_are_not_read(tmp_path, folder):
+    (folder / "notes.txt").write_text("recorded on Monday")
+    assert len(rpil.read(folder)) == 3
+    (folder / "data").mkdir()
+    shutil.copyfile(samples.parquet_lists(tmp_path), folder / "data" / "lists.parquet")
+    shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
+    assert rpil.open(folder).describe().format == "Parquet"
