@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3416, 42),
     "estimators": (2332, 15),
     "faults": (2292, 81),
-    "formats": (9653, 106),
+    "formats": (9656, 106),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -11,6 +11,7 @@ import json
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn
@@ -58,7 +59,9 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
         return work()
     seconds = int(_LEAST_SECONDS + n_bytes / _BYTES_A_SECOND)
     reading, writing = os.pipe()
-    child = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which the child does not have
+        child = os.fork()
     if not child:
         os.close(reading)
         _answer(work, where, seconds, writing)
