@@ -16,10 +16,10 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2849, 19),
-    "data": (3416, 42),
+    "data": (3406, 41),
     "estimators": (2332, 15),
     "faults": (2292, 81),
-    "formats": (9656, 106),
+    "formats": (9540, 97),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

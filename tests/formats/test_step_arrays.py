@@ -56,14 +56,12 @@ def test_a_demonstration_unlike_the_first_is_refused(second, message):
 class Declared:
     """An array that may only be asked for its size."""
 
-    def __init__(self, shape, chunks=None):
-        self.shape, self.chunks, self.dtype = shape, chunks, np.dtype(float)
+    shape, dtype = (5, 10**9), np.dtype(float)
 
     def __getitem__(self, rows):
         raise AssertionError("its values were read")
 
 
-@pytest.mark.parametrize("array", [Declared((5, 10**9)), Declared((5, 2), chunks=(10**9, 2))])
-def test_declared_sizes_are_checked_before_values_are_read(array):
+def test_declared_sizes_are_checked_before_values_are_read():
     with limited("100MB"), pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
-        recording([part("a", 5, **{"obs/arm": array})])
+        recording([part("a", 5, **{"obs/arm": Declared()})])

@@ -31,7 +31,6 @@ SMALLEST, LARGEST = 1e-150, 1e150
 LONGEST_TEXT = 1_000
 """Characters that an id, or an action that is text, may have: an array of text takes as much for each of its rows."""
 
-_CHARACTER_BYTES = 4  # at most
 _SURROGATES = range(0xD800, 0xE000)
 _LAST_CHARACTER = 0x10FFFF
 _EXACT = 2.0**53
@@ -214,15 +213,6 @@ def check_text(text: str, what: str, where: str) -> None:
     """Raise a `DataError` on a name that files and reports could not hold."""
     if fault := _fault_of_id(text):
         raise DataError(f"{where}: {what} {fault}; change it.")
-
-
-def check_width(dtype: np.dtype[np.generic], where: str) -> None:
-    """Raise a `DataError` on a type of texts of one length that is longer than any text may be."""
-    if dtype.kind in "SU" and dtype.itemsize > _CHARACTER_BYTES * LONGEST_TEXT:
-        raise DataError(
-            f"{where} is of texts of {dtype.itemsize:,} bytes each, which may have {LONGEST_TEXT:,} characters; write "
-            "shorter ones, or leave it out."
-        )
 
 
 def _fits(number: int) -> bool:

@@ -145,7 +145,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
             if may_be_outcome(one)
         }
         closed = {
-            one: Closed(array.shape, array.dtype, partial(_rows, file, one), getattr(array, "chunks", None))
+            one: Closed(array.shape, array.dtype, partial(_rows, file, one))
             for one, array in arrays.items()
             if one not in about
         }

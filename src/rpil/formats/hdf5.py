@@ -1,6 +1,6 @@
 """HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
 
-No link is followed, because links lead to other files, or in circles. No array is read before its storage is checked.
+No link is followed, because links lead to other files, or in circles.
 """
 
 from __future__ import annotations
@@ -13,21 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from rpil.data.arrays import Id, check_width
+from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
 from rpil.formats.hdf5_storage import checked
 from rpil.formats.step_tables import StepTables
-from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import h5py
@@ -202,13 +198,6 @@ def contents(group: h5py.Group) -> Contents:
 def _is_elsewhere(array: h5py.Dataset) -> bool:
     """Whether the values of an array are in another file."""
     return bool(array.is_virtual or array.external)
-
-
-def load(array: h5py.Dataset, source: str) -> Array:
-    """All values of an array; a `DataError` where they would not fit in memory, or are far too long texts."""
-    check_width(array.dtype, f"{source}: {str(array.name).strip('/')}")
-    check_memory(max(BYTES_PER_NUMBER, array.dtype.itemsize) * float(np.prod(array.shape, dtype=float)), source)
-    return np.asarray(array[()])
 
 
 def claims(path: Path) -> bool:

@@ -118,9 +118,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key in list(mask):
             listed_names = hdf5.array_at(mask, key)
-            if listed_names is not None and listed_names.size > len(found):
-                raise DataError(f"{path.name}: mask/{key} lists more names than there are demonstrations; repair it.")
-            found_names = [] if listed_names is None else hdf5.load(listed_names, path.name).tolist()
+            found_names = [] if listed_names is None else listed_names[()].tolist()
             del mask[key]
             if listed_names is not None:  # and no link, nor an array whose values are in another file
                 mask[key] = np.array([name for name in found_names if name.decode() in names], dtype="S")

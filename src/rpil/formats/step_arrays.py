@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from rpil.data.arrays import Id, check_any, check_width
+from rpil.data.arrays import Id, check_any
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.missing import fill_chunks
@@ -37,10 +37,6 @@ MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 
 
-_TEXTS_AT_ONCE = 65_536
-_COPIES_OF_TEXTS = 3  # as they are stored, in the table, and as they are kept
-
-
 class StoredArray(Protocol):
     """An array that need not be in memory, such as a data set of HDF5."""
 
@@ -63,7 +59,6 @@ class Closed:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     read: Callable[[slice], object]
-    chunks: tuple[int, ...] | None = None
 
     def __getitem__(self, rows: slice, /) -> object:
         return self.read(rows)
@@ -128,7 +123,7 @@ def from_parts(
     empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
-    kinds = _kinds(parts[0], source)
+    kinds = _kinds(parts[0])
     columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column))
     without = {name: NO_STEPS for name in columns.ignored if name in parts[0].arrays and not parts[0].has_steps(name)}
     columns = replace(columns, ignored={**columns.ignored, **without})
@@ -152,17 +147,16 @@ def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
     return (f"Left out, because they have no steps: {commas(map(str, ids))}.",) if ids else ()
 
 
-def _kinds(part: Part, source: str) -> dict[str, Kind]:
+def _kinds(part: Part) -> dict[str, Kind]:
     """The kind of every column by its type, and by its first values where it has one number a step."""
     import pyarrow as pa
 
     kinds: dict[str, Kind] = {name: _kind(array) for name, array in part.arrays.items()}
     kinds |= dict.fromkeys((name for name in part.arrays if not part.has_steps(name)), "nested")
     numbers = [name for name, kind in kinds.items() if kind == "number"]
-    check_memory(_chunk_bytes([part.arrays[name] for name in numbers]), source)
     head = {}
     for name in numbers:  # of columns that are not read, chunks may be missing or damaged; of others it is said later
-        with suppress(DataError), fill_chunks():
+        with suppress(DataError, OSError), fill_chunks():
             head[name] = _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
     kinds |= flat.kinds_of(pa.table(head)) if head else {}
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
@@ -190,7 +184,6 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
         array = part.arrays.get(name)
         if array is None:
             raise DataError(f"{place}: it has no {name!r}, as others have; leave it out, or leave {name!r} out.")
-        check_width(array.dtype, f"{place}: {name!r}")
         shape = array.shape
         if not part.has_steps(name):
             raise DataError(f"{place}: {name!r} has the shape {shape} for {part.n_steps:,} actions; leave it out.")
@@ -206,17 +199,11 @@ def _rows(part: Part, name: str) -> int:
 def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
     """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
     arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
-    n_bytes = sum(max(BYTES_PER_NUMBER, array.dtype.itemsize) * math.prod(array.shape) for array in arrays)
-    check_memory((0 if is_on_disk() else n_bytes) + _chunk_bytes(arrays), source)
+    if not is_on_disk():
+        check_memory(sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays), source)
     for array in arrays:
         if isinstance(array, Checked):
             array.check()
-
-
-def _chunk_bytes(arrays: Sequence[StoredArray]) -> int:
-    """Bytes of the largest chunk, which is decoded as a whole and may be larger than its array."""
-    chunks = ((getattr(array, "chunks", None) or (0,), array.dtype.itemsize) for array in arrays)
-    return max((math.prod(shape) * size for shape, size in chunks), default=0)
 
 
 def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
@@ -250,7 +237,8 @@ def _column(pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.
     if name not in pieces[0].part.arrays:
         return pa.concat_arrays([pa.repeat(piece.part.about[name], piece.last - piece.first) for piece in pieces])
     if dtype is None:
-        return pa.concat_arrays(_texts(pieces, name, source))
+        texts = (np.asarray(piece.part.arrays[name][piece.first : piece.last]).tolist() for piece in pieces)
+        return pa.array([_text(value, name, source) for values in texts for value in values], pa.string())
     shape = pieces[0].part.arrays[name].shape[1:]
     values = np.empty((sum(piece.last - piece.first for piece in pieces), *shape), dtype)
     row = 0
@@ -260,23 +248,6 @@ def _column(pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.
         row = after
     column = pa.array(values.reshape(-1))
     return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(shape))
-
-
-def _texts(pieces: Sequence[Piece], name: str, source: str) -> list[pa.Array]:
-    """The texts of a column, some steps at a time: how long they are is known only when they are read."""
-    import pyarrow as pa
-
-    found, n_bytes = [pa.array([], pa.string())], 0
-    for piece in pieces:
-        array = piece.part.arrays[name]
-        size = (getattr(array, "chunks", None) or (1,))[0]
-        step = max(_TEXTS_AT_ONCE // size, 1) * size
-        for first in range(piece.first, piece.last, step):
-            values = np.asarray(array[first : min(first + step, piece.last)]).tolist()
-            found.append(pa.array([_text(value, name, source) for value in values], pa.string()))
-            n_bytes += found[-1].nbytes
-            check_memory(_COPIES_OF_TEXTS * n_bytes, source)
-    return found
 
 
 def _text(value: object, name: str, source: str) -> str:
