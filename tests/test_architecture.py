@@ -176,7 +176,6 @@ WITHOUT_TESTS = {
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
-    "scale/settings.py": "values alone",
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
     "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",

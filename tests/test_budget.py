@@ -16,17 +16,17 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2849, 19),
-    "data": (3406, 41),
-    "estimators": (2332, 15),
+    "data": (3407, 41),
+    "estimators": (2328, 15),
     "faults": (2292, 81),
     "formats": (9540, 97),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),
-    "policies": (1928, 64),
+    "policies": (1900, 64),
     "results": (3456, 56),
-    "scale": (799, 25),
-    "simulation": (871, 2),
+    "scale": (755, 24),
+    "simulation": (842, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 

@@ -73,7 +73,7 @@ def _steps(episodes: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> tuple[NDArr
 def _played(title: str, policy: Any, seed: int) -> Panel:
     """What a policy does in episodes of its own, with their mean return in the title."""
     episodes = record(policy, CAR, n_episodes=EPISODES, seed=seed)
-    mean = np.mean([episode.total_reward for episode in episodes])
+    mean = np.mean([episode.rewards.sum() for episode in episodes])
     steps = _steps([(episode.observations, episode.actions) for episode in episodes])
     number = f"{mean:.1f}".replace("-", "\N{MINUS SIGN}")
     return f"{title}\n{EPISODES} episodes, mean return {number}", policy, *steps

@@ -16,7 +16,6 @@ from rpil.estimators import passes
 from rpil.results.words import SIDES
 from rpil.scale.fit import JudgedSample
 from rpil.scale.local import InMemory, Streamed
-from rpil.scale.sample import draw_sample, is_large, sample_steps
 from small import SAMPLE, SMALL, small_rpil
 
 MAKERS = [make, make_continuous]
@@ -30,9 +29,9 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
 def both(data, fit=None, **options):
     """A fit in which the judge reads a third of the data, and one in which it reads everything."""
     sampled, whole = (replace(SAMPLE, min_steps=1500, min_samples=times) for times in (2, 1e9))
-    n_steps = sample_steps(1, sampled)
-    assert is_large(data.offsets, n_steps, sampled)
-    assert not is_large(data.offsets, n_steps, whole)
+    n_steps = sampled.steps(1)
+    assert sampled.is_smaller_than(data.offsets, n_steps)
+    assert not whole.is_smaller_than(data.offsets, n_steps)
     model, other = (
         small_rpil(settings=Settings(sample=sample), **options).fit(data, **(fit or {})) for sample in (sampled, whole)
     )
@@ -166,7 +165,7 @@ def test_final_policy_of_continuous_actions_uses_all_steps(kind):
 def test_final_policy_learns_states_outside_the_sample():
     _, data = demonstrations(n_good=300, n_bad=150)
     actions, observations = np.array(data.actions), np.hstack([data.observations, np.zeros((data.n_steps, 1))])
-    chosen = draw_sample(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0), SAMPLE)
+    chosen = SAMPLE.draw(data.lengths, np.zeros(450, dtype=int), 600, np.random.default_rng(0))
     rare = data.offsets[np.setdiff1d(np.arange(300), chosen)[[10, 20, 30]]]
     actions[np.concatenate([rare, rare + 1])] = 7
     observations[rare, -1] = 1.0

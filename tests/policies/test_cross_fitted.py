@@ -66,8 +66,8 @@ def test_regressors_without_weights_are_refused():
 @pytest.mark.parametrize(
     ("policy", "match"),
     [
-        (Answers(lambda p: p * np.nan), "Answers.predict_proba gave NaN; scale its inputs or regularise"),
-        (Answers(lambda p: 5 * p), "Answers.predict_proba gave no probabilities; let every row be positive and sum to"),
+        (Answers(lambda p: p * np.nan), "Answers.predict_proba gave no probabilities; scale its inputs"),
+        (Answers(lambda p: 5 * p), "Answers.predict_proba gave no probabilities; .* let every row sum to one"),
         (Answers(lambda p: p[:, :1]), r"Answers.predict_proba gave the shape \(\d+, 1\); let it give \(\d+, 2\)"),
         (AdaBoostClassifier(NEIGHBOURS), "AdaBoostClassifier cannot be fitted .*KNeighborsClassifier doesn't support "),
     ],

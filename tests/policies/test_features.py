@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.policies.features import FeatureMap, FeatureSettings
+from rpil.data.spaces import Discrete
+from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
 
 KINDS = ("raw", "folded", "nystroem")
 RNG = np.random.default_rng(0)
@@ -72,11 +73,11 @@ def test_a_weight_is_a_row_repeated(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_ridge(kind):
     found = fit(kind, X)
-    default = found.ridge(None, 200.0)
+    default, scaled = (ridge_of(found, C, 200.0, Discrete(3)) for C in (None, 4.0))
     np.testing.assert_allclose(default[:-1], 200 * FeatureSettings.ridge_per_step)
     # c_scaled = c * scale, so that a penalty c^2 / (2 C) is c_scaled^2 / (2 C scale^2)
-    np.testing.assert_allclose(found.ridge(4.0, 200.0)[:-1], 0.25 / found.scale**2)
-    assert default[-1] == found.ridge(4.0, 200.0)[-1] == 0.0
+    np.testing.assert_allclose(scaled[:-1], 0.25 / found.scale**2)
+    assert default[-1] == scaled[-1] == 0.0
     assert len(default) == found.design(X).shape[1]
 
 

@@ -42,13 +42,14 @@ def check_settings(settings: Any, **intervals: str) -> None:
     """Raise a `DataError` that names the first field of a dataclass with a number outside its interval.
 
     An interval is written as in mathematics, such as "[0, 1)"; by default it is "[1, inf)" for fields whose default is
-    a whole number, and "(0, inf)" for others. Fields that default to something else than numbers are not checked.
+    a whole number, and "(0, inf)" for others. Fields that default to something else than numbers are not checked, nor
+    is a None that the type of the field allows.
     """
     for field in fields(settings):
         value, default = getattr(settings, field.name), field.default
         several = isinstance(default, tuple)
         kind, numbers = (type(default[0]), value) if isinstance(default, tuple) else (type(default), (value,))
-        if kind not in (int, float):
+        if kind not in (int, float) or (value is None and "None" in str(field.type)):
             continue
         interval = intervals.get(field.name, "[1, inf)" if kind is int else "(0, inf)")
         if not isinstance(numbers, tuple) or not numbers or not all(_is_in(x, interval, kind) for x in numbers):

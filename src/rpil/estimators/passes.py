@@ -25,7 +25,6 @@ from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine, Shards
-from rpil.scale.sample import draw_sample
 
 MAX_DRAWN_STEPS = 100_000
 """Steps that are read again for traces."""
@@ -51,9 +50,8 @@ class SampledFit:
         task, options = self.task, self.options
         options.progress("a sample")
         rng, settings = np.random.default_rng(options.random_state), options.settings.sample
-        indices = draw_sample(
-            np.diff(task.source.offsets), task.answers.labels, options.n_sampled_steps(task), rng, settings
-        )
+        lengths, n_steps = np.diff(task.source.offsets), options.n_sampled_steps(task)
+        indices = settings.draw(lengths, task.answers.labels, n_steps, rng)
         demonstrations = task.source.select(indices)
         copies = copies_among(demonstrations)
         if copies.any:

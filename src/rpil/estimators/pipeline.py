@@ -35,7 +35,6 @@ from rpil.results.record import Audit, Interval
 from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture
-from rpil.scale.sample import sample_steps
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
@@ -104,7 +103,7 @@ class FitOptions:
         first = int(np.searchsorted(task.source.offsets, self.settings.selection.maps.n_landmarks))
         features = self.judge_features(task.source.select(slice(0, first)))
         assert isinstance(features, FeatureMap)
-        return sample_steps(features.n_columns * task.space.n_parts, self.settings.sample)
+        return self.settings.sample.steps(features.n_columns * task.space.n_parts)
 
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""

@@ -28,7 +28,6 @@ from rpil.results.evidence import with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
 from rpil.results.traces import MAX_DRAWN
-from rpil.scale.sample import is_large
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +159,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     options.check(task)
     stages: Stages = FullFit(task, options, keeps_policy)
     may_sample, sample = options.judges and options.policy is None, options.settings.sample
-    if may_sample and is_large(task.source.offsets, options.n_sampled_steps(task), sample):
+    if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
         from rpil.estimators.passes import SampledFit
 
         stages = SampledFit(task, options, keeps_policy)

@@ -81,10 +81,8 @@ class ClassifierPolicy:
         where, expected = f"{type(self.estimator).__name__}.predict_proba", (len(features), len(classes))
         if predicted.shape != expected:
             raise DataError(f"{where} gave the shape {predicted.shape}; let it give {expected}.")
-        if not np.isfinite(predicted).all():
-            raise DataError(f"{where} gave NaN; scale its inputs or regularise.")
-        if (predicted < 0).any() or np.abs(predicted.sum(axis=1) - 1).max() > PROBABILITY_TOLERANCE:
-            raise DataError(f"{where} gave no probabilities; let every row be positive and sum to one.")
+        if not (np.all(predicted >= 0) and np.abs(predicted.sum(axis=1) - 1).max() <= PROBABILITY_TOLERANCE):  # or NaN
+            raise DataError(f"{where} gave no probabilities; scale its inputs, or let every row sum to one.")
         proba[:, classes] = predicted
         return proba
 

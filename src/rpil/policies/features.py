@@ -1,7 +1,7 @@
 """Feature maps phi(s) from observations to the columns of the design matrix.
 
 A map is fitted once, is frozen, and holds a handful of arrays, so that it is saved with a policy. Columns are centred
-and scaled for the solver; the ridge is expressed in the scale the user chose (see `FeatureMap.ridge`).
+and scaled for the solver; the ridge is expressed in the scale the user chose (see `ridge_of`).
 """
 
 from __future__ import annotations
@@ -137,12 +137,13 @@ class FeatureMap:
         order: Literal["F", "C"] = "F" if observations.flags.f_contiguous else "C"
         out = np.empty((len(observations), self.n_columns), np.float32 if single else np.float64, order)
         out[:, -1] = 1.0
-        write = self._write_single if single and observations.dtype == np.float32 and self._near_zero else self._write
+        is_single = single and observations.dtype == np.float32 and self._near_zero
         for start in range(0, len(observations), DESIGN_BLOCK_ROWS):
             block = observations[start : start + DESIGN_BLOCK_ROWS]
             if self.bound is not None:
                 block = _cut_off(block, self.location, self.spread, self.bound)
-            write(block, out[start : start + DESIGN_BLOCK_ROWS, :-1])
+            columns = self._columns(block if is_single else block.astype(float))
+            out[start : start + DESIGN_BLOCK_ROWS, :-1] = _standardised(columns, self.center, self.scale)
         return out
 
     @cached_property
@@ -151,37 +152,10 @@ class FeatureMap:
         pairs = (self.center, self.scale), (self.location, self.spread)
         return self.kind in ("raw", "folded") and all((np.abs(c) <= SINGLE_MAX_CENTER * s).all() for c, s in pairs)
 
-    def _write(self, observations: Array, out: Array) -> None:
-        columns = self._columns(np.asarray(observations, dtype=float))
-        out[:] = (columns - self.center) / self.scale
-
-    def _write_single(self, observations: Array, out: Array) -> None:
-        """Raw and folded columns, computed in single precision."""
-        center, factor = self.center.astype(np.float32), (1 / self.scale).astype(np.float32)
-        width = observations.shape[1]
-        np.subtract(observations, center[:width], out=out[:, :width])
-        if self.kind == "folded":
-            folded = out[:, width:]
-            np.subtract(observations, self.location.astype(np.float32), out=folded)
-            folded *= (1 / self.spread).astype(np.float32)
-            np.abs(folded, out=folded)
-            folded -= center[width:]
-        out *= factor
-
-    def ridge(self, C: float | None, total_weight: float) -> Float[Array, " F"]:
-        """Penalty on each squared coefficient of the design matrix.
-
-        With C, the penalty of scikit-learn's `LogisticRegression` on the unscaled columns; without, a penalty on the
-        scaled columns that grows with the number of steps, so that neither units nor the amount of data change its
-        meaning.
-        """
-        scaled = np.full(len(self.center), self.ridge_per_step * total_weight)
-        return np.append(scaled if C is None else 1.0 / (C * self.scale**2), 0.0)
-
     def _columns(self, observations: Array) -> Array:
         if self.kind == "raw":
             return observations
-        z = (observations - self.location) / self.spread
+        z = _standardised(observations, self.location, self.spread)
         if self.kind == "folded":
             return np.hstack([observations, np.abs(z)])
         folded = _fold(z)
@@ -197,6 +171,13 @@ class IdentityMap:
     def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N D"]:
         """The observations in double precision."""
         return np.asarray(observations, dtype=float)
+
+
+def _standardised(values: Array, center: Array, scale: Array) -> Array:
+    """(values - center) / scale in the precision of the values; a single one is multiplied, which is faster."""
+    if values.dtype == np.float32:
+        return np.asarray((values - center.astype(np.float32)) * (1 / scale).astype(np.float32))
+    return np.asarray((values - center) / scale)
 
 
 def _fold(z: Array) -> Array:
@@ -257,19 +238,23 @@ def _location_and_spread(
     the column is constant up to rounding, which is relative to its location, or to `unit` if that is larger."""
     if offsets is not None:
         location, spread = robust_scale(columns, offsets)
-        return location, np.where(spread > 1e-12 * np.maximum(np.abs(location), unit), spread, 1.0)
-    mean = np.average(columns, axis=0, weights=weight)
-    spread = np.sqrt(np.average((columns - mean) ** 2, axis=0, weights=weight))
-    return mean, np.where(spread > 1e-12 * np.maximum(np.abs(mean), unit), spread, 1.0)
+    else:
+        location = np.average(columns, axis=0, weights=weight)
+        spread = np.sqrt(np.average((columns - location) ** 2, axis=0, weights=weight))
+    return location, np.where(spread > 1e-12 * np.maximum(np.abs(location), unit), spread, 1.0)
 
 
 def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: Space) -> Float[Array, " F"]:
-    """Penalty on each column of the design matrix, see `FeatureMap.ridge`.
+    """Penalty on each squared coefficient of the design matrix.
 
-    With two actions scikit-learn penalises the difference of the two columns of coefficients once, which is twice the
+    With C, the penalty of scikit-learn's `LogisticRegression` on the unscaled columns; without, a penalty on the scaled
+    columns that grows with the number of steps, so that neither units nor the amount of data change its meaning. With
+    two actions scikit-learn penalises the difference of the two columns of coefficients once, which is twice the
     penalty on each.
     """
-    if C is not None and not C > 0:
+    if C is None:
+        return np.append(np.full(len(features.center), features.ridge_per_step * total_weight), 0.0)
+    if not C > 0:
         raise DataError(f"C={C!r} must be a positive number.")
-    ridge = features.ridge(C, total_weight)
-    return 2.0 * ridge if C is not None and isinstance(space, Discrete) and space.n == 2 else ridge
+    ridge = np.append(1.0 / (C * features.scale**2), 0.0)
+    return 2.0 * ridge if isinstance(space, Discrete) and space.n == 2 else ridge

@@ -7,13 +7,13 @@ the judge sees the outputs for each fold of the network without it (cross-fittin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.settings_record import check_settings
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 from rpil.policies.folds import deal, pieces
@@ -115,11 +115,7 @@ class TorchPolicy:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        sizes = {"n_folds": self.n_folds, "epochs": self.epochs, "batch_size": self.batch_size}
-        sizes |= {f"hidden[{layer}]": size for layer, size in enumerate(self.hidden)}
-        check_whole_numbers(sizes if self.patience is None else sizes | {"patience": self.patience})
-        if not 0.0 < self.learning_rate < np.inf:
-            raise DataError(f"TorchPolicy: learning_rate={self.learning_rate!r} must be a positive number.")
+        check_settings(self, seed="[0, inf)")
 
     def for_space(self, space: Space) -> TorchPolicy:
         """The policy for such actions, before it is fitted."""
@@ -218,13 +214,6 @@ class TorchPolicy:
         rng, split = np.random.default_rng([self.seed, 2, phase]), (learn, validation)
         networks, epoch = train(self, trained.networks, inputs, weight, loss, split, rng)
         return replace(trained, networks=networks), epoch
-
-
-def check_whole_numbers(values: Mapping[str, float]) -> None:
-    """Raise a `DataError` that names the first parameter that is no whole number above 0."""
-    for name, value in values.items():
-        if value != int(value) or value < 1:
-            raise DataError(f"TorchPolicy: {name}={value!r} must be a whole number, 1 or more.")
 
 
 def training_and_validation(

@@ -33,19 +33,17 @@ def gather_steps(
         log_ratios, shares, weights = zip(*blocks, strict=True)
         total = sum(float(weight.sum()) for weight in weights)  # by blocks, as below
         return (np.concatenate(log_ratios), np.concatenate(shares), np.concatenate(weights)), total
-    total = 0.0
-    with tempfile.TemporaryFile() as first, tempfile.TemporaryFile() as second, tempfile.TemporaryFile() as third:
-        files = first, second, third
+    first, total, size = 0, 0.0, np.dtype(np.float32).itemsize
+    with tempfile.TemporaryFile() as file:
         for columns in blocks:
             total += float(columns[-1].sum())
-            for file, column in zip(files, columns, strict=True):
+            for k, column in enumerate(columns):
+                file.seek(size * (k * n_steps + first))
                 file.write(column.astype(np.float32).tobytes())
-        for file in files:
-            file.flush()
-        first_column, second_column, third_column = (
-            np.memmap(file, np.float32, "r", shape=(n_steps,)) for file in files
-        )
-    return (first_column, second_column, third_column), total
+            first += len(columns[0])
+        file.flush()
+        log_ratio, share, weight = np.memmap(file, np.float32, "r", shape=(3, n_steps))
+    return (log_ratio, share, weight), total
 
 
 def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -23,16 +22,14 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.types import Array
-from rpil.scale.protocol import PerDemonstration, R, Shards, T
+from rpil.scale.local import identity
+from rpil.scale.protocol import R, Shards, T
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 TIMEOUT = 5.0
 """Seconds within which a scheduler answers."""
-
-_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(?:\[[^]]+\]|[^\s/:]+):\d{1,5}/?|inproc://\S+")
-"""Addresses of a scheduler, with host and port; of others Dask prints a traceback at the end of the process."""
 
 _SHARDS_PER_THREAD = 2
 """More than one, so that the shards of a worker that died can be divided among the others."""
@@ -58,12 +55,10 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
     MissingExtraError
         Where ``distributed`` is not installed.
     """
-    if _ADDRESS.fullmatch(address) is None:
-        raise DataError(f"{address}: it is no address of a Dask scheduler; write it as tcp://HOST:8786.")
     distributed = _distributed()
     with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
         greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
-    with guarded(address, "no Dask scheduler answers there", "check the address"):
+    with guarded(address, "no Dask scheduler answers there", "give its address as tcp://HOST:8786"):
         greeted.result()
         client = distributed.Client(address, timeout=timeout, set_as_default=False)
     try:
@@ -77,7 +72,7 @@ def connect(address: str, timeout: float = TIMEOUT) -> Client:
 
 async def _greet(distributed: Any, address: str, timeout: float) -> None:
     """Exchange greetings with a Dask server, as a `distributed.Client` waits forever for those of another server."""
-    if address.startswith(("tcp://", "ws://")) or "://" not in address:
+    if not address.startswith(("tls://", "wss://", "ucx://", "inproc://")):  # of which Dask makes a greeting of its own
         comm = await asyncio.wait_for(distributed.comm.connect(address, timeout=timeout), timeout)
         await comm.close()
 
@@ -164,34 +159,34 @@ class RemoteBlocks(Shards[T]):
         return reduce(add, self.run(_total, function))
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
+        with self._passes.guarded():  # sent once, because it may hold numbers for all demonstrations
+            there = self.client.submit(identity, function, pure=False)
+
         def make(k: int) -> Future:
-            return self.client.submit(_apply, self.futures[k], _for_shard(function, self.shards[k]), pure=False)
+            return self.client.submit(_apply, self.futures[k], there, pure=False)
 
         return RemoteBlocks(self.client, self.shards, make, self)
 
     def run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         """The result of a task for each shard, in order; a shard that is lost is made again."""
         self._passes.n += 1
-        with self._passes.guarded():
-            yield from self._run(task, function)
-
-    def _run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         killed = _distributed().scheduler.KilledWorker
-        tasks = self.client.map(task, self.futures, function=function, pure=False)
-        for k in range(len(tasks)):
-            for _ in range(_MAX_TRIES):
-                try:
-                    result = self._wait_for(tasks[k])
-                    break
-                except (CancelledError, killed):
-                    self._make_again(k)
-                    tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
-            else:
-                raise DataError(
-                    f"The cluster lost shard {k} of the data {_MAX_TRIES} times; give its workers more memory."
-                )
-            tasks[k] = None  # so that workers release it
-            yield result
+        with self._passes.guarded():
+            tasks = self.client.map(task, self.futures, function=function, pure=False)
+            for k in range(len(tasks)):
+                for _ in range(_MAX_TRIES):
+                    try:
+                        result = self._wait_for(tasks[k])
+                        break
+                    except (CancelledError, killed):
+                        self._make_again(k)
+                        tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
+                else:
+                    raise DataError(
+                        f"The cluster lost shard {k} of the data {_MAX_TRIES} times; give its workers more memory."
+                    )
+                tasks[k] = None  # so that workers release it
+                yield result
 
     def _wait_for(self, future: Future) -> Any:
         while True:
@@ -261,14 +256,6 @@ def _configure_worker() -> None:
     with suppress(OSError, AttributeError):  # another C library
         for which in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
             ctypes.CDLL(None).mallopt(which, _FREE_BYTES)
-
-
-def _for_shard(function: Callable[[T], R], shard: Any) -> Callable[[T], R]:
-    """`function` with the values of the demonstrations of a shard alone."""
-    if not isinstance(function, PerDemonstration):
-        return function
-    blocks = shard if isinstance(shard, list) else [shard]
-    return function.only(slice(blocks[0].demonstrations.start, blocks[-1].demonstrations.stop))
 
 
 def _arrays(value: object) -> dict[int, Array]:

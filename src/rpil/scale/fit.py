@@ -151,13 +151,12 @@ class StepWeights:
     """The policy of the demonstrations that are not in the training group; None where they are too few."""
     trust: Array
     sign: Array
-    """W and c of the demonstrations from number `first` on (`rpil.results.step_weights`)."""
+    """W and c of all demonstrations (`rpil.results.step_weights`)."""
     whole_from: float
     """See `StepTrust`."""
     settings: JudgeSettings
     final: DesignMap | None = None
     """The map with the features of the final policy, where they are not the judge's."""
-    first: int = 0
 
     @classmethod
     def of(cls, audit: Audit, sample: JudgedSample, settings: JudgeSettings) -> StepWeights:
@@ -168,15 +167,9 @@ class StepWeights:
             others = kind.fit(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
         return cls(sample.judge, others, *of_demonstrations(audit), judged.step_trust.whole_from, settings)
 
-    def only(self, demonstrations: slice) -> StepWeights:
-        """The same for some of the demonstrations."""
-        own = self.trust[demonstrations], self.sign[demonstrations]
-        return replace(self, trust=own[0], sign=own[1], first=demonstrations.start)
-
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
         block, data = prepared
-        begin = block.first - self.first
-        steps = self.steps(data, slice(begin, begin + data.n_demonstrations))
+        steps = self.steps(data, block.demonstrations)
         return WeightedBlock(self.final(block)[1] if self.final else data, *steps)
 
     def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:

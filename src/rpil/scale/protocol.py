@@ -10,9 +10,7 @@ from rpil.numerics.blocks import Sums, add
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
-T_contra = TypeVar("T_contra", contravariant=True)
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
 
 
 @runtime_checkable
@@ -28,16 +26,6 @@ class Shards(Protocol[T_co]):
     def total(self, function: Callable[[T_co], Sums]) -> Sums:
         """The sum of the results for all blocks, always added up in the same order."""
         return reduce(add, self.map(function))
-
-
-@runtime_checkable
-class PerDemonstration(Protocol[T_contra, R_co]):
-    """A function of blocks that holds a value for each demonstration, of which a worker gets those of its own shard."""
-
-    def __call__(self, block: T_contra, /) -> R_co: ...
-
-    def only(self, demonstrations: slice) -> PerDemonstration[T_contra, R_co]:
-        """The same function for some of the demonstrations."""
 
 
 @runtime_checkable

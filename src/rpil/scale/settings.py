@@ -1,9 +1,12 @@
-"""Settings of fits to data larger than the sample that the judge reads."""
+"""Settings of fits to data larger than the sample that the judge reads, and the draw of the sample."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from rpil.data.demonstrations import BLOCK_STEPS
 from rpil.data.settings_record import settings_record
+from rpil.numerics.types import Array
 
 
 @settings_record(max_ratio="[1, inf)")
@@ -27,6 +30,32 @@ class SampleSettings:
     by the first pass: every other pass would read and prepare them again."""
     block_steps: int = BLOCK_STEPS
     """Steps of a block, about, in the passes over all data."""
+
+    def steps(self, n_coefficients: int) -> int:
+        """Steps of a sample for a policy with so many coefficients."""
+        return max(self.min_steps, self.steps_per_coefficient * n_coefficients)
+
+    def is_smaller_than(self, offsets: Array, n_steps: int) -> bool:
+        """Whether the judge reads a sample of `n_steps` steps instead of everything, `offsets` (M + 1,)."""
+        total, n_demonstrations = int(offsets[-1]), len(offsets) - 1
+        typical = self.n_demonstrations * total / n_demonstrations
+        size = max(n_steps, min(typical, self.max_ratio * n_steps))
+        return total > max(self.min_samples * n_steps, 2 * size)
+
+    def draw(self, lengths: Array, labels: Array, n_steps: int, rng: np.random.Generator) -> Array:
+        """Draw the demonstrations of the sample at random, in order: (S,) indices.
+
+        Known experts, known adversaries and demonstrations without a label (`labels` 1, -1, 0, each (M,)) are drawn
+        apart, each up to `n_steps` steps; `lengths` (M,) are the steps of the demonstrations.
+        """
+
+        def first(order: Array) -> Array:
+            bounds = [n_steps, self.max_ratio * n_steps]
+            enough, too_many = np.searchsorted(np.cumsum(lengths[order]), bounds) + 1
+            return order[: max(enough, min(self.n_demonstrations, max(too_many, self.min_demonstrations)))]
+
+        order = rng.permutation(len(lengths))
+        return np.sort(np.concatenate([first(order[labels[order] == label]) for label in (1, -1, 0)]))
 
 
 @settings_record(tol="[0, inf)", rounding="[0, inf)")

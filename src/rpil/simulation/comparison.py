@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -143,13 +144,11 @@ def compare(
     kept       600         0.780  0.745 to 0.811  +0.300 +- 0.019
     kept is better than all by 0.300 +- 0.019 over 3 seeds.
     """
-    numbers = _checked_seeds(seeds)
+    numbers = tuple(seeds) if isinstance(seeds, Iterable) else tuple(range(seeds))
+    if not numbers or len({*numbers}) < len(numbers):
+        raise DataError(f"seeds is {seeds!r}: give at least one, each once, and three or more to tell a difference.")
     if not isinstance(choices, Mapping) or not choices:
         raise DataError("There are no choices of demonstrations: give a mapping with at least one, by its name.")
-    names = [str(name) for name in choices]
-    if len({*names}) < len(names):
-        repeated = next(name for name in names if names.count(name) > 1)
-        raise DataError(f"Two choices have the name {repeated!r}: give each choice a name of its own.")
     outcomes: list[Float[Array, " E"]] = []
     for seed in numbers:
         for name, choice in choices.items():
@@ -163,30 +162,21 @@ def compare(
             if progress is not None:
                 progress(len(outcomes), len(numbers) * len(choices))
     by_choice = np.array(outcomes).reshape(len(numbers), len(choices), -1).swapaxes(0, 1)
-    return _compared(dict(zip(names, by_choice, strict=True)), numbers)
-
-
-def _checked_seeds(seeds: int | Iterable[int]) -> tuple[int, ...]:
-    numbers = tuple(seeds) if isinstance(seeds, Iterable) else tuple(range(seeds))
-    if not numbers:
-        raise DataError(f"seeds is {seeds!r}: give at least one, and three or more to tell a difference.")
-    if len({*numbers}) < len(numbers):
-        raise DataError(f"Some of the seeds {numbers} are the same: give each once.")
-    return numbers
+    return _compared(dict(zip(map(str, choices), by_choice, strict=True)), numbers)
 
 
 def _checked(outcome: ArrayLike, name: str, seed: int) -> Float[Array, " E"]:
     """The outcomes of the episodes of one policy, as numbers."""
-    where = f"evaluate, for {name!r} with seed {seed},"
     try:
         values = np.asarray(outcome, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{where} returned no numbers: return the success or return of every episode.") from error
-    if values.ndim != 1 or not len(values):
-        what = f"an array of shape {values.shape}" if values.size else "nothing"
-        raise DataError(f"{where} returned {what}: return the success or return of every episode, one at least.")
-    if not np.isfinite(values).all():
-        raise DataError(f"{where} returned a value that is not finite: repair it, or count the episode as failed.")
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+        returned = " ".join(reprlib.repr(outcome).split())
+        raise DataError(
+            f"evaluate, for {name!r} with seed {seed}, returned {returned}: return the success or return "
+            "of every episode, a finite number for each, and one episode at least."
+        )
     return values
 
 

@@ -38,15 +38,15 @@ def shift(observations: Array, actions: Array, space: Space, rng: np.random.Gene
 
 def noisy(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace half of the actions (rounded up), at steps chosen at random, by uniform draws."""
-    steps = rng.choice(len(actions), size=_half(len(actions)), replace=False)
+    steps = rng.choice(len(actions), size=(len(actions) + 1) // 2, replace=False)
     return observations.copy(), _redraw(actions, steps, space, rng)
 
 
 def window(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace the actions of one unbroken half of the steps (rounded up), at a random place, by uniform draws."""
-    length = _half(len(actions))
-    start = int(rng.integers(len(actions) - length + 1))
-    return observations.copy(), _redraw(actions, slice(start, start + length), space, rng)
+    steps = np.arange((len(actions) + 1) // 2)
+    steps += rng.integers(len(actions) - len(steps) + 1)
+    return observations.copy(), _redraw(actions, steps, space, rng)
 
 
 def sensor(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -71,12 +71,7 @@ RANDOM = "random"
 KINDS: tuple[str, ...] = ("corrupted", RANDOM, *(name for name in CORRUPTIONS if name != "corrupted"))
 
 
-def _half(n_steps: int) -> int:
-    # Rounded up, so that even an episode of one step is touched.
-    return (n_steps + 1) // 2
-
-
-def _redraw(actions: Array, steps: NDArray[np.int64] | slice, space: Space, rng: np.random.Generator) -> Array:
+def _redraw(actions: Array, steps: NDArray[np.int64], space: Space, rng: np.random.Generator) -> Array:
     spoiled = actions.copy()
-    spoiled[steps] = space.draw(len(spoiled[steps]), rng)
+    spoiled[steps] = space.draw(len(steps), rng)
     return spoiled

@@ -5,7 +5,7 @@ All episodes run in lockstep, so the policy sees one batch per time step instead
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -89,11 +89,6 @@ class RecordedEpisode:
     """What was done, (n,) int64 or (n, A) floats, which are clipped to the box of the environment."""
     rewards: NDArray[np.float64]
 
-    @property
-    def total_reward(self) -> float:
-        """The undiscounted return."""
-        return float(self.rewards.sum())
-
 
 def rollout(
     policy: Player,
@@ -136,7 +131,7 @@ def rollout(
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
     returns, steps, first = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(n_episodes, np.int64)
     n_finished, reports = 0, False
-    for step in _play(policy, env_id, _seeds(seed, n_episodes)):
+    for step in _play(policy, env_id, n_episodes, seed):
         returns[step.running] += step.rewards
         steps[step.running] += 1
         succeeded = step.running[(step.success == 1) & (first[step.running] == 0)]
@@ -154,7 +149,7 @@ def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[R
     The episodes are in the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
     policy is deterministic or created again from its own seed.
     """
-    steps = list(_play(policy, env_id, _seeds(seed, n_episodes)))
+    steps = list(_play(policy, env_id, n_episodes, seed))
     if not steps:
         return []
     owner = np.concatenate([step.running for step in steps])
@@ -181,22 +176,18 @@ class _Step:
     success: NDArray[np.float64]
 
 
-def _seeds(seed: int, n_episodes: int) -> list[int]:
-    """Independent seeds; the first n are the same for every larger n."""
-    return np.random.SeedSequence(seed).generate_state(n_episodes).tolist() if n_episodes > 0 else []
-
-
-def _play(policy: Player, env_id: str, seeds: Sequence[int]) -> Iterator[_Step]:
-    """Play one episode per seed in lockstep; for a deterministic policy an episode depends on its seed alone."""
-    if not seeds:
+def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_Step]:
+    """Play episodes in lockstep; of a deterministic policy, the first n are the same for every larger number."""
+    if n_episodes < 1:
         return
+    seeds = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
     envs: list[Any] = []
     try:
         # One environment per episode, never reused: a physics engine may keep state beyond a reset.
         envs = [make(env_id) for _ in seeds]
         space = _actions_that_fit(policy, env_id, envs[0])
         running = np.arange(len(envs))
-        observations = np.array([env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)])
+        observations = np.array([env.reset(seed=start)[0] for env, start in zip(envs, seeds, strict=True)])
         active = list(envs)
         while active:
             actions = _actions(policy, observations, env_id, space)
@@ -228,20 +219,15 @@ def _actions_that_fit(policy: Player, env_id: str, env: Any) -> Space:
             "played: wrap it or choose another."
         )
     name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
-    width = getattr(policy, "n_features_in_", None)
-    if width is not None and (width,) != observed.shape:
+    width, fitted = getattr(policy, "n_features_in_", None), getattr(policy, "classes_", None)
+    classes, possible = np.asarray(actions.classes if fitted is None else fitted).tolist(), actions.classes.tolist()
+    do_actions_fit = bool(classes) == bool(possible) and set(classes) <= set(possible)
+    if not do_actions_fit or (width is not None and (width,) != observed.shape):
         raise DataError(
-            f"{env_id} has observations of shape {observed.shape} but {name} was fitted on shape ({width},): "
-            "play it in the environment its demonstrations come from."
+            f"{env_id} has observations of shape {observed.shape} and {actions}, but {name} was fitted to observations "
+            f"of shape ({width},) and the actions {classes or 'of a box'}: play it in the environment its "
+            "demonstrations come from."
         )
-    fitted = getattr(policy, "classes_", None)
-    if fitted is not None:
-        classes, possible = np.asarray(fitted).tolist(), actions.classes.tolist()
-        if bool(classes) != bool(possible) or not set(classes) <= set(possible):
-            raise DataError(
-                f"{env_id} has {actions} but {name} knows {classes or 'continuous ones'}: "
-                "play it in the environment its demonstrations come from."
-            )
     return actions
 
 

@@ -81,5 +81,5 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     return Simulation(
         episodes=[episodes[m] for m in order.tolist()],
         is_good=is_good,
-        returns=np.array([episode.total_reward for episode in [*good, *bad]])[order],
+        returns=np.array([episode.rewards.sum() for episode in [*good, *bad]])[order],
     )
