@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3407, 41),
     "estimators": (2328, 15),
     "faults": (2292, 81),
-    "formats": (9540, 97),
+    "formats": (9544, 99),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -90,11 +90,12 @@ def test_cameras_that_were_not_used_are_counted(tmp_path, n, words, on_disk):
 
 
 def test_paths_are_filled_without_running_what_they_say():
-    assert fill("data/chunk-{a:03d}/{b}.parquet", a=7, b="x") == "data/chunk-007/x.parquet"
-    for template in ("{a.__class__}", "{a:0999999999d}", "{a!r}"):
-        assert fill(template, a=1) == template
+    template = "videos/chunk-{chunk_index:03d}/{video_key}/{episode_index}.mp4"
+    assert fill(template, 7, 12, "front") == "videos/chunk-007/front/12.mp4"
+    for template in ("{file_index.__class__}", "{file_index:0999999999d}", "{file_index!r}"):
+        assert fill(template, 1, 1) == template
     with pytest.raises(KeyError):
-        fill("{secret}", a=1)
+        fill("{secret}", 1, 1)
 
 
 def test_trims_are_refused_where_they_cannot_be(tmp_path):

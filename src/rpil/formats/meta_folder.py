@@ -158,9 +158,11 @@ def _number(value: Parsed) -> Parsed:
     return value
 
 
-def fill(template: str, **values: object) -> str:
-    """A path of ``info.json``, as data/chunk-{chunk_index:03d}, with these `values` in it."""
-    return _PLACE.sub(lambda found: format(values[found[1]], found[2] or ""), template)
+def fill(template: str, chunk: int, file: int, camera: str = "") -> str:
+    """A path of ``info.json``, as data/chunk-{chunk_index:03d}, with the numbers of a chunk and of a file in it."""
+    values: dict[str, object] = {"chunk_index": chunk, "file_index": file, "video_key": camera}
+    values |= {"episode_chunk": chunk, "episode_index": file}
+    return _PLACE.sub(lambda match: format(values[match[1]], match[2] or ""), template)
 
 
 def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
@@ -185,8 +187,7 @@ def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present:
     if not isinstance(template, str) or "episode_index" not in template or size is None:
         return list(present)
     with suppress(KeyError, ValueError):
-        chunks = {m: int(m) // size for m in lengths}
-        names = {fill(template, episode_index=m, episode_chunk=c, chunk_index=c) for m, c in chunks.items()}
+        names = {fill(template, int(m) // size, int(m)) for m in lengths}
         return [place for place in present if place in names] or list(present)
     return list(present)
 

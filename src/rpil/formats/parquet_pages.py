@@ -121,8 +121,9 @@ class Chunk(NamedTuple):
 def page_sizes(stored: OpenParquet, columns: Collection[str]) -> list[list[Chunk]]:
     """What `columns` hold in each row group; a `DataError` where the file is damaged."""
     schema, names, stream = stored.file.schema, set(stored.file.schema_arrow.names), stored.stream
+    wanted = set(columns)
     parts = [(k, schema.column(k)) for k in range(len(schema))]
-    chosen = [(k, part.max_repetition_level > 0) for k, part in parts if _column_of(part.path, names) in columns]
+    chosen = [(k, part.max_repetition_level > 0) for k, part in parts if _column_of(part.path, names) in wanted]
     try:
         groups = _footer(stream)[_ROW_GROUPS]
         return [[_chunk(stream, group[_COLUMNS][k], is_list) for k, is_list in chosen] for group in groups]

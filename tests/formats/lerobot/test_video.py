@@ -62,3 +62,11 @@ def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path, version):
     (defect,) = formats.registry.find(root).find_defects(True)
     assert "it is a link that leads out" in defect.sentence
     assert np.array_equal(sorted(path.name for path in tmp_path.iterdir()), ["drive", "elsewhere"])
+
+
+@pytest.mark.parametrize("use", [look, lambda path: picture(path, 0.1, folders.FPS, 32)])
+def test_frames_that_are_too_large_are_not_decoded(tmp_path, monkeypatch, use):
+    folders.write_video(tmp_path / "a.mp4", folders.pictures(0, 5), "libx264", {"g": "2"})
+    monkeypatch.setattr("rpil.formats.lerobot.video.LARGEST_FRAME", 64 * 48 - 1)
+    with pytest.raises(DataError, match=r"a\.mp4: its frames have 64 x 48 pixels"):
+        use(tmp_path / "a.mp4")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import spans
@@ -19,7 +20,7 @@ from rpil.formats.description import commas
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.episode_records import read_episodes, read_lines
-from rpil.formats.lerobot.kept import PATHS, video_place
+from rpil.formats.lerobot.kept import PATHS
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.lerobot.video_faults import NEAR_SECONDS, find_faults
 from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate
@@ -108,24 +109,32 @@ class CheckedFolder:
 
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
         """Where the frames of each episode that is there, `only` these or all, are, by camera."""
-        found, size = [], chunk_size(self.info)
-        if size is None:
+        found = []
+        if chunk_size(self.info) is None:
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
         for camera in cameras(self.info, "video"):
             for m in there:
-                row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
-                chunk, file = (row[name] for name in names) if names[0] in row else (m // size, m)
+                row = self.episodes[m]
                 # Version 2 has no such column: there, frames before the first row's time belong to no row.
                 start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
                 end = row.get(f"videos/{camera}/to_timestamp", np.inf)
                 if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
-                place = video_place(self.path, self.info, camera, chunk, file)
-                found.append(Shot(camera, m, place, start, end, self.data[m].n))
+                found.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
         return found
+
+    def video(self, camera: str, m: int) -> Path:
+        """The video in which a camera saw an episode; a `DataError` where it lies outside the folder."""
+        row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+        chunk, file = (row[name] for name in names) if names[0] in row else (m // (chunk_size(self.info) or 1), m)
+        place = self.path / fill(
+            self.info.get("video_path") or PATHS[self.info["codebase_version"]][1], chunk, file, camera
+        )
+        check_inside(place, self.path)
+        return place
 
 
 def find_shots(path: Path) -> list[Shot]:
@@ -210,8 +219,8 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
         wrong = [
             f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
         ]
-        places = {name: row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row}
-        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), **places) if places else file
+        places = [row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row]
+        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), *places) if places else file
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))
@@ -221,12 +230,13 @@ def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
     place = folder.path / STATS
     if not place.is_file() or folder.data.keys() != folder.episodes.keys():
         return
-    is_off, said = any(rows.off for rows in folder.data.values()), read_json(place)
-    for name, found in stats.of_data(folder.path / "data", said).items():
-        known = () if is_off and name == "timestamp" else ("min", "max", "mean", "std")
-        names = [what for what in known if what in said[name]]
-        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
-        for what in names:
+    is_off, known = any(rows.off for rows in folder.data.values()), ("min", "max", "mean", "std")
+    said = {name: {what: one[what] for what in known if what in one} for name, one in read_json(place).items()}
+    if is_off:
+        said.pop("timestamp", None)
+    for name, found in stats.of_files(folder.path / "data", said).items():
+        largest = np.max([np.abs(found[what]) for what in said[name]], axis=0) if said[name] else 0.0
+        for what in said[name]:
             slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
             here, data = np.ravel(said[name][what]), np.ravel(found[what])
             if here.shape != data.shape or not (np.abs(here - data) <= slack).all():

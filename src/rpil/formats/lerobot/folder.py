@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -22,7 +23,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
-from rpil.formats.format import Format, Trims, keep_by_own_ids
+from rpil.formats.format import Format, Shot, Trims, keep_by_own_ids
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.defects import (
     EPISODES_STATS,
@@ -32,7 +33,7 @@ from rpil.formats.lerobot.defects import (
     in_times,
     in_videos,
 )
-from rpil.formats.lerobot.episode_records import EpisodeLines, EpisodeTable
+from rpil.formats.lerobot.episode_records import Episodes
 from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size, read_info
@@ -89,10 +90,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
             where, found = path, [*in_times(old, wanted)]
     else:
-        with guarded(path / "meta" / "episodes"):
-            old.shots(wanted)  # whose times are numbers
         with new_folder(output) as new:
-            _write(path, new, info, ids, trims)
+            _write(old, new, info, wanted, trims)
             with guarded(path / "meta"):
                 counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
                 where, found = (
@@ -105,25 +104,30 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
         warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
-def _write(path: Path, new: Path, info: dict[str, Parsed], ids: Sequence[object], trims: Trims) -> None:
-    """Write the episodes `ids` of the folder `path` to the empty folder `new`; `info` is what ``info.json`` says."""
-    copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
-    kept = Kept(path, new, info, {str(name) for name in ids}, trims)
+def _write(old: CheckedFolder, new: Path, info: dict[str, Parsed], wanted: set[str], trims: Trims) -> None:
+    """Write the wanted episodes of a folder to the empty folder `new`; `info` is what ``info.json`` says."""
+    path, kept = old.path, Kept(old.path, new, info, wanted, trims)
     with guarded(path / "meta" / "episodes"):
-        about = EpisodeTable.read(kept) if kept.is_v3 else EpisodeLines.read(kept)
-        seen = {camera: about.videos(camera) for camera in cameras(info, "video")}
-    gone = [camera for camera, files in seen.items() if not any(file.is_file() for file in files.values())]
+        shots = old.shots(wanted)
+        episodes = Episodes.read(kept)
+        seen: dict[str, dict[int, Shot]] = {camera: {} for camera in cameras(info, "video")}
+        for shot in shots:
+            if episodes.names_places(shot.camera):
+                seen[shot.camera][shot.episode] = shot
+    copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
+    gone = [camera for camera, own in seen.items() if not any(shot.path.is_file() for shot in own.values())]
     for camera in gone:
         del seen[camera], info["features"][camera]
         message = f"{path}: no video of {camera!r} is there; the new folder does not name this camera."
         warnings.warn(message, stacklevel=1)
-    lost = [file for files in seen.values() for file in files.values() if not file.is_file()]
+    lost = [shot.path for own in seen.values() for shot in own.values() if not shot.path.is_file()]
     if lost:
         raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
-    about.prepare(seen)
+    if not kept.is_v3:
+        kept.find_heads(seen)
     kept.copy_data()
     with guarded(path / "meta" / "episodes"):
-        by_episode = about.write(seen, gone)
+        by_episode = episodes.write(seen, Counter(old.video(camera, m) for camera in seen for m in old.episodes), gone)
         n = len(kept.numbers)
         data, videos = PATHS[info["codebase_version"]]
         info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": data, "splits": {"train": f"0:{n}"}}

@@ -14,11 +14,11 @@ import numpy as np
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
-from rpil.data.folders import check_inside
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Trims
+from rpil.formats.format import Shot, Trims
+from rpil.formats.lerobot import video
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
@@ -74,16 +74,46 @@ class Kept:
     def fps(self) -> float:
         return float(self.info["fps"])
 
+    def place_of(self, number: int) -> tuple[int, int]:
+        """The chunk and the file of the new data file, or video of a camera, of this number."""
+        chunk, file = divmod(number, int(self.info["chunks_size"]))
+        return (chunk, file) if self.is_v3 else (chunk, number)
+
+    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> Path:
+        """The place of a new file."""
+        return self.new / fill(PATHS[self.info["codebase_version"]][of_videos], chunk, file, camera)
+
+    def find_heads(self, videos: Mapping[str, Mapping[int, Shot]]) -> None:
+        """Find where trimmed videos of version 2 can begin: with a frame, the same in all cameras, that needs no other.
+
+        Version 2 cannot say that an episode begins within its video, so that the times of its rows begin there.
+        """
+        for name, (first, _) in self.trims.items():
+            shots = [shots[int(name)] for shots in videos.values() if int(name) in shots]
+            common = set(range(first + round(shots[0].start * self.fps if shots else 0) + 1))
+            for shot in shots:
+                packets = video.Packets.of(shot.path)
+                common &= set(np.rint(packets.times[packets.is_key] * self.fps).astype(int).tolist())
+            self.skipped[int(name)] = max(common, default=0) / self.fps
+
+    def span(self, shot: Shot) -> tuple[float, float]:
+        """The seconds of a video that are kept of an episode."""
+        first, end = self.trims.get(str(shot.episode), (0, shot.n_rows))
+        last = shot.start + end / self.fps
+        if not self.is_v3:
+            return self.skipped.get(shot.episode, 0.0), last
+        return shot.start + first / self.fps, shot.end if end >= shot.n_rows else min(shot.end, last)
+
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        size, n_files, files = int(self.info["chunks_size"]), 0, [*map(Path, find_files(self.path)[1])]
+        n_files, files = 0, [*map(Path, find_files(self.path)[1])]
         rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
         if rewarded:
             message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
             warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
         for file in files:
-            self.place = divmod(n_files, size) if self.is_v3 else (n_files // size, n_files)
-            target = self.new / self.target(0, *self.place)
+            self.place = self.place_of(n_files)
+            target = self.target(0, *self.place)
             target.parent.mkdir(parents=True, exist_ok=True)
             if keep_rows(file, target, self.wanted, ColumnOptions(id="episode_index"), self.renumbered):
                 n_files += 1
@@ -125,10 +155,6 @@ class Kept:
             table = with_column(table, column, values) if values else table
         return table
 
-    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> str:
-        """The place of a new file."""
-        return _place(PATHS[self.info["codebase_version"]][of_videos], camera, chunk, file)
-
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step, without those that are trimmed."""
         import pyarrow as pa
@@ -162,19 +188,7 @@ class Kept:
         """The new rows of an episode."""
         import pyarrow.parquet as pq
 
-        return pq.read_table(self.new / self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
-
-
-def video_place(path: Path, info: Mapping[str, Parsed], camera: str, chunk: int, file: int) -> Path:
-    """The place of a video in the folder `path`, or a `DataError` where it leads out of it."""
-    place = path / _place(info.get("video_path") or PATHS[info["codebase_version"]][1], camera, chunk, file)
-    check_inside(place, path)
-    return place
-
-
-def _place(template: str, camera: str, chunk: int, file: int) -> str:
-    names = {"chunk_index": chunk, "file_index": file, "episode_chunk": chunk, "episode_index": file}
-    return fill(template, **names, video_key=camera)
+        return pq.read_table(self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:

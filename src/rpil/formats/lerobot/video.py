@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from threading import BoundedSemaphore
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,6 +25,8 @@ _FRESH = {"h264": (4, 0, (5,)), "hevc": (21, 1, (19, 20))}
 """Where the head of a codec says how long lengths are; the place of the type of a unit, and types of fresh frames."""
 
 PIXELS = 32  # of a frame that are looked at, in each direction
+LARGEST_FRAME = 67_000_000  # pixels, each of which takes up to 3 bytes
+_DECODING = BoundedSemaphore(2)  # the review may ask for many frames at once
 
 
 def load_av() -> ModuleType:
@@ -84,6 +87,11 @@ def _is_fresh(data: bytes, codec: str, head: bytes) -> bool:
 def _opened(path: Path) -> Iterator[InputContainer]:
     fault = "it is no video, or a damaged one", "copy or download an MP4 file again"
     with guarded(path, *fault), _open_mp4(check_readable(path)) as source:
+        codec = source.streams.video[0].codec_context
+        if codec.width * codec.height > LARGEST_FRAME:
+            size = f"{codec.width} x {codec.height} pixels, over {LARGEST_FRAME:,}"
+            raise DataError(f"{path}: its frames have {size}; write it with smaller ones.")
+        codec.options = {"max_pixels": str(LARGEST_FRAME)}  # where the header says less than there is
         yield source
 
 
@@ -182,7 +190,7 @@ def look(path: Path) -> tuple[Array, Array]:
 def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
     """The frame that a video shows at `seconds`, as a JPEG file with `width` pixels in a row; a `DataError` if none."""
     encoder = load_av().CodecContext.create("mjpeg", "w")
-    with _opened(path) as source:
+    with _DECODING, _opened(path) as source:
         stream = source.streams.video[0]
         source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
         shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
