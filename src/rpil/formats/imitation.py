@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import check_extension, new_folder, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import read_json
-from rpil.data.memory import check_memory
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.arrow import read_ipc
@@ -32,7 +31,6 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_NOT_READ = {"infos": "never decoded, because that can run any code"}
 _PICKLES = (".pkl", ".pickle")
 _STEPS = ("obs", "acts", "rews")
 _NPZ = ("obs", "acts", "indices", "terminal")
@@ -42,18 +40,30 @@ _STATE, _INFO, _STREAM = "state.json", "dataset_info.json", "data-00000-of-00001
 def claims(path: Path) -> bool:
     """Whether `path` is such a folder or NPZ file; or a pickle, which is refused."""
     if path.is_dir():
-        return all((path / name).is_file() for name in (_STATE, _INFO)) and {"obs", "acts"} <= _features(path)
-    return path.suffix.lower() in _PICKLES or _is_npz(path)
+        there = all((path / name).is_file() for name in (_STATE, _INFO))
+        return there and {"obs", "acts"} <= {*read_json(path / _INFO)["features"]}
+    with suppress(DataError):  # which the format NPZ names
+        if path.suffix.lower() == ".npz":
+            with opened_npz(path) as stored:
+                return {*_NPZ} <= {*stored.names}
+    return path.suffix.lower() in _PICKLES
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
-    """The recording in all trajectories, which are numbered from 0; a `DataError` where they are damaged."""
+    """The steps of all trajectories, which are numbered from 0; a `DataError` where they are damaged."""
+    others: dict[str, str] = {}
     if path.is_dir():
         table = _table(path)
         others = dict.fromkeys({*table.column_names} - {*_STEPS}, NO_STEPS)
-        recording = _recording(_columns(table, path.name), path.name, "imitation", options)
-        return recording.with_ignored(others | _NOT_READ)
-    return _recording(_arrays(path), path.name, "imitation, NPZ", options).with_ignored(_NOT_READ)
+        arrays = {name: _lists(table, name, path.name) for name in _STEPS if name in table.column_names}
+    else:
+        arrays = _arrays(path)
+    parts = [
+        Part(len(acts), {name: parts[m] for name, parts in arrays.items()}, {NUMBERED: m})
+        for m, acts in enumerate(arrays["acts"])
+    ]
+    found = from_parts(parts, NUMBERED, path.name, "imitation" if path.is_dir() else "imitation, NPZ", options)
+    return found.with_ignored(others | {"infos": "never decoded, because that can run any code"})
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -76,64 +86,32 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         (folder / _INFO).write_text(json.dumps({name: info[name] for name in info.keys() - {"splits"}}))
 
 
-def _features(path: Path) -> set[str]:
-    return {*read_json(path / _INFO)["features"]}
-
-
-def _is_npz(path: Path) -> bool:
-    with suppress(DataError):  # which the format NPZ names
-        if path.suffix.lower() == ".npz":
-            with opened_npz(path) as stored:
-                return {*_NPZ} <= {*stored.names}
-    return False
-
-
-def _recording(
-    columns: Mapping[str, Sequence[Array]], source: str, format_name: str, options: ColumnOptions
-) -> StepTables:
-    """The recording in arrays of each trajectory, which `columns` have one below the other."""
-    names = list(columns)
-    parts = [
-        Part(len(arrays[names.index("acts")]), dict(zip(names, arrays, strict=True)), {NUMBERED: m})
-        for m, arrays in enumerate(zip(*columns.values(), strict=True))
-    ]
-    return from_parts(parts, NUMBERED, source, format_name, options)
-
-
 def _table(path: Path) -> pa.Table:
     """The table of the folder, a row for each trajectory, mapped into memory."""
     import pyarrow as pa
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
-        files = [Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
-        tables = [read_ipc(path / name) for name in files]
-        for table in tables:
-            table.validate(full=True)
-        return pa.concat_tables(tables)
+        return pa.concat_tables(
+            read_ipc(path / Path(file["filename"]).name) for file in read_json(path / _STATE)["_data_files"]
+        )
 
 
-def _columns(table: pa.Table, source: str) -> dict[str, list[Array]]:
-    """The numbers of each trajectory in the columns that hold a list of steps."""
+def _lists(table: pa.Table, name: str, source: str) -> list[Array]:
+    """The numbers of each trajectory in a column that holds a list of steps."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    names = [name for name in _STEPS if name in table.column_names]
-    check_memory(2 * table.select(names).nbytes, source)
-    found = {}
-    for name in names:
-        if not pa.types.is_list(table[name].type):
-            raise DataError(f"{source}: {name!r} holds {table[name].type}, not a list of steps; leave parts out.")
-        if table[name].null_count:
-            m = pc.index(pc.is_null(table[name]), True).as_py()
-            raise DataError(f"{source}, demonstration {m}: it has no {name!r}; leave it out.")
-        ends = np.cumsum(pc.list_value_length(table[name]).to_numpy())
-        steps = pa.table({name: table[name].combine_chunks().flatten()})
-        found[name] = np.split(flat.column_values(steps, name, _place_of_step(ends, source)), ends[:-1])
-    return found
+    if not pa.types.is_list(table[name].type):
+        raise DataError(f"{source}: {name!r} holds {table[name].type}, not a list of steps; leave parts out.")
+    column = table[name].combine_chunks()
+    if column.null_count:
+        m = column.is_null().index(True).as_py()
+        raise DataError(f"{source}, demonstration {m}: it has no {name!r}; leave it out.")
+    ends = np.cumsum(column.value_lengths().to_numpy())
 
+    def place(row: int) -> str:
+        return f"{source}, demonstration {np.searchsorted(ends, row, side='right')}"
 
-def _place_of_step(ends: Array, source: str) -> flat.Place:
-    return lambda row: f"{source}, demonstration {np.searchsorted(ends, row, side='right')}"
+    return np.split(flat.column_values(pa.table({name: column.flatten()}), name, place), ends[:-1])
 
 
 def _arrays(path: Path) -> dict[str, list[Array]]:

@@ -14,19 +14,18 @@ from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import hdf5
-from rpil.formats.arrow import end_to_end, from_arrow, read_ipc
+from rpil.formats.arrow import end_to_end, from_arrow
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
-from rpil.formats.parquet_pages import open_table
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py
     import pyarrow as pa
+    from pyarrow import dataset
 
 _HDF5 = "main_data.hdf5"
 _METADATA = "metadata.json"
@@ -44,7 +43,7 @@ def claims(path: Path) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """The recording in all episodes; parts of Dict and Tuple spaces are columns such as ``observations/goal/0``.
 
-    A `DataError` where a file is damaged, and where the data would take more memory than they may.
+    A `DataError` where a file is damaged.
     """
     data, about = _open(path)
     if object_in(about.get("action_space")).get("type") == "Discrete" and options.action_kind == "auto":
@@ -140,47 +139,32 @@ def _folders(data: Path) -> dict[int, Path]:
 
 
 def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, notes: tuple[str, ...]) -> StepTables:
-    """The recording in folders that hold a table each; images are not read."""
+    """The steps in folders that hold a table each; images are not read."""
     import pyarrow as pa
     from pyarrow import dataset
 
-    tables, images, n_bytes, n_left_out = [], {}, 0, 0
+    tables, images, empty, n_left_out = [], {}, [], 0
     for number, folder in _folders(data).items():
         with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
-            schema, stored = _stored(folder, kind, source)
-            leaves = dict(_leaves(schema))
+            stored = _stored(folder, kind)
+            leaves = dict(_leaves(stored.schema))
             images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
-            read = {name: leaf for name, leaf in leaves.items() if name not in images}
-            n_bytes += len(stored) * BYTES_PER_NUMBER * sum(getattr(leaf, "list_size", 1) for _, leaf in read.values())
-            check_memory(n_bytes, source)
-            columns = {name: dataset.field(*path) for name, (path, _) in read.items()}
-            table = dataset.dataset(stored).to_table(columns=columns)
-            table.validate(full=True)  # to look at the values of a damaged file would end the process
-        n_steps = _n_steps(folder, len(stored))
-        n_left_out += len(stored) > n_steps
-        table = table.slice(0, n_steps)
-        tables.append(table.append_column(NUMBERED, pa.repeat(number, len(table))))
-    empty = [number for number, table in zip(_folders(data), tables, strict=True) if not len(table)]
+            columns = {name: dataset.field(*path) for name, (path, _) in leaves.items() if name not in images}
+            table = stored.to_table(columns=columns, use_threads=False)
+        n_steps = _n_steps(folder, len(table))
+        n_left_out += len(table) > n_steps
+        empty += [] if n_steps else [number]
+        tables.append(table.slice(0, n_steps).append_column(NUMBERED, pa.repeat(number, n_steps)))
     notes = (*notes, *([_LAST] if n_left_out else []), *without_steps(empty))
     table = end_to_end(tables, source)
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
 
 
-def _stored(folder: Path, kind: str, source: str) -> tuple[pa.Schema, pa.Table]:
-    """The columns of an episode, and the values of those that hold more than images; errors of pyarrow stay so."""
-    import pyarrow as pa
+def _stored(folder: Path, kind: str) -> dataset.Dataset:
+    """The table of an episode, which is not read yet."""
+    from pyarrow import dataset
 
-    files = sorted(folder.glob(f"*.{kind}"))
-    if kind == "arrow":
-        table = pa.concat_tables(read_ipc(file) for file in files)
-        return table.schema, table
-    schema, tables = pa.schema([]), []
-    for file in files:
-        with open_table(file) as episode:
-            schema = episode.file.schema_arrow
-            names = dict.fromkeys(path[0] for _, (path, leaf) in _leaves(schema) if not _is_image(leaf))
-            tables.append(episode.read(list(names)))
-    return schema, pa.concat_tables(tables)
+    return dataset.dataset(sorted(map(str, folder.glob(f"*.{kind}"))), format=kind)
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:
@@ -218,7 +202,7 @@ def _copy_folders(path: Path, data: Path, new: Path, ids: Sequence[Id]) -> list[
         copy_folder(folders[i], new / str(k), without=(_METADATA,))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        lengths.append(_n_steps(folders[i], len(_stored(new / str(k), kind, path.name)[1])))
+        lengths.append(_n_steps(folders[i], _stored(new / str(k), kind).count_rows()))
     return lengths
 
 
