@@ -56,6 +56,10 @@ class Npz:
         """Some of the arrays; errors are those of `read_arrays`."""
         return dict(zip(names, read_arrays(self.archive, [name + ARRAY for name in names], self.where), strict=True))
 
+    def read_one(self, name: str) -> Array:
+        """One of the arrays; errors are those of `read_arrays`."""
+        return self.read([name])[name]
+
 
 @contextmanager
 def opened_npz(path: Path, where: str = "", remedy: str = "write it again") -> Iterator[Npz]:

@@ -16,7 +16,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.names import EPISODE
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, StoredArray, from_parts
+from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
@@ -41,26 +41,28 @@ class ArrayLayout:
 
     Attributes
     ----------
-    n_steps : int
-        N, or T where arrays are stacked.
     column : str
         Name of the ids.
     ids : array
         The id of each of N steps, or of each of M first indices where arrays are stacked.
     note : str
         How it was told.
-    lengths : array (M,), optional
-        The steps of each first index where arrays are stacked.
+    is_step : array (M, T), optional
+        Which rows are steps, where arrays are stacked.
     by_demonstration : set of str
         Arrays with one value for each demonstration, where arrays lie end to end.
     """
 
-    n_steps: int
     column: str
     ids: Array
     note: str
-    lengths: Array | None = None
+    is_step: Array | None = None
     by_demonstration: Set[str] = frozenset()
+
+    @property
+    def names(self) -> list[Any]:
+        """The ids of the M demonstrations in the order of the file."""
+        return list(dict.fromkeys(self.ids.tolist()))
 
     def kept_rows(self, name: str, array: StoredArray, ids: Sequence[Id]) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
@@ -68,22 +70,12 @@ class ArrayLayout:
             return np.flatnonzero(np.isin(self.ids, ids))
         return np.flatnonzero(np.isin(self.names, ids)) if name in self.by_demonstration else None
 
-    def kept(self, name: str, array: Array, ids: Sequence[Id]) -> Array:
-        """An array in memory with the rows of `kept_rows`, or as it is."""
-        rows = self.kept_rows(name, array, ids)
-        return array if rows is None else array[rows]
-
-    @property
-    def names(self) -> list[Any]:
-        """The ids of the M demonstrations in the order of the file."""
-        return list(dict.fromkeys(self.ids.tolist()))
-
     def added_ends(self, arrays: Tree, ids: Sequence[Id]) -> dict[str, Array]:
         """Timeouts for the steps of the demonstrations `ids`, where no array marks those that were cut short."""
-        if self.lengths is not None or self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
+        if self.is_step is not None or self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
             return {}
         is_last = np.append(self.ids[1:] != self.ids[:-1], True)
-        is_terminal = _flags(arrays, _TERMINALS[0], self.n_steps, "terminals")
+        is_terminal = _flags(arrays, _TERMINALS[0], len(self.ids), "terminals")
         return {TIMEOUTS: (is_last & ~is_terminal)[np.isin(self.ids, ids)]}
 
 
@@ -107,25 +99,12 @@ def read_arrays(
     if options.id and not is_stacked(arrays):
         return from_parts([Part(_n_steps(arrays) or 0, arrays)], options.id, source, format_name, options, notes=notes)
     layout = layout_of(arrays, source)
-    notes = (*notes, layout.note)
-    if layout.lengths is None:
-        parts = [Part(layout.n_steps, {layout.column: layout.ids, **arrays})]
-        return from_parts(parts, layout.column, source, format_name, options, notes=notes)
-    n = len(layout.ids)
-    steps = {name: array for name, array in arrays.items() if array.shape[:1] == (n,) and len(array.shape) > 1}
-    whole = {name: array for name, array in arrays.items() if array.shape == (n,) and array.dtype.kind in "biufSU"}
-    about = {name: _values(array).tolist() for name, array in whole.items()}
-    about[layout.column] = layout.ids.tolist()
-    parts = [
-        Part(
-            int(length),
-            {name: _Stacked(array, m, int(length) - layout.n_steps) for name, array in steps.items()},
-            {name: values[m] for name, values in about.items()},
-        )
-        for m, length in enumerate(layout.lengths)
-    ]
-    recording = from_parts(parts, layout.column, source, format_name, options, notes=notes)
-    return recording.with_ignored(dict.fromkeys(arrays.keys() - steps.keys() - whole.keys(), NO_STEPS))
+    steps, ids = arrays, layout.ids
+    if layout.is_step is not None:
+        steps, ids = _end_to_end(arrays, layout.is_step), np.repeat(ids, layout.is_step.sum(axis=1))
+    parts, notes = [Part(len(ids), {layout.column: ids, **steps})], (*notes, layout.note)
+    found = from_parts(parts, layout.column, source, format_name, options, notes=notes)
+    return found.with_ignored(dict.fromkeys(arrays.keys() - steps.keys(), NO_STEPS))
 
 
 def layout_of(arrays: Tree, source: str) -> ArrayLayout:
@@ -133,40 +112,32 @@ def layout_of(arrays: Tree, source: str) -> ArrayLayout:
     n_steps, named = _n_steps(arrays) or 0, first(arrays, EPISODE)
     own_ids = None if named is None else arrays[named]
     if is_stacked(arrays):
-        n, longest = arrays[str(first(arrays, ACTIONS))].shape[:2]
-        lengths, note = _stacked_lengths(arrays, n, longest, source)
-        if named is not None and own_ids is not None and own_ids.shape == (n,) and own_ids.dtype.kind in "iuSU":
-            return ArrayLayout(longest, named, _values(own_ids), note, lengths)
-        return ArrayLayout(longest, NUMBERED, np.arange(n), note, lengths)
+        shape = arrays[str(first(arrays, ACTIONS))].shape[:2]
+        is_step, note = _is_step(arrays, shape, source)
+        if named is not None and own_ids is not None and own_ids.shape == shape[:1] and own_ids.dtype.kind in "iuSU":
+            return ArrayLayout(named, _values(own_ids), note, is_step)
+        return ArrayLayout(NUMBERED, np.arange(shape[0]), note, is_step)
     if named is not None and own_ids is not None and own_ids.shape == (n_steps,) and own_ids.dtype.kind in "iu":
-        return ArrayLayout(n_steps, named, _values(own_ids), f"Demonstrations by the array {named}.")
+        return ArrayLayout(named, _values(own_ids), f"Demonstrations by the array {named}.")
     if (name := _lengths(arrays, n_steps)) is not None:
-        lengths, note = _values(arrays[name]), f"Demonstrations are as long as {name} says."
-        ids = np.repeat(np.arange(len(lengths)), lengths)
-        return ArrayLayout(n_steps, NUMBERED, ids, note, by_demonstration={name})
+        lengths = _values(arrays[name])
+        ids, note = np.repeat(np.arange(len(lengths)), lengths), f"Demonstrations are as long as {name} says."
+        return ArrayLayout(NUMBERED, ids, note, by_demonstration={name})
     ends, note = _ends(arrays, n_steps, source)
-    return ArrayLayout(n_steps, NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)
+    return ArrayLayout(NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)
 
 
-@dataclass(frozen=True, eq=False)
-class _Stacked:
-    """The steps of one demonstration in a stacked array, without the last `-shift`, which only fill it up."""
+def _end_to_end(arrays: Tree, is_step: Array) -> dict[str, StoredArray]:
+    """Stacked arrays (M, T, ...) or (M, T + 1, ...) as arrays of their steps, and values (M,) as one for each step."""
+    (n, longest), lengths = is_step.shape, is_step.sum(axis=1)
 
-    stacked: StoredArray
-    index: int
-    shift: int
+    def steps(array: StoredArray) -> Closed:
+        return read_once((lengths.sum(), *array.shape[2:]), array.dtype, lambda: _values(array)[:, :longest][is_step])
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        n_rows, *more = self.stacked.shape[1:]
-        return (max(n_rows + self.shift, 0), *more)
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.stacked.dtype
-
-    def __getitem__(self, rows: slice) -> object:
-        return np.asarray(self.stacked[self.index : self.index + 1])[0][: self.shape[0]][rows]
+    stacked = {name: one for name, one in arrays.items() if one.shape[:2] in ((n, longest), (n, longest + 1))}
+    whole = {name: one for name, one in arrays.items() if one.shape == (n,)}
+    repeated = {name: np.repeat(_values(one), lengths) for name, one in whole.items()}
+    return {**repeated, **{name: steps(one) for name, one in stacked.items()}}
 
 
 def _n_steps(arrays: Tree) -> int | None:
@@ -193,27 +164,28 @@ def _lengths(arrays: Tree, n_steps: int) -> str | None:
     return name if lengths.sum() == n_steps and (lengths > 0).all() else None
 
 
-def _stacked_lengths(arrays: Tree, n: int, longest: int, source: str) -> tuple[Array, str]:
-    """The steps of each of `n` demonstrations (M,), and how they were told, in words."""
-    name = first(arrays, _LENGTHS)
-    ends = [name for name in (*_TERMINALS, *_CUTS) if name in arrays and arrays[name].shape[:2] == (n, longest)]
-    words = "Each first index of the arrays is one demonstration"
-    if name is not None:
-        lengths, told = _values(arrays[name]), f"as long as {name} says"
-    elif (name := first(arrays, _MASKS)) is not None:
-        is_step = _values(arrays[name]).reshape(n, -1) != 0
-        lengths, told = is_step.sum(axis=1), f"as long as {name} is true"
-        if is_step.shape != (n, longest) or (np.diff(is_step.astype(int), axis=1) > 0).any():
-            raise DataError(f"{source}: {name} must be true for the first steps of each demonstration; write it again.")
-    elif ends:
-        is_end = np.any([_values(arrays[name]).reshape(n, longest) != 0 for name in ends], axis=0)
-        lengths = np.where(is_end.any(axis=1), is_end.argmax(axis=1) + 1, longest)
-        told = f"which ends at {' or '.join(ends)}"
-    else:
-        return np.full(n, longest), f"{words} of {longest:,} steps."
-    if lengths.shape != (n,) or lengths.dtype.kind not in "iu" or (lengths < 0).any() or (lengths > longest).any():
-        raise DataError(f"{source}: {name} must be up to {longest:,} for each of {n:,} demonstrations; repair it.")
-    return lengths, f"{words}, {told}."
+def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, str]:
+    """Which of the rows of stacked arrays are steps (M, T), and how that was told, in words."""
+    longest, words = shape[1], "Each first index of the arrays is one demonstration"
+    if name := first(arrays, _LENGTHS):
+        lengths = _values(arrays[name])
+        if (
+            lengths.shape != shape[:1]
+            or lengths.dtype.kind not in "iu"
+            or not ((0 <= lengths) & (lengths <= longest)).all()
+        ):
+            raise DataError(
+                f"{source}: {name} must be up to {longest:,} for each of {shape[0]:,} demonstrations; repair it."
+            )
+        return np.arange(longest) < lengths[:, None], f"{words}, as long as {name} says."
+    stacked = {name: array for name, array in arrays.items() if array.shape in (shape, (*shape, 1))}
+    if name := first(stacked, _MASKS):
+        return _values(stacked[name]).reshape(shape) != 0, f"{words}, as long as {name} is true."
+    if ends := [name for name in (*_TERMINALS, *_CUTS) if name in stacked]:
+        is_end = np.any([_values(stacked[name]).reshape(shape) != 0 for name in ends], axis=0)
+        is_step = np.cumsum(is_end, axis=1) - is_end == 0  # up to the first end
+        return is_step, f"{words}, which ends at {' or '.join(ends)}."
+    return np.ones(shape, bool), f"{words} of {longest:,} steps."
 
 
 def _ends(arrays: Tree, n_steps: int, source: str) -> tuple[Array, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, ArrayLayout
 from rpil.formats.columns import ColumnOptions, Columns, as_list
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.recording import from_demonstrations
-from rpil.formats.step_arrays import Closed
+from rpil.formats.step_arrays import Closed, read_once
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
@@ -80,12 +80,7 @@ def _laid_out(stored: Npz, options: ColumnOptions) -> dict[str, Closed]:
 
 def arrays_of(stored: Npz) -> dict[str, Closed]:
     """All arrays, each of which is read as a whole when some of it is first asked for."""
-
-    def array(name: str) -> Closed:
-        whole = cache(lambda: stored.read([name])[name])
-        return Closed(*stored.declared(name), lambda rows: whole()[rows])
-
-    return {name: array(name) for name in stored.names}
+    return {name: read_once(*stored.declared(name), partial(stored.read_one, name)) for name in stored.names}
 
 
 def _find_arrays(found: Iterable[str], options: ColumnOptions, source: str) -> list[str]:
@@ -174,10 +169,12 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
         owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
         n = len(dict.fromkeys(owners.tolist()))
         whole = {name for name, array in arrays.items() if name != _OPTIONAL and array.ndim and len(array) == n}
-        layout = ArrayLayout(len(owners), column, owners, "", by_demonstration=whole)
+        layout = ArrayLayout(column, owners, "", by_demonstration=whole)
     kept = [name for name in layout.names if str(name) in ids]
-    new = {name: layout.kept(name, array, kept) for name, array in arrays.items() if name != _OPTIONAL}
-    write_npz(output, {**arrays, **new, **(layout.added_ends(arrays, kept) if laid_out else {})})
+    added = layout.added_ends(arrays, kept) if laid_out else {}
+    rows = {name: layout.kept_rows(name, array, kept) for name, array in arrays.items() if name != _OPTIONAL}
+    arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
+    write_npz(output, {**arrays, **added})
     return {*map(str, kept)}
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -62,6 +63,12 @@ class Closed:
 
     def __getitem__(self, rows: slice, /) -> object:
         return self.read(rows)
+
+
+def read_once(shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], Array]) -> Closed:
+    """An array that `read` gives as a whole when some of it is first asked for."""
+    whole = cache(read)
+    return Closed(shape, dtype, lambda rows: whole()[rows])
 
 
 @runtime_checkable
