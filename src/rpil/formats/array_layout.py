@@ -169,14 +169,9 @@ def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, 
     longest, words = shape[1], "Each first index of the arrays is one demonstration"
     if name := first(arrays, _LENGTHS):
         lengths = _values(arrays[name])
-        if (
-            lengths.shape != shape[:1]
-            or lengths.dtype.kind not in "iu"
-            or not ((0 <= lengths) & (lengths <= longest)).all()
-        ):
-            raise DataError(
-                f"{source}: {name} must be up to {longest:,} for each of {shape[0]:,} demonstrations; repair it."
-            )
+        if lengths.shape != shape[:1] or lengths.dtype.kind not in "iu" or np.any(lengths > longest):
+            fault = f"{name} must be up to {longest:,} for each of {shape[0]:,} demonstrations"
+            raise DataError(f"{source}: {fault}; repair it.")
         return np.arange(longest) < lengths[:, None], f"{words}, as long as {name} says."
     stacked = {name: array for name, array in arrays.items() if array.shape in (shape, (*shape, 1))}
     if name := first(stacked, _MASKS):
