@@ -25,7 +25,7 @@ from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
 from rpil.formats.zarr_array import ZIP, Store, ZarrArray, is_zip, opened
-from rpil.formats.zarr_header import HEADERS, Header
+from rpil.formats.zarr_header import HEADERS, ArrayHeader
 from rpil.numerics.types import Array
 
 _ENDS = "meta/episode_ends"
@@ -99,12 +99,12 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             _create(store, old_ends, new, len(new_ends)).stored[:] = new_ends.astype(old_ends.dtype)
 
 
-def _headers(store: Store) -> dict[str, Header]:
+def _headers(store: Store) -> dict[str, ArrayHeader]:
     """The headers of all arrays by name, which are checked before any array is opened."""
     return store.headers([_ENDS, *(f"data/{name}" for name in store.folders("data"))])
 
 
-def _ends(store: Store, headers: Mapping[str, Header]) -> tuple[ZarrArray, Array]:
+def _ends(store: Store, headers: Mapping[str, ArrayHeader]) -> tuple[ZarrArray, Array]:
     """The array of where each demonstration ends, and its values (M,), rising."""
     array = ZarrArray(store, _ENDS, headers[_ENDS]) if _ENDS in headers else None
     if array is not None and not array.is_closed and len(array.shape) == 1 and array.dtype.kind in "iu":
@@ -117,7 +117,7 @@ def _ends(store: Store, headers: Mapping[str, Header]) -> tuple[ZarrArray, Array
     )
 
 
-def _data(store: Store, headers: Mapping[str, Header], ends: Array) -> list[ZarrArray]:
+def _data(store: Store, headers: Mapping[str, ArrayHeader], ends: Array) -> list[ZarrArray]:
     """The arrays in ``data``; a `DataError` where one has another number of rows than there are steps."""
     arrays = [ZarrArray(store, name, header, ends) for name, header in headers.items() if name != _ENDS]
     for array in arrays:

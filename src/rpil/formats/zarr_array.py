@@ -21,7 +21,7 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import parse
 from rpil.data.missing import are_chunks_filled
 from rpil.formats.description import commas
-from rpil.formats.zarr_header import HEADERS, Header, check_header, for_library, has_images
+from rpil.formats.zarr_header import HEADERS, ArrayHeader, check_header, for_library, has_images
 from rpil.numerics.types import Array
 
 ZIP = ".zip"
@@ -43,7 +43,7 @@ class Store:
         files = (self.root / name / header for header in HEADERS)
         return next((file for file in files if file.is_file()), None)
 
-    def headers(self, names: Collection[str]) -> dict[str, Header]:
+    def headers(self, names: Collection[str]) -> dict[str, ArrayHeader]:
         """The headers of the arrays among `names`; a `DataError` where one is damaged, or `check_header` refuses it."""
         headers = {}
         for name in names:
@@ -80,7 +80,7 @@ class Store:
             raise MissingExtraError("To read Zarr", "zarr") from error
         return LocalStore(self.path) if self.path.is_dir() else sync(ZipStore.open(self.path, mode="r"))
 
-    def array(self, name: str, header: Header) -> Any:
+    def array(self, name: str, header: ArrayHeader) -> Any:
         """The array of the library that a header describes, whose chunks are in the folder `name`."""
         store = self.of_library
         from zarr import Array, AsyncArray
@@ -126,7 +126,7 @@ class ZarrArray:
         Where each demonstration ends, to name those that miss a chunk; of an array without demonstrations, nothing.
     """
 
-    def __init__(self, store: Store, name: str, header: Header, ends: Array | None = None) -> None:
+    def __init__(self, store: Store, name: str, header: ArrayHeader, ends: Array | None = None) -> None:
         self.name, self.where, self.header, self.ends = name, f"{store.path.name}: {name}", header, ends
         self.is_closed = has_images(header)
         with guarded(self.where, *_DAMAGED_HEADER), warnings.catch_warnings():

@@ -29,11 +29,11 @@ _TYPE_3 = re.compile(
 _TEXT_2 = re.compile(r"\|O|[<>|]?[SU]\d{1,6}")
 _TEXT_3 = re.compile(r"string|bytes|variable_length_bytes")
 
-Header = Mapping[str, Parsed]
+ArrayHeader = Mapping[str, Parsed]
 """What a header says."""
 
 
-def check_header(header: Header, where: str) -> None:
+def check_header(header: ArrayHeader, where: str) -> None:
     """A `DataError` where a codec or type in a header is not on the lists, or numbers are coded as text.
 
     Where the header is damaged, an error of another type may be raised.
@@ -48,12 +48,12 @@ def check_header(header: Header, where: str) -> None:
     _check_type(texts if _is_text(header) else types, header["dtype"] if is_2 else _name(header["data_type"]), where)
 
 
-def has_images(header: Header) -> bool:
+def has_images(header: ArrayHeader) -> bool:
     """Whether the values are images of the package imagecodecs, which are not decoded."""
     return any(name.startswith(_IMAGE_CODECS) for name, _ in _codecs(header))
 
 
-def for_library(header: Header) -> Header:
+def for_library(header: ArrayHeader) -> ArrayHeader:
     """The header with which the library opens an array: of images as if they were not coded.
 
     Before zarr 3.1 texts of one length were coded as those of any length, which it opens no more.
@@ -65,12 +65,12 @@ def for_library(header: Header) -> Header:
     return {**header, "dtype": "|O"} if is_2 and _is_text(header) else header
 
 
-def _is_text(header: Header) -> bool:
+def _is_text(header: ArrayHeader) -> bool:
     """Whether the values are coded as texts of any length."""
     return not _TEXT_CODECS.isdisjoint(name for name, _ in _codecs(header))
 
 
-def _codecs(header: Header) -> list[tuple[str, Header]]:
+def _codecs(header: ArrayHeader) -> list[tuple[str, ArrayHeader]]:
     """The names of all codecs, with their options."""
     if header["zarr_format"] == 3:
         return [*_codecs_3(header["codecs"])]
@@ -78,7 +78,7 @@ def _codecs(header: Header) -> list[tuple[str, Header]]:
     return [(str(codec["id"]), codec) for codec in codecs if codec is not None]
 
 
-def _codecs_3(codecs: Parsed) -> Iterator[tuple[str, Header]]:
+def _codecs_3(codecs: Parsed) -> Iterator[tuple[str, ArrayHeader]]:
     """The names of codecs of format 3, and of those within shards, with their options."""
     for codec in codecs:
         options = {} if isinstance(codec, str) else codec.get("configuration") or {}
