@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3411, 41),
     "estimators": (2328, 15),
     "faults": (2292, 81),
-    "formats": (9477, 99),
+    "formats": (9098, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -4,9 +4,9 @@ Usage
 -----
 ``python tools/fuzz_readers.py`` reads 5,000 mutants of each sample of `tests/samples.py`, and of a policy,
 labels, verdicts and what is expected, and prints a line for each. ``--mutants N``, ``--seed S``,
-``--only PATTERN``. The exit code is 1 where anything but a `DataError` of one sentence is raised, or a mutant takes
-longer than `SECONDS`, ends the process, or makes it grow by more than `MAX_GROWTH`. Set PYTHONPATH to the ``src`` to
-test.
+``--only PATTERN``, ``--structure`` for shapes, types and fields in the place of bytes. The exit code is 1 where anything
+but a `DataError` of one sentence is raised, or a mutant takes longer than `SECONDS`, ends the process, or makes it grow
+by more than `MAX_GROWTH`. Set PYTHONPATH to the ``src`` to test.
 
 Notes
 -----
@@ -44,6 +44,8 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from structural import mutate_structure
 
 import rpil
 from rpil import formats
@@ -146,9 +148,12 @@ def is_sentence(message: str) -> bool:
     return words.endswith(".") and ". " not in words and "\n" not in message and len(message) < 600
 
 
-def mutate(path: Path, name: str, seed: int, k: int) -> None:
-    """Give 1 to 8 bytes of a file, or of one of the files of a folder, other values."""
+def mutate(path: Path, name: str, seed: int, k: int, structure: bool = False) -> None:
+    """Give 1 to 8 bytes of a file, or of one of the files of a folder, other values, or change its `structure`."""
     rng = np.random.default_rng([seed, zlib.crc32(name.encode()), k])
+    if structure:
+        mutate_structure(path, rng)
+        return
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
     file = files[rng.integers(len(files))]
     content = np.frombuffer(file.read_bytes(), np.uint8).copy()
@@ -202,7 +207,7 @@ def peak() -> int:
     return 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1])  # type: ignore[index]
 
 
-def work(name: str, seed: int, first: int, last: int) -> None:
+def work(name: str, seed: int, structure: bool, first: int, last: int) -> None:
     """Read the mutants ``first:last`` of a sample, and print a line of JSON for each."""
     make, read = READERS[name]
     with TemporaryDirectory() as folder:
@@ -213,7 +218,7 @@ def work(name: str, seed: int, first: int, last: int) -> None:
         for k in range(first - 1, last):  # first the sample itself, which can be read
             copy(sample, path)
             if k >= first:
-                mutate(path, name, seed, k)
+                mutate(path, name, seed, k, structure)
             before = peak()
             print(json.dumps([k, "begun", "", 0]), flush=True)
             print(json.dumps([k, *attempt(read, path, output), peak() - before]), flush=True)
@@ -258,13 +263,15 @@ def ask(server: Server, *arguments: str | int) -> tuple[list[list[Any]], int]:
     raise RuntimeError("The process that reads the mutants has ended.")
 
 
-def fuzz(server: Server, name: str, seed: int, n_mutants: int) -> tuple[Counter[str], list[str], int]:
+def fuzz(
+    server: Server, name: str, seed: int, n_mutants: int, structure: bool = False
+) -> tuple[Counter[str], list[str], int]:
     """How often the readings of mutants ended in which way, what went wrong, and the largest growth in bytes."""
     counts: Counter[str] = Counter()
     wrong: list[str] = []
     growth, first = 0, 0
     while first < n_mutants:
-        rows, code = ask(server, name, seed, first, n_mutants)
+        rows, code = ask(server, name, seed, structure, first, n_mutants)
         for k, end, more, grown in (row for row in rows if row[1] != "begun"):
             if k < first:  # the sample itself, which warms caches up
                 wrong += [f"the sample itself: {end} {more}"] if end != "read" else []
@@ -287,21 +294,22 @@ def main() -> int:
     parser.add_argument("--mutants", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="samples whose names this pattern finds")
+    parser.add_argument("--structure", action="store_true", help="change shapes, types and fields, not bytes")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.serve:
         serve()
         return 0
     with server() as process:
-        return fuzz_all(process, given.only, given.seed, given.mutants)
+        return fuzz_all(process, given.only, given.seed, given.structure, given.mutants)
 
 
-def fuzz_all(server: Server, pattern: str, seed: int, n_mutants: int) -> int:
+def fuzz_all(server: Server, pattern: str, seed: int, structure: bool, n_mutants: int) -> int:
     """Print how the mutants of the samples that a pattern finds end; 1 where something is wrong."""
     total, faulty = Counter[str](), 0
     for name in (name for name in READERS if re.search(pattern, name)):
         begun = time.perf_counter()
-        counts, wrong, growth = fuzz(server, name, seed, n_mutants)
+        counts, wrong, growth = fuzz(server, name, seed, n_mutants, structure)
         ends = ", ".join(f"{n:,} {end}" for end, n in counts.most_common())
         print(f"{name}: {ends}; grew by {growth / 1e6:,.0f} MB, {time.perf_counter() - begun:.0f} s", flush=True)
         for one in wrong[:20]:

@@ -24,11 +24,12 @@ def server():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", fuzz.READERS)
 def test_sixty_mutants(server, name):
-    counts, wrong, growth = fuzz.fuzz(server, name, seed=1, n_mutants=60)
-    assert wrong == []
-    assert sum(counts.values()) == 60
-    assert counts["refused"] >= 6
-    assert growth < 100e6
+    counts, wrong, growth = fuzz.fuzz(server, name, seed=1, n_mutants=40)
+    of_structure, wrong_structure, more = fuzz.fuzz(server, name, seed=1, n_mutants=20, structure=True)
+    assert wrong + wrong_structure == []
+    assert sum((counts + of_structure).values()) == 60
+    assert counts["refused"] >= 4
+    assert max(growth, more) < 100e6
 
 
 def test_mutants_depend_on_the_seed_alone(tmp_path):
