@@ -18,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from audits import make_audit
 from browser import Browser, browsing
-from rpil.faults.report import Fault, FaultReport
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
 from rpil.results.html.page import Article, write_page
 from rpil.results.record import Audit
 from rpil.results.traces import MAX_DRAWN, MAX_POINTS, TracedPart, Traces

@@ -18,7 +18,8 @@ from problems import make
 from rpil import RPIL, Audit
 from rpil.data.errors import DataError
 from rpil.data.json_files import MOST_LISTS
-from rpil.faults.report import Fault, FaultReport
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results import saved
 from rpil.results.html.page import Article, render_page

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from audits import make_audit
-from rpil.faults.report import Fault, FaultReport
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results.answering import stretch_of
 from rpil.results.record import Audit, Demonstrator, Interval

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
@@ -13,36 +12,24 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.missing import allow_missing
-from rpil.faults.duplicates import find_duplicates
+from rpil.faults.duplicates import Duplicate
 from rpil.faults.expected import leave_out
-from rpil.faults.frame_times import find_frame_counts, find_frame_times, frame_time, recorded_time
-from rpil.faults.lag import find_lag
-from rpil.faults.maprules import MAP_COMPARISONS
-from rpil.faults.measure import Learned, measure
-from rpil.faults.measured_columns import column_labels, describe_columns, pilot
-from rpil.faults.naming import learn
-from rpil.faults.report import RULES, Fault, FaultReport
-from rpil.faults.rules import COMPARISONS, Measurements, is_lag_known
+from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
+from rpil.faults.motion import trims
+from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
+from rpil.faults.report import RULES, FaultReport
+from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
 from rpil.faults.settings import FaultSettings
-from rpil.faults.whole import learn_ends
+from rpil.faults.whole_rules import OtherLag
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.formats.times import Times
+from rpil.numerics.types import Array, Bool
 
-FAULT_SETTINGS = FaultSettings()
-"""The default."""
+CACHE_STEPS = 8_192
+"""Steps of a block: a dozen columns of them stay in a second-level cache."""
 
-CODES = "no {} measures something: they are constant, codes or pixels"
-HELD = ("frozen sensor", "frozen action", "saturation")
-NEEDS: dict[str, Callable[[Measurements], str | None]] = {
-    "observations": lambda seen: CODES.format("observation") if seen.columns.is_action.all() else None,
-    "actions": lambda seen: None if seen.columns.is_action.any() else CODES.format("action"),
-    "columns": lambda seen: None if seen.columns.names else CODES.format("observation or action"),
-    "map": lambda seen: "no state corresponds to an action" if seen.learned.namer is None else None,
-    "lag": lambda seen: None if seen.learned.lag.pairs else "no observation goes with an action",
-    "several": lambda seen: _too_few(seen),
-}
-"""Why a rule does not apply, by what it needs."""
+COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]
 
 
 def check(
@@ -52,7 +39,7 @@ def check(
     fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
     skip_bad: bool = False,
-    settings: FaultSettings = FAULT_SETTINGS,
+    settings: FaultSettings = FaultSettings(),
 ) -> FaultReport:
     """Find recording faults, as ``rpil check`` does: all rules, applied to demonstrations in memory or on disk.
 
@@ -82,39 +69,35 @@ def check(
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     with allow_missing():
-        labels = column_labels(demonstrations)
-        sample, numbers = pilot(demonstrations, labels, settings)
-        columns = describe_columns(sample, labels, settings)
-        lag = find_lag(columns.of(sample), sample.offsets, columns, settings)
-        namer = learn(sample, numbers, columns, lag, len(demonstrations), settings)
-        learned = Learned(lag, namer, learn_ends(sample, columns, settings))
-        measured, kept, missing = measure(demonstrations, columns, learned, settings)
-    found = [*missing, *find_frame_counts(times, demonstrations), *find_frame_times(times, demonstrations, settings)]
-    seconds = frame_time(times, demonstrations)
-    usual, trims = {}, {}
-    why = {"dropped frames": "the recording has no timestamps"} if times.timestamps is None else {}
-    why |= {} if times.frames else {"frame count": "the recording does not say how many frames there should be"}
+        learned = Learned.of(demonstrations, settings)
+        measured, kept, missing = _measure(demonstrations, learned)
+    recorded = recorded_time(times, demonstrations)
+    seconds = 1.0 / times.fps if times.fps else recorded
+    findings = [*missing, *FrameCount.find(times, demonstrations)]
+    findings += find_frame_times(times, demonstrations, seconds, settings)
+    why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
+    why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}
-    if measured is None or (missing and not skip_bad):
-        others = (rule for rule in RULES if rule not in ("missing values", "frame count", "dropped frames"))
-        why |= dict.fromkeys(others, "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad")
+    usual, idle_ends = {}, {}
+    if not kept.any() or (missing and not skip_bad):
+        reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
+        checked = MissingValues.name, FrameCount.name, DroppedFrames.name
+        why |= {name: reason for name in RULES if name not in checked}
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        seen = Measurements(measured, columns, learned, ids, demonstrations.lengths[kept], seconds, settings)
-        reasons = {need: reason for need, reason_of in NEEDS.items() if (reason := reason_of(seen))}
-        why |= {name: reasons[need] for name, rule in RULES.items() for need in rule.needs[::-1] if need in reasons}
-        found += find_duplicates(seen)
-        compared, unknown = _compare(seen, why)
-        found += compared
-        usual = _usual(seen, recorded_time(times, demonstrations))
-        trims = _trims(seen) if seen.columns.names else {}
-    found, n_expected = leave_out(without_consequences(found), expected or {})
+        data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds)
+        compared, unknown = _compare(data, why)
+        findings += [*Duplicate.find(data), *compared]
+        usual = OtherLag(data).usual() if "lag" not in data.lacking else {}
+        usual |= DroppedFrames.usual(seconds, recorded)
+        idle_ends = trims(data) if "columns" not in data.lacking else {}
+    findings, n_expected = leave_out(without_consequences(findings), expected or {})
     return FaultReport(
-        tuple(found),
+        tuple(findings),
         why,
         unknown,
         usual,
-        trims,
+        idle_ends,
         len(demonstrations),
         demonstrations.n_steps,
         tuple(f.id for f in missing) if skip_bad else (),
@@ -131,24 +114,6 @@ def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | No
     return replace(times, fps=fps or recording.description.fps or times.fps)
 
 
-def _compare(seen: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:
-    """The findings of the rules that compare demonstrations, and the columns in which nothing is known of a rule.
-
-    Rules in `why` do not apply; one that knows nothing in any column is added to them.
-    """
-    found: list[Fault] = []
-    known: dict[str, bool] = defaultdict(bool)
-    unknown: dict[str, tuple[str, ...]] = {}
-    for comparison in chain.from_iterable(compare(seen) for compare in (*COMPARISONS, *MAP_COMPARISONS)):
-        if comparison.rule not in why:
-            found += comparison.findings(seen.ids)
-            silent = comparison.unknown
-            unknown[comparison.rule] = tuple(n for n in unknown.get(comparison.rule, comparison.names) if n in silent)
-            known[comparison.rule] |= len(silent) < len(comparison.names)
-    why |= {name: RULES[name].unknown for name, is_known in known.items() if not is_known}
-    return found, {rule: names for rule, names in unknown.items() if names and rule not in why}
-
-
 def _with_missing(recording: Recording) -> Demonstrations | Dataset:
     """The demonstrations, where some values may be missing: these are reported, and not learned from later."""
     try:
@@ -158,54 +123,59 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
             return recording.load()
 
 
-def without_consequences(found: Iterable[Fault]) -> list[Fault]:
-    """The worst finding of each rule and demonstration, without what follows from another: jumps at the ends of frozen
-    and saturated stretches and where two episodes meet, and lags and lengths that a change of time explains."""
+def _measure(
+    demonstrations: Demonstrations | Dataset, learned: Learned
+) -> tuple[dict[Measure, tuple[Array, ...]], Bool[Array, " M"], list[Fault]]:
+    """What was measured of the demonstrations without missing values, block by block; a mask of these demonstrations;
+    and what is missing in the others."""
+    measures = list(dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)]))
+    parts, masks = [], []
+    missing: list[Fault] = []
+    for shard in demonstrations.shards(1, CACHE_STEPS):
+        for whole in shard:
+            block, kept = set_aside(whole)
+            masks.append(kept)
+            if not kept.all():
+                missing += MissingValues.find(whole, demonstrations.ids, column_labels(demonstrations))
+            if kept.any():
+                moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns, learned.settings)
+                parts.append([measure(moving, learned) for measure in measures])
+    joined = [tuple(map(np.concatenate, zip(*of_measure, strict=True))) for of_measure in zip(*parts, strict=True)]
+    return dict(zip(measures, joined, strict=False)), np.concatenate(masks), missing
+
+
+def _compare(data: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:
+    """The findings of the rules that compare demonstrations, and the columns in which nothing is known of a rule.
+
+    Rules that do not apply, and those that know nothing in any column, are added to `why`.
+    """
+    findings: list[Fault] = []
+    unknown: dict[str, tuple[str, ...]] = {}
+    lacking = {rule.name: data.lacking[need] for rule in COMPARING for need in rule.needs[::-1] if need in data.lacking}
+    why |= lacking
+    for rule in COMPARING:
+        if rule.name not in lacking:
+            applied = rule(data)
+            findings += applied.findings()
+            if applied.silent == applied.names != ():
+                why[rule.name] = rule.unknown
+            elif applied.silent:
+                unknown[rule.name] = applied.silent
+    return findings, unknown
+
+
+def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
+    """The worst finding of each rule and demonstration, without those that follow from another finding in it."""
     worst: dict[tuple[str, Id], Fault] = {}
-    for f in sorted(found, key=lambda f: -f.severity):
-        worst.setdefault((f.rule, f.id), f)
-    found = list(worst.values())
-    held = [f for f in found if f.rule in HELD]
-    ends = {(f.id, f.column, step) for f in held for step in (f.first, f.last + 1)}
-    meet = {(f.id, f.last) for f in found if f.rule == "two episodes"}
-    remade = {f.id for f in found if f.rule in ("never moves", "next state", "two episodes")}
-    timed = {f.id for f in found if f.rule in ("frame rate", "two episodes")}
-    longer = {f.id for f in found if f.rule == "length" and f.value == f.last + 1 and f.value > f.threshold}
+    of_id: dict[Id, list[Fault]] = defaultdict(list)
+    for fault in sorted(findings, key=lambda fault: -fault.severity):
+        if worst.setdefault((fault.rule, fault.id), fault) is fault:
+            of_id[fault.id].append(fault)
     return [
-        f
-        for f in found
-        if not (f.rule == "jump" and ((f.id, f.column, f.last) in ends or (f.id, f.last) in meet))
-        and not (f.rule == "length" and f.id in timed)
-        and not (f.rule in (*HELD, "spike", "jump") and f.id in longer)
-        and not ("map" in RULES[f.rule].needs and f.id in remade)
+        fault
+        for fault in worst.values()
+        if not any(
+            cause.rule in RULES[fault.rule].causes and RULES[fault.rule].follows(fault, cause)
+            for cause in of_id[fault.id]
+        )
     ]
-
-
-def _trims(seen: Measurements) -> dict[Id, tuple[int, int]]:
-    """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
-    head, tail, least = seen.measured.head, seen.measured.tail, seen.settings.min_idle
-    first, end = np.where(head >= least, head, 0), seen.lengths - np.where(tail >= least, tail, 0)
-    idle = np.flatnonzero(((head >= least) | (tail >= least)) & (first < end)).tolist()
-    return {seen.ids[m]: (int(first[m]), int(end[m])) for m in idle}
-
-
-def _too_few(seen: Measurements) -> str | None:
-    least = seen.settings.min_demonstrations
-    return f"it takes {least} demonstrations to know what is usual" if len(seen.ids) < least else None
-
-
-def _usual(seen: Measurements, recorded: float | None) -> dict[str, str]:
-    """What is usual in these data, with a frame every `recorded` seconds by their timestamps."""
-    usual = {}
-    names = seen.columns.names
-    if is_lag_known(seen):
-        best = seen.learned.lag.pairs[0]
-        first, second = names[best.action], names[best.state]
-        if best.lag < 0:
-            first, second = second, first
-        usual["lag"] = f"{second} follows {first} after {seen.duration(abs(best.lag))}"
-    if seen.seconds is not None:
-        is_other = recorded and abs(recorded - seen.seconds) > 0.01 * seen.seconds
-        declared = f", where {1e3 * seen.seconds:.4g} ms are declared" if is_other else ""
-        usual["dropped frames"] = f"a frame every {1e3 * (recorded or seen.seconds):.4g} ms{declared}"
-    return usual

@@ -6,28 +6,55 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rpil.faults.report import Fault
-from rpil.faults.rules import Measurements
+from rpil.data.copies import Copies, digests
+from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.rule import Fault, Learned, Measurements, Rule
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
 NEIGHBOUR_ROWS = 1_024
 """Points whose distances to all others are in memory together."""
 
+PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
+"""Of a signature: parts of a demonstration, random directions of its columns, and standard deviations of a column to
+which a length e times longer amounts."""
 
-def find_duplicates(seen: Measurements) -> Iterator[Fault]:
+
+class Duplicate(Rule):
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
-    exact = _exact(seen)
-    for m, twin in exact.items():
-        yield _finding(seen, m, twin, 0.0, 0.0, "it is the same as demonstration")
-    signatures = seen.measured.signature
-    if seen.columns.names and len(signatures) >= seen.settings.min_demonstrations:
-        distance, nearest = nearest_others(signatures)
-        limit = near_limit(distance, seen.settings)
-        for m in np.flatnonzero(distance < limit).tolist():
-            twin = int(nearest[m])
-            if twin < m and m not in exact:
-                yield _finding(seen, m, twin, float(distance[m]), limit, "it is nearly the same as demonstration")
+
+    name, words = "duplicate", "another demonstration is the same, or nearly"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """A hash; and means over parts of each demonstration, seen from some directions, and the logarithm of its
+        length."""
+        offsets, lengths, spread = block.offsets, np.diff(block.offsets), block.columns.spread
+        directions = np.random.default_rng(0).normal(size=(DIRECTIONS, len(spread)))
+        directions /= np.where(spread > 0, spread, 1.0)
+        firsts = offsets[:-1, None] + (np.arange(PARTS) * lengths[:, None]) // PARTS
+        widths = np.diff(firsts, append=offsets[1:, None]).ravel()
+        means = np.add.reduceat(directions @ block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
+        parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
+        signatures = np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
+        return digests(block.block.observations, block.block.actions, offsets), signatures
+
+    @classmethod
+    def find(cls, data: Measurements) -> Iterator[Fault]:
+        digest, signatures = data.measured[cls.measure]
+        settings, are_measured = data.learned.settings, bool(data.learned.columns.names)
+        first = Copies.of(digest).copy_of
+        is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.min_duplicate))
+        twins = [(m, int(first[m]), 0.0, 0.0, 1e3, "") for m in np.flatnonzero(is_copy).tolist()]
+        if are_measured and len(signatures) >= settings.min_demonstrations:
+            distance, nearest = nearest_others(signatures)
+            limit = near_limit(distance, settings)
+            for m in np.flatnonzero((distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy).tolist():
+                value = float(distance[m])
+                twins.append((m, int(nearest[m]), value, limit, min(limit / value, 1e3) if value else 1e3, "nearly "))
+        for m, twin, value, limit, severity, how in twins:
+            sentence, last = f"it is {how}the same as demonstration {data.ids[twin]!r}", int(data.lengths[m]) - 1
+            yield Fault(cls.name, data.ids[m], 0, last, "", value, limit, severity, sentence)
 
 
 def nearest_others(points: Float[Array, "M S"]) -> tuple[Float[Array, " M"], Int[Array, " M"]]:
@@ -55,21 +82,3 @@ def near_limit(distance: Array, settings: FaultSettings) -> float:
         return 0.0
     power = np.log(high / middle) / np.log(2.0)
     return middle * float(np.clip((settings.near_share / np.log(2.0)) ** power, *settings.near_duplicate))
-
-
-def _finding(seen: Measurements, m: int, twin: int, value: float, limit: float, words: str) -> Fault:
-    severity = min(limit / value, 1e3) if value else 1e3
-    last = int(seen.lengths[m]) - 1
-    return Fault("duplicate", seen.ids[m], 0, last, "", value, limit, severity, f"{words} {seen.ids[twin]!r}")
-
-
-def _exact(seen: Measurements) -> dict[int, int]:
-    """Number of each demonstration with an equal earlier one, to the number of the first of these."""
-    first: dict[bytes, int] = {}
-    found = {}
-    for m, digest in enumerate(seen.measured.digest.tolist()):
-        if seen.columns.names or seen.lengths[m] >= seen.settings.min_duplicate:
-            twin = first.setdefault(digest, m)
-            if twin != m:
-                found[m] = twin
-    return found

@@ -8,7 +8,8 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
-from rpil.faults.report import RULES, Fault
+from rpil.faults.report import RULES
+from rpil.faults.rule import Fault
 
 ALL = "all"
 """Stands for all demonstrations."""

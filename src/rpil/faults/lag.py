@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.faults import segments
-from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.settings import FaultSettings
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
 
@@ -61,68 +59,63 @@ class Lag:
         return action[np.argsort(of_action, kind="stable")], state[np.argsort(of_state, kind="stable")]
 
 
-def find_lag(
-    values: Float[Array, "C T"], offsets: Int[Array, " _"], columns: MeasuredColumns, settings: FaultSettings
-) -> Lag:
+def find_lag(sample: MovingBlock) -> Lag:
     """The state column that is best aligned with each action, for the actions that have one.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
     """
+    columns, values, settings = sample.columns, sample.values, sample.settings
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
     if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
         return Lag((), columns, np.zeros((len(action), len(state))))
-    change = segments.changes(values, offsets)
-    related, found = _related(values, change, action, state, offsets, settings), []
+    related, pairs = _related(sample, action, state), []
     for row, own in zip(related, action.tolist(), strict=True):
         near = state[np.sort(np.argsort(-row, kind="stable")[: settings.max_partners])]
         for order in settings.memories:
-            pair = _best_pair(values, change, offsets, own, near, order, settings.max_lag)
+            pair = _best_pair(sample, own, near, order)
             if pair.correlation >= settings.min_correlation:
-                found.append(pair)
+                pairs.append(pair)
                 break
-    return Lag(tuple(sorted(found, key=lambda pair: -pair.correlation)), columns, related)
+    return Lag(tuple(sorted(pairs, key=lambda pair: -pair.correlation)), columns, related)
 
 
-def _related(values: Array, change: Array, action: Array, state: Array, offsets: Array, s: FaultSettings) -> Array:
-    """The largest correlation, over the lags, of each action or its change with the change of each state, (A, S)."""
-    drivers = np.concatenate([change[action], np.stack([centred(a, offsets) for a in values[action]])])
-    (first, _), (other, _) = (_padded(series, offsets, s.max_lag) for series in (drivers, change[state]))
+def _related(sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"]) -> Float[Array, "A S"]:
+    """The largest correlation, over the lags, of each action or its change with the change of each state."""
+    change, offsets = sample.change, sample.offsets
+    drivers = np.concatenate([change[action], centred(sample.values[action], offsets)])
     power = np.outer((drivers**2).sum(axis=1), (change[state] ** 2).sum(axis=1))
-    middle = first[:, s.max_lag : -s.max_lag]
+    middle, series, _ = _at_lags(drivers, change[state], offsets, sample.settings.max_lag)
     best = np.zeros((len(drivers), len(state)))
-    for k in range(2 * s.max_lag + 1):
-        np.maximum(best, np.abs(middle @ other[:, k : k + middle.shape[1]].T), out=best)
+    for later in series:
+        np.maximum(best, np.abs(middle @ later.T), out=best)
     return np.asarray((best / np.sqrt(power + 1e-300)).reshape(2, len(action), -1).max(axis=0))
 
 
-def _best_pair(
-    values: Array, change: Array, offsets: Array, action: int, state: Array, order: int, max_lag: int
-) -> Pair:
-    memory = _memory(values[action], offsets, order)
-    driver = whitened(values[action], memory, offsets)
+def _best_pair(sample: MovingBlock, action: int, state: Int[Array, " S"], order: int) -> Pair:
+    """The action with the state, or its change, that is most correlated with it."""
+    offsets = sample.offsets
+    memory = _memory(sample.values[action], offsets, order)
+    driver = whitened(sample.values[action], memory, offsets)
     candidates = []
-    for of_change, series in ((False, values[state]), (True, change[state])):
-        responses = np.stack([whitened(column, memory, offsets) for column in series])
-        usual = _correlations(driver, responses, offsets, max_lag)
+    for of_change, series in ((False, sample.values[state]), (True, sample.change[state])):
+        usual = _correlations(driver, whitened(series, memory, offsets), offsets, sample.settings.max_lag)
         s = int(np.argmax(np.abs(usual).max(axis=1)))
         candidates.append(Pair(action, int(state[s]), of_change, memory, usual[s]))
     return max(candidates, key=lambda pair: pair.correlation)
 
 
-def shifts(
-    values: Array, change: Array, offsets: Array, pairs: tuple[Pair, ...], settings: FaultSettings
-) -> tuple[Int[Array, " M"], Float[Array, " M"]]:
+def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Int[Array, " M"], Float[Array, " M"]]:
     """Steps by which the cross-correlations of each demonstration are shifted from the usual ones, and what that shift
     adds to their agreement, relative to the agreement that is usual."""
-    n_demonstrations, largest = len(offsets) - 1, settings.max_shift
+    offsets, n_demonstrations, largest = block.offsets, len(block.numbers), block.settings.max_shift
     if not pairs:
         return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations)
     agreement = np.zeros((n_demonstrations, 2 * largest + 1))
     for pair in pairs:
-        driver = whitened(values[pair.action], pair.memory, offsets)
-        response = whitened((change if pair.of_change else values)[pair.state], pair.memory, offsets)
-        own = _own_correlations(driver, response, offsets, settings.max_lag)
+        driver = whitened(block.values[pair.action], pair.memory, offsets)
+        response = whitened((block.change if pair.of_change else block.values)[pair.state], pair.memory, offsets)
+        own = _own_correlations(driver, response, offsets, block.settings.max_lag)
         middle = pair.usual[largest:-largest]
         for k in range(2 * largest + 1):
             agreement[:, k] += own[:, k : k + len(middle)] @ middle
@@ -132,21 +125,24 @@ def shifts(
     return best - largest, gain
 
 
-def centred(values: Float[Array, " T"], offsets: Int[Array, " _"]) -> Float[Array, " T"]:
+def centred(values: Float[Array, "... T"], offsets: Int[Array, " _"]) -> Float[Array, "... T"]:
     """Distances from the mean of each demonstration."""
     lengths = np.diff(offsets)
-    return np.asarray(values - np.repeat(np.add.reduceat(values, offsets[:-1]) / lengths, lengths))
+    means = np.add.reduceat(values, offsets[:-1], axis=-1) / lengths
+    return np.asarray(values - np.repeat(means, lengths, axis=-1))
 
 
-def whitened(values: Float[Array, " T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]) -> Float[Array, " T"]:
+def whitened(
+    values: Float[Array, "... T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]
+) -> Float[Array, "... T"]:
     """x_t - sum_i memory_i x_(t-i) of the centred values, and 0 at the first P steps of each demonstration."""
-    own = centred(values, offsets)
-    out = own.copy()
+    level = centred(values, offsets)
+    out = level.copy()
     for back, weight in enumerate(memory.tolist(), start=1):
-        out[back:] -= weight * own[:-back]
+        out[..., back:] -= weight * level[..., :-back]
     for step in range(len(memory)):
-        out[np.minimum(offsets[:-1] + step, offsets[1:] - 1)] = 0.0
-    return np.asarray(out)
+        out[..., np.minimum(offsets[:-1] + step, offsets[1:] - 1)] = 0.0
+    return out
 
 
 def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -> Float[Array, " P"]:
@@ -160,30 +156,29 @@ def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -
     return np.asarray(np.linalg.lstsq(past, own[rows], rcond=1e-9)[0])
 
 
-def _padded(values: Array, offsets: Array, n_zeros: int) -> tuple[Array, Array]:
-    """(..., T) with zeros before and after each demonstration, and where each demonstration begins, (M,)."""
-    n_demonstrations = len(offsets) - 1
-    rows = np.arange(offsets[-1]) + n_zeros * (1 + np.repeat(np.arange(n_demonstrations), np.diff(offsets)))
-    out = np.zeros((*values.shape[:-1], offsets[-1] + n_zeros * (n_demonstrations + 1)))
-    out[..., rows] = values
-    return out, offsets[:-1] + n_zeros * (1 + np.arange(n_demonstrations))
+def _at_lags(driver: Array, series: Array, offsets: Array, max_lag: int) -> tuple[Array, list[Array], Array]:
+    """The driver (..., T + L (M - 1)) and, at each lag from -L to L, the series, with zeros between demonstrations; and
+    where each demonstration begins."""
+    lengths = np.diff(offsets)
+    gaps = max_lag * np.arange(1, len(lengths) + 1)
+    rows = np.arange(offsets[-1]) + np.repeat(gaps, lengths)
+    padded = [np.zeros((*values.shape[:-1], offsets[-1] + max_lag * (len(lengths) + 1))) for values in (driver, series)]
+    for out, values in zip(padded, (driver, series), strict=True):
+        out[..., rows] = values
+    middle, n = padded[0][..., max_lag:-max_lag], padded[0].shape[-1] - 2 * max_lag
+    return middle, [padded[1][..., k : k + n] for k in range(2 * max_lag + 1)], offsets[:-1] + gaps - max_lag
 
 
 def _correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:
     """Cross-correlation of the driver with each change, over all demonstrations, (C, 2 L + 1)."""
     norm = np.sqrt((driver @ driver) * np.einsum("ct,ct->c", change, change)) + 1e-300
-    first, _ = _padded(driver, offsets, max_lag)
-    other, _ = _padded(change, offsets, max_lag)
-    middle = first[max_lag:-max_lag]
-    lags = [other[:, k : k + len(middle)] @ middle for k in range(2 * max_lag + 1)]
-    return np.asarray(np.stack(lags, axis=1) / norm[:, None])
+    middle, series, _ = _at_lags(driver, change, offsets, max_lag)
+    return np.asarray(np.stack([later @ middle for later in series], axis=1) / norm[:, None])
 
 
 def _own_correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:
     """Cross-correlation of the driver with the change, of each demonstration, (M, 2 L + 1)."""
     power = np.add.reduceat(driver**2, offsets[:-1]) * np.add.reduceat(change**2, offsets[:-1])
-    first, starts = _padded(driver, offsets, max_lag)
-    other, _ = _padded(change, offsets, max_lag)
-    middle, starts = first[max_lag:-max_lag], starts - max_lag
-    lags = [np.add.reduceat(middle * other[k : k + len(middle)], starts) for k in range(2 * max_lag + 1)]
+    middle, series, starts = _at_lags(driver, change, offsets, max_lag)
+    lags = [np.add.reduceat(middle * later, starts) for later in series]
     return np.asarray(np.stack(lags, axis=1) / np.sqrt(power + 1e-300)[:, None])

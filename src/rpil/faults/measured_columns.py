@@ -9,7 +9,6 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import segments
-from rpil.faults.missing_values import set_aside
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -42,8 +41,6 @@ class MeasuredColumns:
     spread: Float[Array, " C"]
     moving: Float[Array, " C"]
     motion: float = 1.0
-    labels: tuple[str, ...] = ()
-    """Of all columns, `column_labels`."""
     rotations: tuple[int, ...] = ()
     """The first of four observations that are a quaternion."""
     towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
@@ -66,6 +63,48 @@ class MeasuredColumns:
         return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
+@dataclass(frozen=True, eq=False)
+class MovingBlock:
+    """M demonstrations, and how their columns move.
+
+    Attributes
+    ----------
+    numbers : (M,) int array
+        Of the demonstrations, among all.
+    values, change, size : (C, T) arrays
+        Of the columns, of the changes from the step before, and their sizes.
+    motion : (T,) array
+        `MeasuredColumns.motion_of`.
+    """
+
+    block: Block
+    numbers: Int[Array, " M"]
+    columns: MeasuredColumns
+    settings: FaultSettings
+    values: Float[Array, "C T"]
+    change: Float[Array, "C T"]
+    size: Float[Array, "C T"]
+    motion: Float[Array, " T"]
+
+    @classmethod
+    def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, s: FaultSettings) -> MovingBlock:
+        """The columns that are compared, of a block."""
+        values = columns.of(block)
+        change = segments.changes(values, block.offsets)
+        size = np.abs(change)
+        return cls(block, numbers, columns, s, values, change, size, columns.motion_of(size))
+
+    @property
+    def offsets(self) -> Int[Array, " M1"]:
+        """Where demonstrations begin and end."""
+        return self.block.offsets
+
+    @property
+    def moves(self) -> Bool[Array, " T"]:
+        """Whether a step is not idle."""
+        return self.motion > self.settings.idle_motion * self.columns.motion
+
+
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     """What findings call the columns: all observations, then all actions, by their numbers where they have no names."""
     names = dict(enumerate(demonstrations.action_names))
@@ -74,9 +113,22 @@ def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
     return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
 
 
-def pilot(
-    demonstrations: Demonstrations | Dataset, labels: tuple[str, ...], settings: FaultSettings
-) -> tuple[Block, Array]:
+def all_values(block: Block) -> Float[Array, "T K"]:
+    """Observations, and actions that are numbers."""
+    return np.column_stack([block.observations, block.actions] if block.actions.ndim == 2 else [block.observations])
+
+
+def set_aside(block: Block) -> tuple[Block, Bool[Array, " M"]]:
+    """The block without the demonstrations that have values that are NaN or infinite, and a mask of those it keeps."""
+    kept = np.logical_and.reduceat(np.isfinite(all_values(block)).all(axis=1), block.offsets[:-1])
+    if kept.all():
+        return block, kept
+    lengths = np.diff(block.offsets)
+    chosen, offsets = np.repeat(kept, lengths), np.append(0, np.cumsum(lengths[kept]))
+    return Block(block.first, block.observations[chosen], block.actions[chosen], offsets), kept
+
+
+def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> tuple[Block, Array]:
     """Demonstrations spread evenly over the data, of at most so many steps that the settings allow, and their numbers;
     those with missing values are left out, unless all have some."""
     size = min(len(demonstrations), settings.pilot_demonstrations)
@@ -86,34 +138,33 @@ def pilot(
         spread = spread[:: int(np.ceil(1 / share))]
     sample = demonstrations.select(spread)
     block = Block(0, sample.observations, sample.actions, sample.offsets)
-    kept, mask, _ = set_aside(block, sample.ids, labels)
+    kept, mask = set_aside(block)
     return (kept, spread[mask]) if mask.any() else (block, spread)
 
 
-def describe_columns(sample: Block, labels: tuple[str, ...], settings: FaultSettings) -> MeasuredColumns:
-    """The columns of the sample that measure something; `labels` are those of `column_labels`."""
+def learn_columns(
+    sample: Block, numbers: Int[Array, " M"], labels: tuple[str, ...], settings: FaultSettings
+) -> MovingBlock:
+    """The columns of the sample that measure something, and how they move; `labels` are those of `column_labels`."""
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.max_columns else 0
-    everything = list(zip(labels, sample.observations.T[:width], strict=False))
-    if sample.actions.ndim == 2:
-        everything += zip(labels[n_observations:], sample.actions.T, strict=True)
-    measured = [k for k, (_, x) in enumerate(everything) if _is_measurement(x, settings)]
-    number = np.array([k if k < width else k - width + n_observations for k in measured], dtype=np.int64)
-    chosen = tuple(everything[k][0] for k in measured)
-    ones = np.ones(len(number))
-    turns = _rotations(sample.observations[:, :width])
+    everything = all_values(sample).T
+    compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
+    number = np.array([k for k in compared if _is_measurement(everything[k], settings)], dtype=np.int64)
+    ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    empty = MeasuredColumns(chosen, number, number >= n_observations, ones, ones, ones, 1.0, labels, turns, towards)
-    if not chosen:
-        return empty
-    values = empty.of(sample)
-    size = np.abs(segments.changes(values, sample.offsets))
-    scale = np.array([_median_or_one(moved[moved > 0]) for moved in size])
-    columns = replace(empty, scale=scale, spread=_spread(values))
-    motion = columns.motion_of(size)
-    usual = _median_or_one(motion[motion > 0])
-    moves = motion > settings.idle_motion * usual
-    return replace(columns, moving=(size > 0)[:, moves].mean(axis=1) if moves.any() else ones, motion=usual)
+    names = tuple(labels[k] for k in number)
+    columns = MeasuredColumns(names, number, number >= n_observations, ones, ones, ones, 1.0, turns, towards)
+    moving = MovingBlock.of(sample, numbers, columns, settings)
+    if not names:
+        return moving
+    scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
+    columns = replace(columns, scale=scale, spread=_spread(moving.values))
+    motion = columns.motion_of(moving.size)
+    columns = replace(columns, motion=_median_or_one(motion[motion > 0]))
+    moving = replace(moving, columns=columns, motion=motion)
+    share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
+    return replace(moving, columns=replace(columns, moving=share))
 
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:

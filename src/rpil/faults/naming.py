@@ -6,16 +6,16 @@ planting: the loss from undoing a fault in a clean demonstration equals the gain
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.data.demonstrations import Block
 from rpil.faults.lag import Lag
 from rpil.faults.maps import FLOOR, OF_ROWS, Tried, Window, fit_maps, gains, levels, misfit, others, per_column
-from rpil.faults.measured_columns import MeasuredColumns
+from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.settings import FaultSettings
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Float
 
 EXPLAINED = 2.0
 """Times what undoing a fault gains that may be unusual before: it explains at least half."""
@@ -113,28 +113,17 @@ class Namer:
         return np.asarray(np.where(first < 0, ~far.any(), (far.sum() == own) & ~after))
 
 
-def name_block(namer: Namer | None, values: Float[Array, "C T"], block: Block, numbers: Array) -> tuple[Array, Array]:
-    """`Namer.name` of each demonstration of a block, (M,) and (M,)."""
-    found = np.tile([-1.0, 0.0], (len(numbers), 1))
-    if namer is not None:
-        rows = values[namer.window.column].T
-        for m, (number, first, end) in enumerate(zip(numbers, block.offsets, block.offsets[1:], strict=False)):
-            found[m] = namer.name(int(number), rows[first:end])
-    return found[:, 0].astype(int), found[:, 1]
-
-
-def learn(
-    sample: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, lag: Lag, n_all: int, s: FaultSettings
-) -> Namer | None:
+def learn_maps(sample: MovingBlock, lag: Lag, n_all: int) -> Namer | None:
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
+    s, numbers, offsets = sample.settings, sample.numbers, sample.offsets
     action, state = (chosen[: s.map_columns] for chosen in lag.most_related)
     if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
-    values = columns.of(sample)[own]
+    values = sample.values[own]
     if not np.isfinite(values).all():  # in all demonstrations a value is missing
         return None
-    rows = [values[:, a:b].T for a, b in zip(sample.offsets, sample.offsets[1:], strict=False)]
+    rows = [values[:, a:b].T for a, b in itertools.pairwise(offsets)]
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):

@@ -1,116 +1,46 @@
-"""What the rules find: one record for each fault of a demonstration, and the report of all."""
+"""All rules, by their names, and the report of what they find."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import Id
+from rpil.faults import duplicates, motion, recorded, whole_rules
+from rpil.faults.rule import Fault, Rule
 
-DIFFER = "demonstrations differ too much in this to know what is usual"
-LAGS_DIFFER = "the lag between action and state is not the same in most demonstrations"
-RESTS = "{} rest for long, or demonstrations differ too much in this"
-NO_BETTER = "sound demonstrations fit the map between states and actions as well with this fault undone"
-
-
-@dataclass(frozen=True)
-class Rule:
-    """A rule without a model; see docs/faults.md.
-
-    Attributes
-    ----------
-    words : str
-        What it finds.
-    needs : tuple of str
-        What must be there, names of `rpil.faults.checking.NEEDS`.
-    unknown : str
-        Why it says nothing where it applies and nothing can be known.
-    """
-
-    words: str
-    needs: tuple[str, ...] = ()
-    unknown: str = DIFFER
-
-
-COLUMNS, MAPS = ("columns", "several"), ("map", "several")
-RULES = {
-    "missing values": Rule("a value is NaN or infinite"),
-    "frame count": Rule("the recording says that it has more or fewer frames"),
-    "dropped frames": Rule("the time between two frames is too long"),
-    "repeated frames": Rule(
-        "the time between two frames is too short, or a row repeats the one before while all moves", ("several",)
-    ),
-    "frozen sensor": Rule(
-        "an observation stays the same for long while others change",
-        ("observations", *COLUMNS),
-        RESTS.format("observations"),
-    ),
-    "frozen action": Rule(
-        "an action stays the same for long while others change", ("actions", *COLUMNS), RESTS.format("actions")
-    ),
-    "saturation": Rule("a column stays at its lowest or highest value for long", COLUMNS, RESTS.format("columns")),
-    "spike": Rule("one value is far from both its neighbours", COLUMNS),
-    "jump": Rule("a column leaps from one step to the next and stays there", COLUMNS),
-    "scale": Rule("a column has another unit or scale than elsewhere", COLUMNS),
-    "lag": Rule("the state follows the action sooner or later than elsewhere", ("lag", "several"), LAGS_DIFFER),
-    "sign": Rule("a column has the other sign", MAPS, NO_BETTER),
-    "exchanged": Rule("two columns are exchanged", MAPS, NO_BETTER),
-    "offset": Rule("a constant is added to a column", MAPS, NO_BETTER),
-    "shifted action": Rule("the actions are one step early or late", MAPS, NO_BETTER),
-    "reversed": Rule("time runs backwards", MAPS, NO_BETTER),
-    "frame rate": Rule("it has half the frame rate of the others", MAPS, NO_BETTER),
-    "next state": Rule("the action is the next state", ("several",), "the action is the next state in most"),
-    "two episodes": Rule(
-        "it holds two episodes", ("observations", "several"), "beginnings and ends are not unlike the rest"
-    ),
-    "never moves": Rule("a column that moves in the others never does", COLUMNS),
-    "idle head": Rule("nothing moves for long at the beginning", COLUMNS),
-    "idle tail": Rule("nothing moves for long at the end", COLUMNS),
-    "duplicate": Rule("another demonstration is the same, or nearly"),
-    "length": Rule("it is far longer or shorter than the others", ("several",)),
+RULES: dict[str, type[Rule]] = {
+    rule.name: rule
+    for rule in (
+        recorded.MissingValues,
+        recorded.FrameCount,
+        recorded.DroppedFrames,
+        motion.RepeatedFrames,
+        motion.FrozenSensor,
+        motion.FrozenAction,
+        motion.Saturation,
+        motion.Spike,
+        motion.Jump,
+        motion.Scale,
+        whole_rules.OtherLag,
+        whole_rules.Sign,
+        whole_rules.Exchanged,
+        whole_rules.Offset,
+        whole_rules.ShiftedAction,
+        whole_rules.Reversed,
+        whole_rules.FrameRate,
+        whole_rules.NextState,
+        whole_rules.TwoEpisodes,
+        motion.NeverMoves,
+        motion.IdleHead,
+        motion.IdleTail,
+        duplicates.Duplicate,
+        whole_rules.Length,
+    )
 }
 """Every rule."""
-
-
-@stored()
-@dataclass(frozen=True)
-class Fault:
-    """A fault of one demonstration, the worst of its kind there.
-
-    Attributes
-    ----------
-    rule : str
-        One of `RULES`.
-    id : int or str
-        The demonstration.
-    first, last : int
-        Its steps concerned, from 0, both included.
-    column : str
-        The observation or action, or "" where the demonstration as a whole is concerned.
-    value, threshold : float
-        What was measured, and from where on it is a fault, both in the unit that the sentence names.
-    severity : float
-        How many times beyond the threshold; findings are sorted by it.
-    sentence : str
-        The finding in words, without the id of the demonstration.
-    """
-
-    rule: str
-    id: Id
-    first: int
-    last: int
-    column: str
-    value: float
-    threshold: float
-    severity: float
-    sentence: str
-
-    def to_dict(self) -> dict[str, object]:
-        """As plain numbers and text; an infinite severity as None."""
-        return asdict(self) | {"severity": self.severity if math.isfinite(self.severity) else None}
 
 
 @stored()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 
 def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
@@ -26,10 +26,15 @@ def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array
 
 def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
     """The largest value of each demonstration, and the first step of the demonstration that has it."""
-    top = np.maximum.reduceat(values, offsets[:-1], axis=1)
-    n_steps = values.shape[1]
-    step = np.where(values == np.repeat(top, np.diff(offsets), axis=1), np.arange(n_steps), n_steps)
-    return top.T, np.minimum.reduceat(step, offsets[:-1], axis=1).T - offsets[:-1, None]
+    begins = np.arange(len(values))[:, None] * values.shape[1] + offsets[:-1]
+    place = first_largest(values.ravel(), begins.ravel()).reshape(begins.shape)
+    return values.ravel()[place].T, (place - begins).T
+
+
+def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
+    """Where the largest value of each part is first; the parts follow one another."""
+    top = np.repeat(np.maximum.reduceat(values, begins), np.diff(begins, append=len(values)))
+    return np.minimum.reduceat(np.where(values == top, np.arange(len(values)), len(values)), begins)
 
 
 def longest_runs(
@@ -38,15 +43,12 @@ def longest_runs(
     """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
     step at which the run begins, and its length."""
     runs, starts, bounds = runs_of(changed, offsets)
-    n_steps, last = changed.shape[1], changed.size - 1
     counted = np.append(0, np.cumsum(counts))
-    step = starts % n_steps
+    step = starts % changed.shape[1]
     # A run begins with the step that changed, and that step is not counted.
     weight = counted[step + runs] - counted[step + 1]
-    key = np.maximum.reduceat(weight * changed.size + (last - np.arange(len(runs))), bounds)
-    key = key.reshape(len(changed), len(offsets) - 1).T
-    run = last - key % changed.size
-    return key // changed.size, step[run] - offsets[:-1, None], runs[run]
+    run = first_largest(weight, bounds).reshape(len(changed), len(offsets) - 1).T
+    return weight[run], step[run] - offsets[:-1, None], runs[run]
 
 
 def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""What is measured of whole demonstrations: two in one, and actions that are the next state."""
+"""How demonstrations begin and end, to find two in one."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.data.demonstrations import Block
-from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.settings import FaultSettings
+from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float
 
 FARTHEST = 25.0
@@ -69,11 +67,12 @@ class Ends:
         return float(unlike[at]), first + at
 
 
-def learn_ends(sample: Block, columns: MeasuredColumns, s: FaultSettings) -> Ends | None:
+def learn_ends(sample: MovingBlock) -> Ends | None:
     """Of a sample; the limit lies between its demonstrations and pairs of them, joined."""
-    if len(sample.offsets) <= s.min_demonstrations or columns.is_action.all():
+    s, columns, offsets = sample.settings, sample.columns, sample.offsets
+    if len(offsets) <= s.min_demonstrations or columns.is_action.all():
         return None
-    values, offsets = columns.of(sample)[~columns.is_action], sample.offsets
+    values = sample.values[~columns.is_action]
     least = LEAST_SPREAD * columns.spread[~columns.is_action][:, None]
     ends = [values[:, offsets[:-1]], values[:, offsets[1:] - 1]]
     centre = [np.median(x, axis=1, keepdims=True) for x in ends]
@@ -93,17 +92,3 @@ def learn_ends(sample: Block, columns: MeasuredColumns, s: FaultSettings) -> End
     low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
     limit = high + GAP_SHARE * (min(low, high + FARTHEST) - high)
     return replace(fitted, limit=float(limit) if low > high + LEAST_GAP else np.nan)
-
-
-def next_state(block: Block, n_steps: int = 16) -> Float[Array, "M A 2"]:
-    """Whether each action moves, and is then a state at the next step, at some steps of each demonstration."""
-    n_actions = block.actions.shape[1] if block.actions.ndim == 2 else 0
-    out = np.zeros((len(block.offsets) - 1, n_actions, 2))
-    for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
-        if n_actions and end - first > 2:
-            at = np.unique(np.linspace(first, end - 2, n_steps).astype(int))
-            actions, after = block.actions[at], block.observations[at + 1]
-            wide = np.ptp(actions, axis=0)
-            near = np.abs(actions[:, :, None] - after[:, None, :]) <= 1e-6 * wide[:, None]
-            out[m] = np.column_stack([wide > 0, (wide > 0) & near.all(axis=0).any(axis=1)])
-    return out

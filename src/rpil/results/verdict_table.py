@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
-from rpil.faults.report import Fault
+from rpil.faults.rule import Fault
 from rpil.formats import csv, parquet
 from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose, file_ids
 from rpil.results.provenance import PROVENANCE_KEY

@@ -15,7 +15,8 @@ import pytest
 
 from audits import make_audit
 from browser import Browser, browsing, needs_chromium
-from rpil.faults.report import Fault, FaultReport
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
 from rpil.results.html.page import Article, write_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator

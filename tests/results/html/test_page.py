@@ -16,7 +16,8 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.data.errors import DataError
-from rpil.faults.report import Fault, FaultReport
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 from rpil.results.answering import NEXT_STEPS

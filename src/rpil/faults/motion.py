@@ -1,0 +1,282 @@
+"""The rules about how columns move: what leaps, rests, repeats, or has another scale."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.faults import segments
+from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, above
+from rpil.numerics.types import Array
+
+OF_COLUMNS = "columns", "several"
+RESTS = "{} rest for long, or demonstrations differ too much in this"
+
+FEW = (4, 0.1)
+"""Demonstrations, or share of them, in which a column may never move before that is usual."""
+
+MOST_STILL = 0.25
+"""Share of the demonstrations in which a column never moves, up to which that is a fault."""
+
+
+class Leap(ComparingRule):
+    """Larger than usual, than the usual largest change, and than a share of the column's spread."""
+
+    needs = OF_COLUMNS
+    causes: tuple[str, ...] = ("length",)
+    starts_before = 0
+
+    def compare(self) -> Compared:
+        s, columns = self.settings, self.columns
+        size, self.last, largest = self.measured
+        self.first = self.last - self.starts_before
+        self.names = columns.names
+        least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
+        least = np.maximum(least, s.smallest_leap * columns.spread)
+        limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
+        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit))
+
+
+class Spike(Leap):
+    name, words = "spike", "one value is far from both its neighbours"
+    sentence = "{column} is {value:.3g} away from its neighbours at step {last} ({threshold:.3g} at most is usual)"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
+        d_t+1 have opposite signs; its step; and the largest change."""
+        change, size = block.change, block.size
+        spike = np.zeros_like(size)
+        np.minimum(size[:, 1:-2], size[:, 2:-1], out=spike[:, 1:-2])
+        spike[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0
+        spike[:, 1:-2] -= np.maximum(size[:, :-3], size[:, 3:])
+        return *segments.largest(np.maximum(spike, 0.0), block.offsets), np.maximum.reduceat(
+            size, block.offsets[:-1], axis=1
+        ).T
+
+
+class Jump(Leap):
+    name, words = "jump", "a column leaps from one step to the next and stays there"
+    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
+    sentence = "{column} leaps by {value:.3g} at step {last} ({threshold:.3g} at most is usual)"
+    starts_before = 1
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
+        its step; and the largest change."""
+        size, offsets = block.size, block.offsets
+        around = np.zeros_like(size)
+        np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
+        jump = np.where(2.0 * around < size, size - around, 0.0)
+        jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
+        jump[:, offsets[1:] - 1] = 0.0
+        return *segments.largest(jump, offsets), np.maximum.reduceat(size, offsets[:-1], axis=1).T
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """At the ends of frozen and saturated stretches, and where two episodes meet."""
+        if cause.rule == "two episodes":
+            return fault.last == cause.last
+        is_held = cause.rule != "length"
+        at_end = fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
+        return at_end if is_held else super().follows(fault, cause)
+
+
+class Held(ComparingRule):
+    """One value for long, while others move."""
+
+    causes = ("length",)
+    kinds: tuple[bool, ...] = (False, True)
+    """Whether the columns that the rule is about are actions."""
+    is_extreme = False
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
+        the value; and the lowest and the highest value."""
+        values, offsets = block.values, block.offsets
+        still, first, length = segments.longest_runs(block.size > 0, block.moves, offsets)
+        low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
+        return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
+
+    def compare(self) -> Compared:
+        s, chosen = self.settings, np.isin(self.columns.is_action, self.kinds)
+        self.names = tuple(np.array(self.columns.names)[chosen].tolist())
+        still, self.first, length, self.at, low, high = (of_each[:, chosen] for of_each in self.measured)
+        self.last = self.first + length - 1
+        limit = np.maximum(self.fence(still, s.frozen_factor, s.smallest_run), s.min_frozen)
+        bottom, top = low.min(axis=0), high.max(axis=0)
+        near = 0.01 * (top - bottom)
+        # Where many demonstrations reach a limit it is the robot's own.
+        usual_bottom = (low <= bottom + near).mean(axis=0) >= s.common_limit
+        usual_top = (high >= top - near).mean(axis=0) >= s.common_limit
+        may_rest = ((self.at <= bottom + near) & usual_bottom) | ((self.at >= top - near) & usual_top)
+        may_rest |= self.first == 0  # what has not been touched yet rests
+        is_extreme = (self.at == bottom) | (self.at == top)
+        value = np.where((is_extreme == self.is_extreme) & ~may_rest, still, 0)
+        return above(value, np.where(self.columns.moving[chosen] >= s.min_moving, limit, np.inf))
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        stays = f"{fault.column} stays at {self.at[m, c]:.4g} for {fault.last - fault.first + 1} steps"
+        return f"{stays} from step {fault.first} while others move ({fault.threshold:.0f} at most are usual)"
+
+
+class FrozenSensor(Held):
+    name, words = "frozen sensor", "an observation stays the same for long while others change"
+    needs, unknown = ("observations", *OF_COLUMNS), RESTS.format("observations")
+    kinds = (False,)
+
+
+class FrozenAction(Held):
+    name, words = "frozen action", "an action stays the same for long while others change"
+    needs, unknown = ("actions", *OF_COLUMNS), RESTS.format("actions")
+    kinds = (True,)
+
+
+class Saturation(Held):
+    name, words = "saturation", "a column stays at its lowest or highest value for long"
+    needs, unknown = OF_COLUMNS, RESTS.format("columns")
+    is_extreme = True
+
+
+class RepeatedFrames(ComparingRule):
+    """Rows that repeat the one before while everything moves; `find_frame_times` finds times that are too short."""
+
+    name = "repeated frames"
+    words = "the time between two frames is too short, or a row repeats the one before while all moves"
+    needs = ("several",)
+    sentence = (
+        "{value:.0f} rows repeat the row before while all moves, the longest from step {first} "
+        "({threshold:.0f} at most are usual)"
+    )
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Number of repeated rows between rows that move, and the first step and the length of the longest
+        repetition."""
+        columns, offsets = block.columns, block.offsets
+        changed: Array = np.any(block.size[~columns.is_action] > 0, axis=0)
+        moves = block.motion > block.settings.repeat_motion * columns.motion
+        runs, starts, bounds = segments.runs_of(changed[None], offsets)
+        is_first = np.zeros(len(starts), dtype=bool)
+        is_first[bounds] = True
+        after = np.append(starts[1:], 0)
+        between = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
+        repeated = np.where(between, runs - 1, 0)
+        longest = segments.first_largest(repeated, bounds)
+        return np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
+
+    def compare(self) -> Compared:
+        repeats, self.first, length = self.measured
+        self.last = self.first + length - 1
+        return above(repeats, self.fence(repeats, self.settings.usual_factor, self.settings.smallest_repeat))
+
+
+class IdleEnd(ComparingRule):
+    """Idle beginnings and ends, which may be trimmed."""
+
+    needs = OF_COLUMNS
+    at_head = False
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
+        or decays as that of a controller that settles, nothing is idle."""
+        moves, offsets, s = block.moves, block.offsets, block.settings
+        n, steps = len(moves), np.arange(len(moves))
+        first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
+        last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
+        nothing = first == n
+        head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
+        tail = np.where(nothing, 0, offsets[1:] - 1 - last)
+        for idle, begins, way in ((head, offsets[:-1], 1), (tail, offsets[1:] - tail, -1)):
+            for m in np.flatnonzero(idle >= s.min_idle).tolist():
+                motion = block.motion[begins[m] + 1 : begins[m] + idle[m]][::way]
+                third = len(motion) // 3
+                if 0 < s.settling * motion[1 : third + 1].mean() < motion[-third:].mean():
+                    idle[m] = 0
+        return head, tail
+
+    def compare(self) -> Compared:
+        idle, s = self.measured[0 if self.at_head else 1], self.settings
+        self.first, self.last = (self.first, idle - 1) if self.at_head else (self.data.lengths - idle, self.last)
+        return above(idle, np.maximum(self.fence(idle, s.usual_factor, s.min_idle / s.usual_factor), s.min_idle))
+
+
+class IdleHead(IdleEnd):
+    name, words = "idle head", "nothing moves for long at the beginning"
+    sentence = "nothing moves in the first {value:.0f} steps ({threshold:.0f} at most are usual)"
+    at_head = True
+
+
+class IdleTail(IdleEnd):
+    name, words = "idle tail", "nothing moves for long at the end"
+    sentence = "nothing moves in the last {value:.0f} steps ({threshold:.0f} at most are usual)"
+
+
+def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
+    """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
+    least = data.learned.settings.min_idle
+    head, tail = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure])
+    end = data.lengths - tail
+    idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
+    return {data.ids[m]: (int(head[m]), int(end[m])) for m in idle}
+
+
+class Scale(ComparingRule):
+    """Values and changes are both many times larger, or smaller, than elsewhere.
+
+    A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
+    """
+
+    name, words = "scale", "a column has another unit or scale than elsewhere"
+    needs = OF_COLUMNS
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Mean size of a value, and of a change."""
+        return segments.means(np.abs(block.values), block.offsets), segments.means(block.size, block.offsets)
+
+    def compare(self) -> Compared:
+        s, columns = self.settings, self.columns
+        self.names = columns.names
+        levels, changes = self.measured[0] + 1e-3 * columns.spread, self.measured[1] + 1e-3 * columns.scale
+        (low, high), (slow, fast) = (self.two_fences(values, s.scale_factor) for values in (levels, changes))
+        usual = np.median(levels, axis=0)
+        ratio = levels / usual
+        beside = np.median(ratio, axis=1, keepdims=True) / ratio / s.scale_factor
+        larger = np.minimum(levels / high, changes / fast)
+        smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
+        severity = np.maximum(larger, smaller)
+        severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.min_moving)] = np.nan
+        return ratio, np.where(larger > smaller, high, low) / usual, severity
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        times = f"{fault.value:.3g} times" if fault.value >= 1 else f"1 / {1 / fault.value:.3g} of"
+        return f"{fault.column} has {times} its usual size, and so have its changes: perhaps another unit"
+
+
+class NeverMoves(ComparingRule):
+    """Columns that move in the others, about as far in each, and never in this one."""
+
+    name, words = "never moves", "a column that moves in the others never does"
+    sentence = "{column} never moves, and in the others it does"
+    needs = OF_COLUMNS
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """How far each column moves."""
+        low, high = (of.reduceat(block.values, block.offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
+        return (high - low,)
+
+    def compare(self) -> Compared:
+        s, (ranges,) = self.settings, self.measured
+        self.names = self.columns.names
+        usual = np.median(ranges, axis=0)
+        still = ranges <= s.least_range * usual
+        low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
+        few = still.sum(axis=0) <= min(max(FEW[0], FEW[1] * len(still)), MOST_STILL * len(still))
+        is_known = few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+        return above(still, np.where(is_known & (usual > 0), 0.5, np.inf))

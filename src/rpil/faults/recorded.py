@@ -1,0 +1,107 @@
+"""The rules about what is there at all: missing values, and the recording's own times and lengths."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.demonstrations import Block, DemonstrationSet
+from rpil.faults.measured_columns import all_values
+from rpil.faults.motion import RepeatedFrames
+from rpil.faults.rule import Fault, Rule
+from rpil.faults.settings import FaultSettings
+from rpil.formats.times import Times, usual_step
+from rpil.numerics.types import Array
+
+
+class MissingValues(Rule):
+    name, words = "missing values", "a value is NaN or infinite"
+
+    @classmethod
+    def find(cls, block: Block, ids: tuple[Id, ...], labels: tuple[str, ...]) -> Iterator[Fault]:
+        """Those of each demonstration; `ids` are those of all the data, `labels` those of `column_labels`."""
+        values = all_values(block)
+        for m, (begin, end) in enumerate(itertools.pairwise(block.offsets)):
+            steps, columns = np.nonzero(~np.isfinite(values[begin:end]))
+            if len(steps):
+                first, last, column = int(steps[0]), int(steps[-1]), int(columns[0])
+                sentence = f"{labels[column]} is {values[begin + first, column]} at step {first}"
+                if len(steps) > 1:
+                    sentence += f", and {len(steps) - 1} more values up to step {last} are missing"
+                name, n = ids[block.first + m], float(len(steps))
+                yield Fault(cls.name, name, first, last, labels[column], n, 0.0, np.inf, sentence)
+
+
+class FrameCount(Rule):
+    name, words = "frame count", "the recording says that it has more or fewer frames"
+
+    @classmethod
+    def find(cls, times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
+        """Demonstrations with more or fewer frames than the recording says, and those that are not there at all."""
+        for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
+            declared = times.frames.get(name, length)
+            if declared != length:
+                kind = f"{declared - length} are missing" if declared > length else f"{length - declared} are too many"
+                sentence = f"it has {length} frames, and the recording says {declared}: {kind}"
+                severity = 1.0 + abs(declared - length)
+                yield Fault(cls.name, name, 0, length - 1, "", length, declared, severity, sentence)
+        for name in times.frames.keys() - set(demonstrations.ids):
+            declared = times.frames[name]
+            sentence = f"it is not in the data, and the recording says it has {declared} frames"
+            yield Fault(cls.name, name, 0, 0, "", 0, declared, 1.0 + declared, sentence)
+
+
+class DroppedFrames(Rule):
+    name, words = "dropped frames", "the time between two frames is too long"
+
+    @classmethod
+    def usual(cls, seconds: float | None, recorded: float | None) -> dict[str, str]:
+        """The usual time between two frames in words, with that by the timestamps, `recorded`, where it is another."""
+        if seconds is None:
+            return {}
+        is_other = recorded and abs(recorded - seconds) > 0.01 * seconds
+        declared = f", where {1e3 * seconds:.4g} ms are declared" if is_other else ""
+        return {cls.name: f"a frame every {1e3 * (recorded or seconds):.4g} ms{declared}"}
+
+
+def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
+    """Seconds between two frames by the timestamps; None where there are none."""
+    return None if times.timestamps is None else usual_step(np.diff(times.timestamps)[_within(demonstrations)])
+
+
+def _within(demonstrations: DemonstrationSet) -> Array:
+    """Whether a step and the one before are of the same demonstration, (N - 1,)."""
+    inside = np.ones(demonstrations.n_steps - 1, dtype=bool)
+    inside[demonstrations.offsets[1:-1] - 1] = False
+    return inside
+
+
+def find_frame_times(
+    times: Times, demonstrations: DemonstrationSet, usual: float | None, settings: FaultSettings
+) -> Iterator[Fault]:
+    """Times between two frames that are too long or too short, where `usual` seconds are usual."""
+    if times.timestamps is None or usual is None:
+        return
+    frames = np.where(_within(demonstrations), np.diff(times.timestamps), usual) / usual
+    limit = settings.frame_gap
+    for rule, off, threshold, what in (
+        (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} frames are missing"),
+        (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} frames come too soon"),
+    ):
+        places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
+        owner = np.searchsorted(demonstrations.offsets, places + 1, side="right") - 1
+        for m in np.unique(owner).tolist():
+            wrong = places[owner == m]
+            worst = int(wrong[np.argmax(np.nan_to_num(off[wrong], nan=np.inf))])
+            step = worst + 1 - int(demonstrations.offsets[m])
+            lost = int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum())
+            time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
+            sentence = (
+                f"{what.format(lost=lost, n=len(wrong))}, the worst at step {step}: {time:.4g} ms after the one before "
+                f"({1e3 * usual:.4g} ms is usual)"
+            )
+            steps = step - 1, step
+            yield Fault(rule, demonstrations.ids[m], *steps, "", time, 1e3 * usual * threshold, severity, sentence)

@@ -1,0 +1,227 @@
+"""What every rule has, and what rules that compare demonstrations know of them.
+
+A rule is a class, found by its name in `rpil.faults.checking.RULES`. It has words, what must be there for it, what it
+measures of each demonstration, and how it compares what was measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rpil.data.archive import stored
+from rpil.data.arrays import Id
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.text import counted
+from rpil.faults.lag import Lag, find_lag
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
+from rpil.faults.naming import Namer, learn_maps
+from rpil.faults.settings import FaultSettings
+from rpil.faults.whole import Ends, learn_ends
+from rpil.formats.dataset import Dataset
+from rpil.numerics.types import Array, Int
+
+
+@stored()
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one demonstration, the worst of its kind there.
+
+    Attributes
+    ----------
+    rule : str
+        One of `rpil.faults.checking.RULES`.
+    id : int or str
+        The demonstration.
+    first, last : int
+        Its steps concerned, from 0, both included.
+    column : str
+        The observation or action, or "" where the demonstration as a whole is concerned.
+    value, threshold : float
+        What was measured, and from where on it is a fault, both in the unit that the sentence names.
+    severity : float
+        How many times beyond the threshold; findings are sorted by it.
+    sentence : str
+        The finding in words, without the id of the demonstration.
+    """
+
+    rule: str
+    id: Id
+    first: int
+    last: int
+    column: str
+    value: float
+    threshold: float
+    severity: float
+    sentence: str
+
+    def to_dict(self) -> dict[str, object]:
+        """As plain numbers and text; an infinite severity as None."""
+        return asdict(self) | {"severity": self.severity if math.isfinite(self.severity) else None}
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a sample of the demonstrations tells, and the settings."""
+
+    columns: MeasuredColumns
+    lag: Lag
+    namer: Namer | None
+    ends: Ends | None
+    settings: FaultSettings
+
+    @classmethod
+    def of(cls, demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Learned:
+        """From demonstrations spread evenly over the data."""
+        sample = learn_columns(*pilot(demonstrations, settings), column_labels(demonstrations), settings)
+        lag = find_lag(sample)
+        namer = learn_maps(sample, lag, len(demonstrations))
+        return cls(sample.columns, lag, namer, learn_ends(sample), settings)
+
+
+Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
+"""Gives arrays (M, ...) of the M demonstrations of a block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What the rules compare: what each `Measure` gave for all M demonstrations without missing values."""
+
+    learned: Learned
+    measured: Mapping[Measure, tuple[Array, ...]]
+    ids: tuple[Id, ...]
+    lengths: Int[Array, " M"]
+    seconds: float | None  # between two frames, if that is known
+
+    @cached_property
+    def lacking(self) -> dict[str, str]:
+        """What rules may need and is not there, and a reason."""
+        columns, least = self.learned.columns, self.learned.settings.min_demonstrations
+        codes = "no {} measures something: they are constant, codes or pixels"
+        reasons = {
+            "observations": (columns.is_action.all(), codes.format("observation")),
+            "actions": (not columns.is_action.any(), codes.format("action")),
+            "columns": (not columns.names, codes.format("observation or action")),
+            "map": (self.learned.namer is None, "no state corresponds to an action"),
+            "lag": (not self.learned.lag.pairs, "no observation goes with an action"),
+            "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
+        }
+        return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}
+
+    def duration(self, steps: int) -> str:
+        """Steps in words, with their time where it is known."""
+        time = "" if self.seconds is None else f" ({1e3 * self.seconds * steps:.0f} ms)"
+        return f"{counted(steps, 'step')}{time}"
+
+
+class Rule:
+    """A rule without a model; see docs/faults.md.
+
+    Attributes
+    ----------
+    name, words : str
+        Its name, and what it finds.
+    needs : tuple of str
+        What must be there, keys of `Measurements.lacking`.
+    unknown : str
+        Why it says nothing where it applies and nothing can be known.
+    causes : tuple of str
+        Rules whose findings explain those of this rule in the same demonstration.
+    """
+
+    name: str
+    words: str
+    needs: tuple[str, ...] = ()
+    unknown = "demonstrations differ too much in this to know what is usual"
+    causes: tuple[str, ...] = ()
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """Whether a finding of this rule follows from another one, of a rule of `causes`, in the same demonstration.
+
+        A demonstration that is too long may hold what is found; one that is too short explains nothing."""
+        return cause.rule != "length" or cause.value > cause.threshold
+
+
+Compared = tuple[Array, Array | float, Array]
+"""What was measured, from where on it is a fault, and how many times beyond that it is; (M,) or (M, C)."""
+
+
+class ComparingRule(Rule):
+    """A rule that compares each demonstration with the others, applied to M of them.
+
+    `names` are those of C columns, or one, "", for the demonstration as a whole. `value`, `threshold`, `severity`, and
+    the `first` and `last` steps concerned, are (M, C). Where nothing can be known about a column, because it differs
+    too much between demonstrations that are clean or because it does not move, its severity is NaN.
+    """
+
+    sentence: str
+    """A fault in words, which may name the fields of `Fault`."""
+
+    def __init__(self, data: Measurements) -> None:
+        self.data, self.columns, self.settings = data, data.learned.columns, data.learned.settings
+        self.names: tuple[str, ...] = ("",)
+        self.measured = data.measured[type(self).measure]
+        self.first, self.last = np.zeros(len(data.ids), dtype=int), data.lengths - 1
+        value, threshold, severity = self.compare()
+        shape = len(data.ids), len(self.names)
+        every = value, np.broadcast_to(threshold, np.shape(value)), severity, self.first, self.last
+        self.value, self.threshold, self.severity, self.first, self.last = (
+            np.broadcast_to(np.reshape(of_each, (shape[0], -1)), shape) for of_each in every
+        )
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """What the rule must know of each demonstration. Steps count from the first of the demonstration, 0."""
+        return ()
+
+    def compare(self) -> Compared:
+        """Compare what was measured of all demonstrations."""
+        raise NotImplementedError
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        """A fault of a demonstration and a column in words."""
+        return self.sentence.format(**vars(fault))
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """The columns about which nothing can be known."""
+        is_unknown: Array = np.isnan(self.severity)
+        return tuple(name for name, column in zip(self.names, is_unknown.T, strict=True) if column.all())
+
+    def findings(self) -> Iterator[Fault]:
+        """For each demonstration with a fault, its worst column."""
+        severity = np.nan_to_num(self.severity, nan=0.0)
+        for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
+            c = int(np.argmax(severity[m]))
+            more = int((severity[m] > 1.0).sum()) - 1
+            also = f", and {counted(more, 'more column')}" if more else ""
+            value, threshold, worst = (float(of_each[m, c]) for of_each in (self.value, self.threshold, severity))
+            place = self.data.ids[m], int(self.first[m, c]), int(self.last[m, c]), self.names[c]
+            fault = Fault(self.name, *place, value, threshold, worst, sentence="")
+            yield replace(fault, sentence=self.say(fault, m, c) + also)
+
+    def fence(self, values: Array, factor: float, least: Array | float) -> Array:
+        """Where values (M, ...) of demonstrations begin to be unusual; infinite where they differ too much to tell.
+
+        With quartiles q1 and q3 over the demonstrations, and s = `least`, the size below which values do not differ:
+
+            (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `max_spread`.
+        """
+        low, high = np.quantile(values, [0.25, 0.75], axis=0, method="lower") + least
+        spread = (high / np.maximum(low, 1e-300)) ** self.settings.fence
+        return np.asarray(np.where(spread <= self.settings.max_spread, high * np.maximum(factor, spread), np.inf))
+
+    def two_fences(self, values: Array, factor: float) -> tuple[Array, Array]:
+        """Where positive values (M, ...) begin to be unusually small, and unusually large."""
+        return 1.0 / self.fence(1.0 / values, factor, 0.0), self.fence(values, factor, 0.0)
+
+
+def above(value: Array, threshold: Array | float) -> Compared:
+    """Values above their thresholds are faults; an infinite or missing threshold says that nothing is known."""
+    beyond = value / np.where(np.asarray(threshold) > 0, threshold, 1.0)
+    return value, threshold, np.where(np.isfinite(threshold), beyond, np.nan)

@@ -1,0 +1,193 @@
+"""The rules about whole demonstrations: whether undoing a fault mends them, and what they are made of."""
+
+from __future__ import annotations
+
+import itertools
+from typing import ClassVar
+
+import numpy as np
+
+from rpil.faults.lag import shifts
+from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
+from rpil.numerics.types import Array
+
+USUAL_NEXT_STATE = 0.75
+"""Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
+of a hand, may be so always."""
+
+SEEN_STEPS = 16
+"""Steps of a demonstration at which actions are compared with the next state."""
+
+
+class Length(ComparingRule):
+    name, words = "length", "it is far longer or shorter than the others"
+    needs = ("several",)
+    causes = ("frame rate", "two episodes")
+
+    def compare(self) -> Compared:
+        lengths = self.data.lengths.astype(float)
+        self.low, self.high = low, high = self.two_fences(lengths, self.settings.length_factor)
+        is_known = np.isfinite(high) & (low != 0)
+        severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
+        return lengths, np.where(lengths > high, high, low), severity
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        return f"it has {fault.value:.0f} steps ({self.low:.0f} to {self.high:.0f} are usual)"
+
+
+class OtherLag(ComparingRule):
+    name, words = "lag", "the state follows the action sooner or later than elsewhere"
+    needs = ("lag", "several")
+    unknown = "the lag between action and state is not the same in most demonstrations"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Steps by which the lag is shifted from the usual one, and what that shift adds to the agreement of the
+        cross-correlations, relative to the usual one."""
+        return shifts(block, learned.lag.pairs)
+
+    def compare(self) -> Compared:
+        s, (self.shift, gain) = self.settings, self.measured
+        steps, least_gain = np.abs(self.shift), self.fence(gain, s.usual_factor, s.smallest_gain)
+        agree = ((steps < s.min_shift) | (gain < s.smallest_gain)).mean() >= s.min_agreement
+        severity = np.where(steps >= s.min_shift, gain / least_gain, 0.0)
+        return steps, s.min_shift, severity if agree and np.isfinite(least_gain) else np.full(len(steps), np.nan)
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        steps = self.data.duration(int(fault.value))
+        return f"the state follows the action {steps} {'later' if self.shift[m] > 0 else 'sooner'} than is usual"
+
+    def usual(self) -> dict[str, str]:
+        """The usual lag in words, where most demonstrations have the same."""
+        if self.silent:
+            return {}
+        best = self.data.learned.lag.pairs[0]
+        names = [self.columns.names[c] for c in (best.action, best.state)]
+        first, second = names if best.lag >= 0 else names[::-1]
+        return {self.name: f"{second} follows {first} after {self.data.duration(abs(best.lag))}"}
+
+
+class Undone(ComparingRule):
+    """A demonstration fits the map between states and actions of the others once a fault is undone."""
+
+    needs = ("map", "several")
+    unknown = "sound demonstrations fit the map between states and actions as well with this fault undone"
+    causes = ("never moves", "next state", "two episodes")
+    sentences: ClassVar[dict[str, str]]
+    """What is said of each kind of fault that is tried."""
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """The fault that `Namer` names, or -1, and the gain of undoing it."""
+        namer, named = learned.namer, np.tile([-1.0, 0.0], (len(block.numbers), 1))
+        if namer is not None:
+            rows, bounds = block.values[namer.window.column].T, itertools.pairwise(block.offsets)
+            for m, (number, (first, end)) in enumerate(zip(block.numbers.tolist(), bounds, strict=True)):
+                named[m] = namer.name(number, rows[first:end])
+        return named[:, 0].astype(int), named[:, 1]
+
+    def compare(self) -> Compared:
+        namer, (named, gain) = self.data.learned.namer, self.measured
+        assert namer is not None  # the rule needs it
+        every, chosen = np.array(self.columns.names), namer.window.column
+        tried = np.flatnonzero(np.isin(namer.tried.kind, [*self.sentences]))
+        columns, limit = namer.tried.columns[tried], np.nan_to_num(namer.limit[tried], nan=np.inf)
+        self.texts = [self.sentences[kind] for kind in namer.tried.kind[tried]]
+        self.names = tuple(" and ".join(every[chosen[c[c >= 0]]]) for c in columns)
+        value = np.where(named[:, None] == tried, gain[:, None], 0.0)
+        if (columns[:, :1] < 0).any():  # a rule that knows one direction would miss the other
+            return above(value, np.where(np.isinf(limit).any(), np.inf, limit))
+        outside = np.delete(every, chosen) if len(tried) else every[:0]  # one column cannot be exchanged
+        self.names += tuple(outside.tolist())
+        return above(np.pad(value, ((0, 0), (0, len(outside)))), np.append(limit, np.full(len(outside), np.inf)))
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        return f"{self.texts[c].format(fault.column)}; undone, it fits the others"
+
+
+class Sign(Undone):
+    name, words = "sign", "a column has the other sign"
+    sentences: ClassVar = {"sign": "{} has the other sign"}
+
+
+class Exchanged(Undone):
+    name, words = "exchanged", "two columns are exchanged"
+    sentences: ClassVar = {"exchanged": "{} are exchanged"}
+
+
+class Offset(Undone):
+    name, words = "offset", "a constant is added to a column"
+    sentences: ClassVar = {"offset": "{} is off by a constant: perhaps its zero has moved"}
+
+
+class ShiftedAction(Undone):
+    name, words = "shifted action", "the actions are one step early or late"
+    sentences: ClassVar = {
+        "actions late": "the actions are one step late",
+        "actions early": "the actions are one step early",
+    }
+
+
+class Reversed(Undone):
+    name, words = "reversed", "time runs backwards"
+    sentences: ClassVar = {"reversed": "time is reversed: it runs backwards"}
+
+
+class FrameRate(Undone):
+    name, words = "frame rate", "it has half the frame rate of the others"
+    sentences: ClassVar = {"frame rate": "it has half the frame rate of the others: every other step is missing"}
+
+
+class NextState(ComparingRule):
+    """The actions are the next state, and in the others they are not."""
+
+    name, words = "next state", "the action is the next state"
+    needs, unknown = ("several",), "the action is the next state in most"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Share of the actions that move that are a state at the next step, at some steps."""
+        observations, actions = block.block.observations, block.block.actions
+        share = np.zeros(len(block.numbers))
+        for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
+            if actions.ndim == 2 and end - first > 2:
+                at = np.unique(np.linspace(first, end - 2, SEEN_STEPS).astype(int))
+                distance = np.abs(actions[at][:, :, None] - observations[at + 1][:, None, :])
+                wide = np.ptp(actions[at], axis=0)
+                same = (distance <= 1e-6 * wide[:, None]).all(axis=0).any(axis=1)
+                share[m] = (same & (wide > 0)).sum() / max((wide > 0).sum(), 1)
+        return (share,)
+
+    def compare(self) -> Compared:
+        (share,) = self.measured
+        usual = float(np.median(share))
+        return above(share, (1.0 + usual) / 2 if usual < USUAL_NEXT_STATE else np.inf)
+
+    def say(self, fault: Fault, m: int, c: int) -> str:
+        return f"{100 * fault.value:.0f} % of the actions that move are the state at the next step"
+
+
+class TwoEpisodes(ComparingRule):
+    """It holds an end and then a beginning."""
+
+    name, words = "two episodes", "it holds two episodes"
+    sentence = "step {last} is like a beginning, and the one before like an end: perhaps two episodes in one"
+    needs, unknown = ("observations", "several"), "beginnings and ends are not unlike the rest"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """How unlike a boundary between two demonstrations the best step is, and that step."""
+        ends, values = learned.ends, block.values[~block.columns.is_action]
+        n = len(block.numbers)
+        if ends is None or np.isnan(ends.limit):
+            return np.full(n, np.inf), np.zeros(n, dtype=int)
+        unlike, step = zip(*(ends.boundary(values[:, a:b]) for a, b in itertools.pairwise(block.offsets)), strict=True)
+        return np.array(unlike), np.array(step)
+
+    def compare(self) -> Compared:
+        ends, (unlike, self.last) = self.data.learned.ends, self.measured
+        self.first = self.last - 1
+        limit = np.nan if ends is None else ends.limit
+        severity = np.where(unlike < limit, np.minimum(1.0 + (limit - unlike), 100.0), 0.0)
+        return unlike, limit, severity if np.isfinite(limit) else np.full(len(unlike), np.nan)
