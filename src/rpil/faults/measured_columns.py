@@ -75,16 +75,20 @@ class MovingBlock:
         Of the columns, of the changes from the step before, and their sizes.
     motion : (T,) array
         `MeasuredColumns.motion_of`.
+    moves : (T,) bool array
+        Whether a step is not idle.
     """
 
     block: Block
     numbers: Int[Array, " M"]
+    offsets: Int[Array, " M1"]
     columns: MeasuredColumns
     settings: FaultSettings
     values: Float[Array, "C T"]
     change: Float[Array, "C T"]
     size: Float[Array, "C T"]
     motion: Float[Array, " T"]
+    moves: Bool[Array, " T"]
 
     @classmethod
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, s: FaultSettings) -> MovingBlock:
@@ -92,17 +96,9 @@ class MovingBlock:
         values = columns.of(block)
         change = segments.changes(values, block.offsets)
         size = np.abs(change)
-        return cls(block, numbers, columns, s, values, change, size, columns.motion_of(size))
-
-    @property
-    def offsets(self) -> Int[Array, " M1"]:
-        """Where demonstrations begin and end."""
-        return self.block.offsets
-
-    @property
-    def moves(self) -> Bool[Array, " T"]:
-        """Whether a step is not idle."""
-        return self.motion > self.settings.idle_motion * self.columns.motion
+        motion = columns.motion_of(size)
+        moves = motion > s.idle_motion * columns.motion
+        return cls(block, numbers, block.offsets, columns, s, values, change, size, motion, moves)
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
@@ -161,10 +157,9 @@ def learn_columns(
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     columns = replace(columns, scale=scale, spread=_spread(moving.values))
     motion = columns.motion_of(moving.size)
-    columns = replace(columns, motion=_median_or_one(motion[motion > 0]))
-    moving = replace(moving, columns=columns, motion=motion)
+    moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
-    return replace(moving, columns=replace(columns, moving=share))
+    return replace(moving, columns=replace(moving.columns, moving=share))
 
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:

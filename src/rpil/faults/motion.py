@@ -25,12 +25,10 @@ class Leap(ComparingRule):
 
     needs = OF_COLUMNS
     causes: tuple[str, ...] = ("length",)
-    starts_before = 0
 
     def compare(self) -> Compared:
         s, columns = self.settings, self.columns
-        size, self.last, largest = self.measured
-        self.first = self.last - self.starts_before
+        size, self.first, self.last, largest = self.measured
         self.names = columns.names
         least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
         least = np.maximum(least, s.smallest_leap * columns.spread)
@@ -45,46 +43,45 @@ class Spike(Leap):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
-        d_t+1 have opposite signs; its step; and the largest change."""
-        change, size = block.change, block.size
-        spike = np.zeros_like(size)
-        np.minimum(size[:, 1:-2], size[:, 2:-1], out=spike[:, 1:-2])
-        spike[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0
-        spike[:, 1:-2] -= np.maximum(size[:, :-3], size[:, 3:])
-        return *segments.largest(np.maximum(spike, 0.0), block.offsets), np.maximum.reduceat(
-            size, block.offsets[:-1], axis=1
-        ).T
+        d_t+1 have opposite signs; its first and last step, t; and the largest change."""
+        change, size, offsets = block.change, block.size, block.offsets
+        apart = np.zeros_like(size)
+        np.minimum(size[:, 1:-2], size[:, 2:-1], out=apart[:, 1:-2])
+        apart[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0
+        apart[:, 1:-2] -= np.maximum(size[:, :-3], size[:, 3:])
+        spike, step = segments.largest(np.maximum(apart, 0.0), offsets)
+        return spike, step, step, np.maximum.reduceat(size, offsets[:-1], axis=1).T
 
 
 class Jump(Leap):
     name, words = "jump", "a column leaps from one step to the next and stays there"
     causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
     sentence = "{column} leaps by {value:.3g} at step {last} ({threshold:.3g} at most is usual)"
-    starts_before = 1
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
-        its step; and the largest change."""
+        its first and last step, t - 1 and t; and the largest change."""
         size, offsets = block.size, block.offsets
         around = np.zeros_like(size)
         np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
         jump = np.where(2.0 * around < size, size - around, 0.0)
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
-        return *segments.largest(jump, offsets), np.maximum.reduceat(size, offsets[:-1], axis=1).T
+        jump, step = segments.largest(jump, offsets)
+        return jump, step - 1, step, np.maximum.reduceat(size, offsets[:-1], axis=1).T
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """At the ends of frozen and saturated stretches, and where two episodes meet."""
+        if cause.rule == "length":
+            return super().follows(fault, cause)
         if cause.rule == "two episodes":
             return fault.last == cause.last
-        is_held = cause.rule != "length"
-        at_end = fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
-        return at_end if is_held else super().follows(fault, cause)
+        return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
 
-class Held(ComparingRule):
+class HeldValue(ComparingRule):
     """One value for long, while others move."""
 
     causes = ("length",)
@@ -123,19 +120,19 @@ class Held(ComparingRule):
         return f"{stays} from step {fault.first} while others move ({fault.threshold:.0f} at most are usual)"
 
 
-class FrozenSensor(Held):
+class FrozenSensor(HeldValue):
     name, words = "frozen sensor", "an observation stays the same for long while others change"
     needs, unknown = ("observations", *OF_COLUMNS), RESTS.format("observations")
     kinds = (False,)
 
 
-class FrozenAction(Held):
+class FrozenAction(HeldValue):
     name, words = "frozen action", "an action stays the same for long while others change"
     needs, unknown = ("actions", *OF_COLUMNS), RESTS.format("actions")
     kinds = (True,)
 
 
-class Saturation(Held):
+class Saturation(HeldValue):
     name, words = "saturation", "a column stays at its lowest or highest value for long"
     needs, unknown = OF_COLUMNS, RESTS.format("columns")
     is_extreme = True

@@ -163,7 +163,7 @@ def _namer(
     ]
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
     usual_ones = excess[some] <= np.quantile(excess, s.map_power)
-    power = np.append(_planted(gain[usual_ones], s), [s.least_offset**2 / 2 * level.power(own) for own in column[:1]])
+    power = np.append(_planted(gain[usual_ones], s), s.least_offset**2 / 2 * level.power(column[0]))
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
     return apart, Namer(window, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)

@@ -54,14 +54,10 @@ class Ends:
         first, end = int(max(low, n - high)), int(min(high, n - low))
         if first < 1 or first >= end:
             return np.inf, 0
-        rows = [values[:, first:end], values[:, first - 1 : end - 1]]  # a beginning, after an end
-        far = [
-            np.minimum(((x - c[:, None]) / s[:, None]) ** 2, FARTHEST).mean(axis=0)
-            for x, c, s in zip(rows, self.centre, self.spread, strict=True)
-        ]
-        leaps = np.log1p(
-            np.sqrt(((rows[0] - rows[1]) ** 2 / self.spread.max(axis=0)[:, None] ** 2).mean(axis=0)) / self.leap
-        )
+        rows = np.stack([values[:, first:end], values[:, first - 1 : end - 1]])  # a beginning, after an end
+        centre, spread = self.centre[:, :, None], self.spread[:, :, None]
+        far = np.minimum(((rows - centre) / spread) ** 2, FARTHEST).mean(axis=1)
+        leaps = np.log1p(np.sqrt(((rows[0] - rows[1]) ** 2 / spread.max(axis=0) ** 2).mean(axis=0)) / self.leap)
         unlike = far[0] + far[1] - 2.0 * leaps
         at = int(np.argmin(unlike))
         return float(unlike[at]), first + at
@@ -73,19 +69,16 @@ def learn_ends(sample: MovingBlock) -> Ends | None:
     if len(offsets) <= s.min_demonstrations or columns.is_action.all():
         return None
     values = sample.values[~columns.is_action]
-    least = LEAST_SPREAD * columns.spread[~columns.is_action][:, None]
-    ends = [values[:, offsets[:-1]], values[:, offsets[1:] - 1]]
-    centre = [np.median(x, axis=1, keepdims=True) for x in ends]
-    spread = [
-        np.median(np.abs(x - c), axis=1, keepdims=True) / NORMAL_DEVIATION + least
-        for x, c in zip(ends, centre, strict=True)
-    ]
-    wide = np.maximum(*spread)
+    least = LEAST_SPREAD * columns.spread[~columns.is_action]
+    ends = np.stack([values[:, offsets[:-1]], values[:, offsets[1:] - 1]])
+    centre = np.median(ends, axis=2)
+    spread = np.median(np.abs(ends - centre[:, :, None]), axis=2) / NORMAL_DEVIATION + least
+    wide = spread.max(axis=0)[:, None]
     change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
     short, long = np.quantile(np.diff(offsets), [UNUSUAL_LENGTHS, 1 - UNUSUAL_LENGTHS])
     bounds = (1 - LENGTH_MARGIN) * short, (1 + LENGTH_MARGIN) * long
     leap = float(np.quantile(change, LARGE_CHANGE)) + 1e-12
-    fitted = Ends(np.stack(centre)[:, :, 0], np.stack(spread)[:, :, 0], bounds, leap)
+    fitted = Ends(centre, spread, bounds, leap)
     each = [values[:, a:b] for a, b in itertools.pairwise(offsets)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]

@@ -16,9 +16,6 @@ USUAL_NEXT_STATE = 0.75
 """Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
 of a hand, may be so always."""
 
-SEEN_STEPS = 16
-"""Steps of a demonstration at which actions are compared with the next state."""
-
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others"
@@ -147,12 +144,12 @@ class NextState(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Share of the actions that move that are a state at the next step, at some steps."""
+        """Share of the actions that move that are a state at the next step, at 16 steps."""
         observations, actions = block.block.observations, block.block.actions
         share = np.zeros(len(block.numbers))
         for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
             if actions.ndim == 2 and end - first > 2:
-                at = np.unique(np.linspace(first, end - 2, SEEN_STEPS).astype(int))
+                at = np.unique(np.linspace(first, end - 2, 16).astype(int))
                 distance = np.abs(actions[at][:, :, None] - observations[at + 1][:, None, :])
                 wide = np.ptp(actions[at], axis=0)
                 same = (distance <= 1e-6 * wide[:, None]).all(axis=0).any(axis=1)
