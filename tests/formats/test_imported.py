@@ -11,7 +11,6 @@ import rpil
 from rpil.data.errors import DataError
 from rpil.formats import imported as importing
 from rpil.formats.imported import imported, size_of
-from rpil.formats.spool import on_disk
 from samples import SAMPLES
 
 
@@ -31,7 +30,7 @@ def test_what_is_imported_is_what_is_read_here(tmp_path, monkeypatch, on_the_dis
 def test_a_reader_that_ends_its_process_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     (tmp_path / "a.h5").write_bytes(b"x" * 7)
-    with on_disk(), pytest.raises(DataError, match=r"a.h5: the library that reads it was ended"):
-        imported(os.abort, tmp_path / "a.h5")
+    with pytest.raises(DataError, match=r"a.h5: the library that reads it was ended"):
+        imported(os.abort, tmp_path / "a.h5", on_disk=True)
     assert [file.name for file in tmp_path.rglob("*")] == ["a.h5"]
     assert size_of(tmp_path) == size_of(tmp_path / "a.h5") == 7

@@ -1,4 +1,4 @@
-"""What a user says of the columns of a table, and the columns that are read."""
+"""What decides how a file is read, and the columns that are read."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LENGTH = "length"
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """What the user says of the columns of a table; what is left out is found by name.
+    """What decides how a file is read: what the user says of its columns, of which the others are found by name.
 
     Attributes
     ----------
@@ -47,6 +47,8 @@ class ColumnOptions:
         Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
     skip_bad : bool
         Leave demonstrations out in which a value is missing or infinite.
+    on_disk : bool
+        Whether the rows go to disk instead of into memory; `rpil.formats.read_recording` decides it.
     """
 
     id: str | None = None
@@ -63,11 +65,12 @@ class ColumnOptions:
     only: Ids = ()
     without: Ids = ()
     skip_bad: bool = False
+    on_disk: bool = False
 
 
 def check_options(given: Iterable[str]) -> None:
     """A `TypeError` that names the option that was meant, where one of the `given` names is that of none."""
-    known = [one.name for one in fields(ColumnOptions)]
+    known = [one.name for one in fields(ColumnOptions) if one.name != "on_disk"]
     for name in sorted({*given} - {*known}):
         close = [f"; did you mean {one}?" for one in get_close_matches(name, [*known, "labels", "settings"], 1)]
         raise TypeError(f"there is no option {name!r}{''.join(close)}")

@@ -28,7 +28,7 @@ from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, text_byte
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.places import in_two_files
 from rpil.formats.rows import Rows, TableRows
-from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.spool import spool
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin
@@ -64,7 +64,7 @@ def claims(path: Path) -> bool:
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
-    dialect = find_dialect(path)
+    dialect = find_dialect(path, options.on_disk)
     columns = find_text_columns(path, dialect, options)
     note = () if dialect.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {dialect.encoding}.",)
     return _read([Text(path, path.name, dialect)], columns, path.name, dialect.words, note)
@@ -72,7 +72,10 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
-    files = [Text(path, name, find_dialect(path)) for path, name in zip(paths, names_in_folder(paths), strict=True)]
+    files = [
+        Text(path, name, find_dialect(path, options.on_disk))
+        for path, name in zip(paths, names_in_folder(paths), strict=True)
+    ]
     first = files[0]
     for file in files:
         if set(file.dialect.names) != set(first.dialect.names):
@@ -93,7 +96,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
         if seen.setdefault(_id_of(file), file.name) != file.name:
             raise in_two_files(_id_of(file), seen[_id_of(file)], file.name, source)
     decimal = files[0].dialect.decimal
-    found = [(file, _read_table(file, columns, _copy if is_on_disk() else _whole)) for file in files]
+    found = [(file, _read_table(file, columns)) for file in files]
 
     def tables() -> Iterator[pa.Table]:
         for file, rows in found:
@@ -117,7 +120,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
 def _names_in(file: Text, columns: Columns) -> list[str]:
     """The columns to read that a file has; on disk without outcomes, because its first block tells their types."""
     own = set(file.dialect.names)
-    return [name for name in (*columns.all, *(() if is_on_disk() else columns.outcomes)) if name in own]
+    return [name for name in (*columns.all, *(() if file.dialect.on_disk else columns.outcomes)) if name in own]
 
 
 def _id_of(file: Text) -> str:
@@ -175,8 +178,8 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
     return find_columns(dialect.names, kinds, path.name, options, default_id, first)
 
 
-def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows:
-    """What `read` makes of the columns to read, ids and single actions as text."""
+def _read_table(file: Text, columns: Columns) -> Rows:
+    """The columns to read, ids and single actions as text."""
     import pyarrow as pa
     from pyarrow import csv
 
@@ -190,7 +193,7 @@ def _read_table(file: Text, columns: Columns, read: Callable[..., Rows]) -> Rows
     def converted(types: Mapping[str, pa.DataType], parsing: dict[str, object]) -> Rows:
         chosen = {"include_columns": names, "column_types": types}
         convert = csv.ConvertOptions(decimal_point=file.dialect.decimal, strings_can_be_null=False, **chosen)
-        return read(file.path, convert_options=convert, **parsing)
+        return (_copy if file.dialect.on_disk else _whole)(file.path, convert_options=convert, **parsing)
 
     with guarded(file.path.name, *_FAULT):
         # Where there is text, or true and false, they are read as such, so that the message can say where.
@@ -234,7 +237,7 @@ def _parsed(path: Path, dialect: Dialect, read_table: Callable[[dict[str, object
         return "error"
 
     parse = csv.ParseOptions(delimiter=dialect.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
-    block = (_BLOCKS_ON_DISK if is_on_disk() else 1) * _BLOCK_BYTES
+    block = (_BLOCKS_ON_DISK if dialect.on_disk else 1) * _BLOCK_BYTES
     while True:
         reading = csv.ReadOptions(
             column_names=dialect.names,

@@ -16,7 +16,6 @@ from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
-from rpil.formats.spool import is_on_disk
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,6 +42,7 @@ class Dialect:
     separator: str
     encoding: str
     decimal: str
+    on_disk: bool  # whether its rows are copied to disk
 
     @property
     def words(self) -> str:
@@ -63,10 +63,10 @@ def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
         yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream
 
 
-def find_dialect(path: Path) -> Dialect:
+def find_dialect(path: Path, on_disk: bool = False) -> Dialect:
     """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
     with guarded(path.name, "a damaged or truncated compressed file", "write it again"), text_bytes(path) as stream:
-        chunks = _checked(iter(lambda: stream.read(_CHUNK), b""), path.name)
+        chunks = _checked(iter(lambda: stream.read(_CHUNK), b""), path.name, on_disk)
         head = next(chunks, b"")
         encoding = _encoding(chain([head], chunks))
     text = codecs.getincrementaldecoder(encoding)("strict").decode(head)
@@ -86,7 +86,7 @@ def find_dialect(path: Path) -> Dialect:
     if 2 * sum(bool(_NUMERIC_TEXT.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     body = [line for line in lines[start + reader.line_num :] if line.strip()]
-    return Dialect(tuple(names), start + reader.line_num, separator, encoding, _decimal(body, separator))
+    return Dialect(tuple(names), start + reader.line_num, separator, encoding, _decimal(body, separator), on_disk)
 
 
 def without_suffix(name: str) -> str:
@@ -94,12 +94,12 @@ def without_suffix(name: str) -> str:
     return _SUFFIX.sub("", name)
 
 
-def _checked(chunks: Iterator[bytes], source: str) -> Iterator[bytes]:
+def _checked(chunks: Iterator[bytes], source: str, on_disk: bool) -> Iterator[bytes]:
     """The chunks of a file, which may be compressed; a `DataError` where its values would not fit in memory."""
     n_bytes = 0
     for chunk in chunks:
         n_bytes += len(chunk)
-        check_memory(0 if is_on_disk() else _MEMORY_PER_BYTE * n_bytes, source)
+        check_memory(0 if on_disk else _MEMORY_PER_BYTE * n_bytes, source)
         yield chunk
 
 

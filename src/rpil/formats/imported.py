@@ -14,7 +14,7 @@ from rpil.data.json_files import Parsed
 from rpil.formats.import_process import in_child
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import Rows, TableRows
-from rpil.formats.spool import fill, is_on_disk, new_copy
+from rpil.formats.spool import fill, new_copy
 from rpil.formats.step_tables import StepTables, from_facts
 from rpil.formats.store import copied_rows
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def imported(read: Callable[[], StepTables | Recording], path: Path) -> Recording:
+def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bool) -> Recording:
     """The recording in the tables that `read` makes of the file or folder at `path`, in a process of its own.
 
-    In memory they are in a file that has no name; within `rpil.formats.spool.on_disk` in a temporary one.
+    In memory they are in a file that has no name; `on_disk` in a temporary one.
     """
     if sys.platform != "linux":
         found = read()
-        return found if isinstance(found, Recording) else from_tables(found)
+        return found if isinstance(found, Recording) else from_tables(found, on_disk)
     import pyarrow  # noqa: F401  # once, for both processes
 
-    copy = new_copy(path.name) if is_on_disk() else None
+    copy = new_copy(path.name) if on_disk else None
     file = os.memfd_create("steps")
 
     def work() -> Parsed:

@@ -20,7 +20,6 @@ from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_pages import check_groups
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.spool import is_on_disk
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table_facts import Origin
@@ -48,10 +47,10 @@ def read(path: Path, options: ColumnOptions) -> Recording:
 
 
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
-    """Read files with the same columns into memory; within `rpil.formats.spool.on_disk` they stay where they are."""
+    """Read files with the same columns into memory, or leave them where they are, as the options say."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
     origin = Origin(source, _format_name(metadata, len(paths)), metadata)
-    if is_on_disk():
+    if options.on_disk:
         return from_rows(rows, columns, origin, layout)
     check_memory(rows.n_bytes, source)
     tables, sizes = [], Counter[str]()

@@ -25,7 +25,7 @@ from rpil.formats.metadata import Metadata
 from rpil.formats.places import Order, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
-from rpil.formats.spool import is_on_disk, spool
+from rpil.formats.spool import spool
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table import numbers_or_missing
@@ -142,12 +142,12 @@ class Recording:
         return replace(self, description=description, chosen=chosen)
 
 
-def from_tables(found: StepTables) -> Recording:
-    """The recording in tables; within `rpil.formats.spool.on_disk` they never are in memory all."""
+def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
+    """The recording in tables; `on_disk` they never are in memory all."""
     import pyarrow as pa
 
     columns, origin = found.columns, found.origin
-    if is_on_disk():
+    if on_disk:
         recording = from_rows(copied_rows(spool(found.tables, origin.source), found.sizes), columns, origin)
     else:
         whole = list(found.tables)

@@ -18,7 +18,7 @@ from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.data.missing import allow_missing
-from rpil.formats import spool, table_folder
+from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
@@ -92,8 +92,8 @@ class ClaimedPath:
             with suppress(UnsortedError if stays else TooLargeError):
                 return self.read(options, on_disk=stays)
             return self.read(options, on_disk=not stays)
-        with holding(), guarded(str(self.path)), spool.on_disk(on_disk), allow_missing(options.skip_bad):
-            recording = with_chosen(self._recording(options), options)
+        with holding(), guarded(str(self.path)), allow_missing(options.skip_bad):
+            recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
             if options.embeddings:
                 from rpil.formats.embeddings import with_embeddings
 
@@ -110,9 +110,9 @@ class ClaimedPath:
         else:
             readable = check_readable(path) if path.is_file() else path
             if not self.format.reads_in_place(self.path):
-                return imported(lambda: self.format.read(readable, options), readable)
+                return imported(lambda: self.format.read(readable, options), readable, options.on_disk)
             found = self.format.read(readable, options)
-        return found if isinstance(found, Recording) else from_tables(found)
+        return found if isinstance(found, Recording) else from_tables(found, options.on_disk)
 
     def keep(
         self,

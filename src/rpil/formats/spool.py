@@ -13,7 +13,6 @@ import tempfile
 import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,23 +23,6 @@ from rpil.data.files import temporary_path
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_wanted: ContextVar[bool] = ContextVar("rows are copied to disk", default=False)
-
-
-@contextmanager
-def on_disk(wanted: bool = True) -> Iterator[None]:
-    """Within the block, and only if `wanted`, rows that are read go to disk instead of into memory."""
-    token = _wanted.set(wanted)
-    try:
-        yield
-    finally:
-        _wanted.reset(token)
-
-
-def is_on_disk() -> bool:
-    """Whether rows that are read here go to disk."""
-    return _wanted.get()
 
 
 class Copy:

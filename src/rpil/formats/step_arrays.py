@@ -21,7 +21,6 @@ from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import commas
 from rpil.formats.metadata import Metadata
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.spool import is_on_disk
 from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
@@ -136,9 +135,9 @@ def from_parts(
     columns = replace(columns, ignored={**columns.ignored, **without})
     for part in parts:
         _check(part, parts[0], columns.all, _place(part, id_column, source))
-    _check_size(parts, columns.all, source)
+    _check_size(parts, columns.all, source, options.on_disk)
     types = {name: _type_of_all(parts, name) for name in columns.all}
-    batches = _batches(parts, BATCH_ROWS if is_on_disk() else sum(part.n_steps for part in parts))
+    batches = _batches(parts, BATCH_ROWS if options.on_disk else sum(part.n_steps for part in parts))
     tables = (
         pa.table({name: _column(pieces, name, source, dtype) for name, dtype in types.items()}) for pieces in batches
     )
@@ -203,10 +202,10 @@ def _rows(part: Part, name: str) -> int:
     return part.arrays[name].shape[0] if name in part.arrays else part.n_steps
 
 
-def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
+def _check_size(parts: Sequence[Part], names: Sequence[str], source: str, on_disk: bool) -> None:
     """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
     arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
-    if not is_on_disk():
+    if not on_disk:
         check_memory(sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays), source)
     for array in arrays:
         if isinstance(array, Checked):
