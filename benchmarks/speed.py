@@ -83,7 +83,7 @@ ROWS = {
         speed_systems.from_disk,
         {"steps": 20_000_000, "subset": 2_000_000, "features": 32, "actions": 4},
         {"steps": 20_000, "subset": 15_000, "features": 4, "actions": 3},
-        {"E_rss_gib": 1.0, "E_time": 1.5},
+        {"E_rss_gib": 0.5, "E_time": 1.3},
     ),
     "G": Row(
         "Dask, two processes, over in memory",

@@ -12,7 +12,6 @@ SAMPLE = SampleSettings(
     steps_per_coefficient=20,
     n_demonstrations=20,
     min_samples=4,
-    max_kept_entries=1,
     block_steps=700,
 )
 ONE_SHARE = JudgeSettings(groups=GroupSettings(noise_shares=(0.1,)))

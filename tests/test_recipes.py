@@ -203,6 +203,9 @@ class Listed:
         self.calls.append("then")
         return Listed([function(block) for block in self.blocks], self.calls)
 
+    def kept(self, n_steps: int) -> Listed:
+        return self
+
     def total(self, function: Callable[[Any], Any]) -> Any:
         self.calls.append("total")
         return reduce(add, map(function, self.blocks))

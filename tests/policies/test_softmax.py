@@ -42,7 +42,7 @@ def test_a_fit_is_a_maximum_of_the_penalised_log_likelihood():
 def test_statistics_are_the_gradient():
     rng, penalty = np.random.default_rng(0), ridge(PROBLEM)
     policy = SoftmaxPolicy(rng.normal(size=(PROBLEM.features.shape[1], PROBLEM.space.n)), penalty)
-    taken, statistics = policy.collect_suff_stats(PROBLEM, WEIGHT)
+    taken, statistics = policy.collect_suff_stats(PROBLEM.features, PROBLEM.actions, WEIGHT)
     np.testing.assert_allclose(WEIGHT @ taken - policy.penalty(), objective(policy.weights, penalty))
     direction = rng.normal(size=policy.weights.shape)
     direction -= direction.mean(axis=1, keepdims=True)  # what all actions share changes no probability

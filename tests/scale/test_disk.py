@@ -59,7 +59,7 @@ def peak():
 
 before = peak()
 data = rpil.open_dataset(sys.argv[1])
-sample = SampleSettings(min_steps=5000, steps_per_coefficient=20, max_kept_entries=1)
+sample = SampleSettings(min_steps=5000, steps_per_coefficient=20)
 ascent = AscentSettings(max_passes=1)
 model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent)).fit(data)
 assert len(model.audit_.step_weight) == data.n_steps

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import tempfile
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from rpil.scale.local import InMemory, Streamed
 from rpil.scale.protocol import Engine, Shards
+
+
+class Steps(NamedTuple):
+    values: np.ndarray
+    products: np.ndarray
+
+    @classmethod
+    def of(cls, block):
+        return cls(block, np.stack([block, block**2], axis=1).astype(np.float32))
+
 
 SHARDS = [[np.array([1.0, 2.0]), np.array([3.0])], [np.array([4.0])]]
 
@@ -22,16 +35,18 @@ def test_blocks_are_mapped_in_order_and_added_up(engine):
     assert halves.total(lambda block: (block.sum(), len(block))) == (5.0, 4)
 
 
-def test_memory_reads_a_shard_once_and_disk_reads_it_for_every_pass():
-    for engine, times in ((InMemory(), 1), (Streamed(), 3)):
-        readings = []
-
-        class Recorded(list):
-            def __iter__(self, readings=readings):
-                readings.append(len(self))
-                return super().__iter__()
-
-        placed = engine.place([Recorded(SHARDS[0])])
-        for _ in range(3):
-            list(placed.map(len))
-        assert len(readings) == times
+@pytest.mark.parametrize("engine", [InMemory(), Streamed()])
+def test_blocks_are_computed_in_every_pass_until_they_are_kept(engine, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    computed = []
+    placed = engine.place(SHARDS).then(lambda block: computed.append(block) or Steps.of(block))
+    passes = [list(placed.map(lambda steps: steps)) for _ in range(2)]
+    assert len(computed) == 6
+    kept = placed.kept(4)
+    passes += [list(kept.map(lambda steps: steps)) for _ in range(2)]
+    assert len(computed) == 9
+    for own, *back in zip(*passes, strict=True):
+        for array, *same in zip(own, *back, strict=True):
+            assert {one.dtype for one in same} == {array.dtype}
+            np.testing.assert_array_equal([array] * 3, same)
+    assert not list(tmp_path.iterdir())

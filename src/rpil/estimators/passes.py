@@ -40,11 +40,8 @@ class SampledFit:
 
     @property
     def engine(self) -> Engine:
-        """The engine asked for; else this process, which keeps data on disk in memory where they are small."""
-        source, settings = self.task.source, self.options.settings.sample
-        n_entries = int(source.offsets[-1]) * 2 * source.n_observations  # folded features are twice as many
-        in_memory = isinstance(source, Demonstrations) or n_entries <= settings.max_kept_entries
-        return self.options.engine or (InMemory() if in_memory else Streamed())
+        """The engine asked for; else this process, which keeps on disk what is computed from data on disk."""
+        return self.options.engine or (InMemory() if isinstance(self.task.source, Demonstrations) else Streamed())
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
@@ -107,7 +104,7 @@ class SampledFit:
         features = options.linear.feature_map(choice, observations, weight)
         weights = replace(weights, final=DesignMap(features, task.space, task.classes))
         data = replace(data, features=features.design(observations, single=True))
-        blocks = posed.blocks.then(weights)
+        blocks = posed.blocks.then(weights).kept(int(task.source.offsets[-1]))
         audit, total = self._weigh(posed, decision, blocks)
         ridge, final_ridge = (ridge_of(features, options.C, float(n), task.space) for n in (weight.sum(), total))
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
@@ -118,9 +115,7 @@ class SampledFit:
 
     def _weigh(self, posed: JudgeInput, decision: TrustDecision, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
-        on_disk = not isinstance(self.engine, InMemory)
-        steps, total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]), on_disk)
-        log_ratio, share, step_weight = steps
+        (log_ratio, share, step_weight), total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]))
         audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
         return replace(audit, traces=self._traces(posed, _sample(posed, decision), audit)), total
 

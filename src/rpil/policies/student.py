@@ -135,17 +135,19 @@ class StudentPolicy:
         """The policy for `factor` times as many steps; its Hessian is in the sums."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor)), None
 
-    def collect_suff_stats(self, data: FitData, weight: Float[Array, " N"]) -> tuple[Float[Array, " N"], Sums]:
+    def collect_suff_stats(
+        self, features: Float[Array, "N D"], actions: Array, weight: Float[Array, " N"]
+    ) -> tuple[Float[Array, " N"], Sums]:
         """log pi of the actions taken, and the sums of `_weighted_sums`, R^T W R for the errors R, the log-likelihood
         of every nu, the total weight, and the number of errors beyond a bound."""
-        outputs = self.outputs(data.features)
-        errors, factors = self._errors(outputs, data.actions)
+        outputs = self.outputs(features)
+        errors, factors = self._errors(outputs, actions)
         distance = self._distance(errors)
         robust = self._robust_weight(distance, weight)
-        sums = _weighted_sums(data.features, errors, factors, robust, self._precision)
+        sums = _weighted_sums(features, errors, factors, robust, self._precision)
         n_beyond = (factors < 1.0).sum()
         more = (errors.T * robust) @ errors, self._log_likelihoods(distance, weight), weight.sum(), n_beyond
-        return self.log_prob(outputs, data.actions), (*sums, *more)
+        return self.log_prob(outputs, actions), (*sums, *more)
 
     def m_step(
         self, statistics: Sums, radius: float, preconditioner: Preconditioner | None, history: CurvatureHistory

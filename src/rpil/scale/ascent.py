@@ -6,7 +6,6 @@ has most of the curvature right, so that each pass removes most of the remaining
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -20,35 +19,21 @@ from rpil.policies.protocol import AdditivePolicy
 from rpil.scale.fit import WeightedBlock
 from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
+from rpil.scale.step_file import StepFile
 
 
-def gather_steps(
-    blocks: Iterator[tuple[Array, ...]], n_steps: int, on_disk: bool
-) -> tuple[tuple[Array, Array, Array], float]:
-    """Log-ratios, shares and weights of all steps, (N,) each, and the sum of the weights.
-
-    With `on_disk` the arrays are in single precision in a temporary file, which goes when they go.
-    """
-    if not on_disk:
-        log_ratios, shares, weights = zip(*blocks, strict=True)
-        total = sum(float(weight.sum()) for weight in weights)  # by blocks, as below
-        return (np.concatenate(log_ratios), np.concatenate(shares), np.concatenate(weights)), total
-    first, total, size = 0, 0.0, np.dtype(np.float32).itemsize
-    with tempfile.TemporaryFile() as file:
-        for columns in blocks:
-            total += float(columns[-1].sum())
-            for k, column in enumerate(columns):
-                file.seek(size * (k * n_steps + first))
-                file.write(column.astype(np.float32).tobytes())
-            first += len(columns[0])
-        file.flush()
-        log_ratio, share, weight = np.memmap(file, np.float32, "r", shape=(3, n_steps))
-    return (log_ratio, share, weight), total
+def gather_steps(blocks: Iterator[tuple[Array, ...]], n_steps: int) -> tuple[list[Array], float]:
+    """Log-ratios, shares and weights of all steps, (N,) each, in a temporary file, and the sum of the weights."""
+    total, file = 0.0, StepFile(n_steps)
+    for columns in blocks:
+        total += float(columns[-1].sum())
+        file.append(columns)
+    return file.read(slice(0, n_steps)), total
 
 
 def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
     """Log-likelihood, sufficient statistics and weight of the steps of a block."""
-    log_prob, statistics = policy.collect_suff_stats(block.data, block.weight)
+    log_prob, statistics = policy.collect_suff_stats(block.features, block.actions, block.weight)
     return block.weight @ log_prob, statistics, block.weight.sum()
 
 

@@ -132,10 +132,11 @@ def judge_everyone(
 
 
 class WeightedBlock(NamedTuple):
-    """A block from which the final policy learns."""
+    """The steps of a block, from which the final policy learns."""
 
-    data: FitData
-    """With the features of the final policy."""
+    features: Array
+    """Of the final policy."""
+    actions: Array
     log_ratio: Array
     share: Array
     weight: Array
@@ -170,7 +171,8 @@ class StepWeights:
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
         block, data = prepared
         steps = self.steps(data, block.demonstrations)
-        return WeightedBlock(self.final(block)[1] if self.final else data, *steps)
+        features = self.final(block)[1].features if self.final else data.features
+        return WeightedBlock(features, data.actions, *steps)
 
     def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:
         """Log-ratios, shares and weights of the steps, (N,) each, of some of the demonstrations."""

@@ -1,7 +1,6 @@
 """Engines of this process, which work on as many blocks at a time as there are cores.
 
-`Streamed` reads the blocks again for every pass, the next block while the blocks before it are worked on; `InMemory`
-keeps them. Each block is summed by one thread, so that the number of threads changes no bit.
+Each block is summed by one thread, so that the number of threads changes no bit.
 """
 
 from __future__ import annotations
@@ -11,10 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, cast
 
 from rpil.numerics.parallel import cores
 from rpil.scale.protocol import R, Shards, T
+from rpil.scale.step_file import StepFile
 
 
 def identity(block: T) -> T:
@@ -24,10 +24,11 @@ def identity(block: T) -> T:
 
 @dataclass(frozen=True)
 class LocalBlocks(Shards[T]):
-    """Blocks that are read for every pass, or that a list keeps, and the functions that are applied to each."""
+    """Blocks that are read, and from which `prepare` computes others, in every pass until these are kept."""
 
     shards: Sequence[Iterable[object]]
-    is_kept: bool
+    in_memory: bool
+    """Whether blocks are kept in memory, or on disk."""
     prepare: Callable[[Any], T] = identity
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
@@ -43,24 +44,31 @@ class LocalBlocks(Shards[T]):
                 yield pending.popleft().result()
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
-        if self.is_kept:
-            return LocalBlocks([list(self.map(function))], is_kept=True)
-        prepare = self.prepare
-        return LocalBlocks(self.shards, False, lambda block: function(prepare(block)))
+        return LocalBlocks(self.shards, self.in_memory, lambda block: function(self.prepare(block)))
+
+    def kept(self, n_steps: int) -> Shards[T]:
+        """The blocks, which are tuples of arrays, in a list or in a temporary file."""
+        if self.in_memory:
+            return LocalBlocks([list(self.map(identity))], True)
+        file, kind = StepFile(n_steps), cast(Any, None)
+        for block in self.map(identity):
+            file.append(block)
+            kind = type(block)
+        return LocalBlocks([file.blocks], False, lambda steps: kind(*file.read(steps)))
 
 
 @dataclass(frozen=True)
 class Streamed:
-    """Keeps no block."""
+    """For data that do not fit in memory: reads them in every pass, and keeps what is computed from them on disk."""
 
     n_shards: int = 1
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return LocalBlocks(shards, is_kept=False)
+        return LocalBlocks(shards, in_memory=False)
 
 
 class InMemory(Streamed):
-    """Reads every shard once and keeps its blocks."""
+    """Keeps in memory what is computed from the blocks."""
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return LocalBlocks([list(chain.from_iterable(shards))], is_kept=True)
+        return LocalBlocks(shards, in_memory=True)

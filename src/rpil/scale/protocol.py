@@ -21,7 +21,11 @@ class Shards(Protocol[T_co]):
         """The result for each block, in order, in this process."""
 
     def then(self, function: Callable[[T_co], R]) -> Shards[R]:
-        """The result for each block, kept where the block is."""
+        """The result for each block, where the block is."""
+
+    def kept(self, n_steps: int) -> Shards[T_co]:
+        """The same blocks, of `n_steps` steps in all, for many passes, none of which computes them again."""
+        return self
 
     def total(self, function: Callable[[T_co], Sums]) -> Sums:
         """The sum of the results for all blocks, always added up in the same order."""

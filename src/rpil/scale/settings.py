@@ -25,9 +25,6 @@ class SampleSettings:
     """Demonstrations of a sample, at least, however long."""
     min_samples: float = 10.0
     """Steps of all data, in samples, from which the judge reads one sample instead of everything."""
-    max_kept_entries: int = 2**25
-    """Entries of the design matrix up to which data on disk are kept in memory, in single precision, as they are read
-    by the first pass: every other pass would read and prepare them again."""
     block_steps: int = BLOCK_STEPS
     """Steps of a block, about, in the passes over all data."""
 

@@ -1,0 +1,52 @@
+"""Arrays of all steps in a temporary file, written block by block, and read block by block or whole."""
+
+from __future__ import annotations
+
+import tempfile
+import weakref
+from typing import Any
+
+import numpy as np
+
+from rpil.data.memory import check_room
+from rpil.numerics.types import Array
+
+_ALIGNMENT = 64
+"""An array begins at a multiple of so many bytes, as in memory."""
+
+
+class StepFile:
+    """Arrays with a row for each of `n_steps` steps, in a temporary file, which is gone with the object and its arrays.
+
+    What is read is mapped into memory, and counts as memory of the process for as long as it is needed.
+    """
+
+    def __init__(self, n_steps: int) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115  # open as long as the object is there
+        weakref.finalize(self, self._file.close)
+        self._n_steps = n_steps
+        self._arrays: list[tuple[np.dtype[np.generic], int]] = []  # the types of their rows, and where they begin
+        self.blocks: list[slice] = []
+        """The steps of the blocks that were written."""
+
+    def append(self, block: Any) -> None:
+        """Write the next rows of each of the arrays, a tuple; a `DataError` before the first where there is no room for all steps."""
+        if not self.blocks:
+            rows = [np.dtype((array.dtype, array.shape[1:])) for array in block]
+            sizes = [-(-self._n_steps * row.itemsize // _ALIGNMENT) * _ALIGNMENT for row in rows]
+            check_room(sum(sizes), "The steps of the fit")
+            self._arrays = list(zip(rows, np.cumsum([0, *sizes]).tolist(), strict=False))
+        first = self.blocks[-1].stop if self.blocks else 0
+        for array, (row, begin) in zip(block, self._arrays, strict=True):
+            self._file.seek(begin + first * row.itemsize)
+            self._file.write(np.ascontiguousarray(array).data)
+        self._file.flush()
+        self.blocks.append(slice(first, first + len(block[0])))
+
+    def read(self, steps: slice) -> list[Array]:
+        """The rows of some steps of each array."""
+        n_steps = steps.stop - steps.start
+        return [
+            np.asarray(np.memmap(self._file, row, "r", begin + steps.start * row.itemsize, n_steps))
+            for row, begin in self._arrays
+        ]
