@@ -100,7 +100,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
 
     def tables() -> Iterator[pa.Table]:
         for file, rows in found:
-            there = rows.tables(0, rows.runs[-1][1], _names_in(file, columns))
+            there = rows.tables(0, len(rows), _names_in(file, columns))
             yield from (_named(table, file, columns) for _, table, _ in there)
 
     kinds: dict[str, set[str]] = {}
@@ -108,7 +108,7 @@ def _read(files: Sequence[Text], columns: Columns, source: str, format_name: str
         for name, column in texts_of(table, columns, decimal).items():
             kinds.setdefault(name, set()).update(written_as(column, name in columns.actions))
     types = {name: exact_type(found) for name, found in kinds.items()}
-    sizes = {file.name: rows.runs[-1][1] for file, rows in found}
+    sizes = {file.name: len(rows) for file, rows in found}
     return StepTables(
         (exact(table, columns, decimal, types) for table in tables()),
         columns,

@@ -54,7 +54,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         return from_rows(rows, columns, origin, layout)
     check_memory(rows.n_bytes, source)
     tables, sizes = [], Counter[str]()
-    for row, table, _ in rows.tables(0, rows.runs[-1][1], [*columns.all, *columns.outcomes]):
+    for row, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]):
         tables.append(table)
         sizes[rows.files(np.array([row]))[0]] += len(table)
     return from_tables(StepTables(tables, columns, origin, sizes))

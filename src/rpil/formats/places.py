@@ -58,6 +58,10 @@ class Places:
         runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
         return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
 
+    def owners(self, row: int, n_rows: int) -> Array:
+        """The numbers of the demonstrations that own the `n_rows` rows from `row` on."""
+        return np.searchsorted(self.offsets, np.arange(row, row + n_rows), side="right") - 1
+
     def begins(self, row: int, n_rows: int) -> Array:
         """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
         first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
@@ -69,15 +73,16 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
 
     A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
     """
-    names = list(dict.fromkeys([columns.episode, *columns.orders, *columns.parts]))
-    table = read_columns(rows, names)
-    check_any(len(table), source)
-    names_of, group = flat.id_codes(table, columns.episode, lambda row: place_of(rows, row, names))
-    table = table.select(list(dict.fromkeys([*columns.orders, *columns.parts])))
-    flat.free_memory()  # of the ids, which are as large as all else here
+    check_any(len(rows), source)
+    numbers, group = dict[Id, int](), np.empty(len(rows), np.int32)
+    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
+        ids, codes = flat.id_codes(part, columns.episode, place)
+        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
+    names_of = list(numbers)
+    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
-        return place_of(rows, row, names, lambda row: f", demonstration {names_of[group[row]]!r}")
+        return place_of(rows, row, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
 
     flags = {str(name).lower() for name in names_of[:3]}
     if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(columns.episode)):

@@ -22,9 +22,8 @@ BATCH_ROWS = 65_536
 class Rows(Protocol):
     """The rows of a recording, those of each demonstration together."""
 
-    @property
-    def runs(self) -> list[tuple[int, int]]:
-        """First rows, and the rows after the last, of what is read together, as a row group is; in order."""
+    def __len__(self) -> int:
+        """N."""
 
     def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
         """The rows ``begin:end`` of each of the `runs`, which are in order, numbered anew from 0."""
@@ -70,12 +69,11 @@ class TableRows:
     place: Array | None = None
     sizes: Mapping[str, int] = field(default_factory=dict)
 
-    @property
-    def runs(self) -> list[tuple[int, int]]:
-        return [(0, len(self.table) if self.place is None else len(self.place))]
+    def __len__(self) -> int:
+        return len(self.table if self.place is None else self.place)
 
     def chosen(self, runs: Int[Array, "K 2"]) -> TableRows:
-        if runs.tolist() == [[*self.runs[0]]]:
+        if runs.tolist() == [[0, len(self)]]:
             return self
         rows = np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()])
         return replace(self, place=rows if self.place is None else self.place[rows])
@@ -132,9 +130,8 @@ class ChosenRows:
         k = max(int(np.searchsorted(self.bounds[:, 0], row, side="right")) - 1, 0)
         return int(self._first[k] + np.clip(row - self.bounds[k, 0], 0, self.bounds[k, 1] - self.bounds[k, 0]))
 
-    @property
-    def runs(self) -> list[tuple[int, int]]:
-        return [(self._here(first), self._here(last)) for first, last in self.rows.runs]
+    def __len__(self) -> int:
+        return int(self._first[-1])
 
     def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
         there = self._there(np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()]))
@@ -185,7 +182,7 @@ def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa
     """Some columns of some of the rows, or of all."""
     import pyarrow as pa
 
-    first, last = (0, rows.runs[-1][1]) if steps is None else (steps.start, steps.stop)
+    first, last = (0, len(rows)) if steps is None else (steps.start, steps.stop)
     tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
     return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
 

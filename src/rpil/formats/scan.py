@@ -237,12 +237,12 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     if not columns.observations_given:
         statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
-    names = list(dict.fromkeys([*columns.data, *pairs]))
-    for row, table, at in rows.tables(0, rows.runs[-1][1], names, places.demonstration_of):
+    names = list(dict.fromkeys([*layout.columns, *pairs]))
+    for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
         actions.add(table, at)
         statistics.add(table, places.begins(row, len(table)))
         for name in pairs:
-            pairs[name] |= dict.fromkeys(pairs_of(table, name, *flat.id_codes(table, columns.episode, at)))
+            pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = statistics.leave_out_repeats(len(layout.observations))
     return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)

@@ -65,9 +65,8 @@ class ParquetRows:
     sizes: Mapping[str, int] | None = None
     """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
 
-    @property
-    def runs(self) -> list[tuple[int, int]]:
-        return [(group.first, group.last) for group in self.groups]
+    def __len__(self) -> int:
+        return self.groups[-1].last
 
     def chosen(self, runs: Int[Array, "K 2"]) -> ChosenRows:
         begins, ends = runs.T  # row groups of which none is chosen are not read

@@ -212,17 +212,8 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     if kind == "text":
         texts, rows = encoded_texts(column, name, at)
         return list(texts), rows
-    runs = [pc.run_end_encode(chunk) for chunk in column.chunks]  # which are fewer than rows
-    ids = pa.chunked_array([run.values for run in runs], column.type).combine_chunks().dictionary_encode()
-    lengths = [np.diff(run.run_ends.to_numpy(), prepend=0) for run in runs]
-    return ids.dictionary.to_pylist(), np.repeat(ids.indices.to_numpy(), np.concatenate(lengths))
-
-
-def free_memory() -> None:
-    """Let Arrow give back the memory of tables that are gone, which it would keep for the next ones."""
-    import pyarrow as pa
-
-    pa.default_memory_pool().release_unused()
+    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:

@@ -146,7 +146,7 @@ def file_names(paths: Iterable[str]) -> list[str]:
     return short if len(set(short)) == len(set(whole)) else whole
 
 
-def pairs_of(table: pa.Table, name: str | None, ids: list[int | str], group: Array) -> list[tuple[str, object]]:
+def pairs_of(table: pa.Table, name: str | None, ids: Sequence[Id], group: Array) -> list[tuple[str, object]]:
     """The different pairs of id, as text, and value, in the order of the file."""
     if name is None:
         return []

@@ -30,7 +30,7 @@ class StepFile:
         """The steps of the blocks that were written."""
 
     def append(self, block: Any) -> None:
-        """Write the next rows of each of the arrays, a tuple; a `DataError` before the first where there is no room for all steps."""
+        """Write the next rows of each array in a tuple; a `DataError` at first where there is no room for all steps."""
         if not self.blocks:
             rows = [np.dtype((array.dtype, array.shape[1:])) for array in block]
             sizes = [-(-self._n_steps * row.itemsize // _ALIGNMENT) * _ALIGNMENT for row in rows]
