@@ -17,15 +17,15 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2849, 19),
     "data": (3411, 41),
-    "estimators": (2328, 15),
+    "estimators": (2323, 15),
     "faults": (2285, 81),
-    "formats": (9084, 94),
+    "formats": (9076, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),
     "policies": (1900, 64),
     "results": (3456, 56),
-    "scale": (755, 24),
+    "scale": (809, 23),
     "simulation": (842, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

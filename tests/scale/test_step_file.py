@@ -36,5 +36,5 @@ def test_room_is_checked_before_the_first_block_is_written(monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=32_000_000))
     block = np.zeros(2), np.zeros((2, 3), np.float32)
     StepFile(1_600_000).append(block)
-    with pytest.raises(DataError, match=r"32.1 MB is needed, and .* has room for 32.0 MB; set TMPDIR"):
-        StepFile(1_605_000).append(block)
+    with pytest.raises(DataError, match=r"0.04 GB for a temporary file, and .* has 0.03 GB free; set TMPDIR"):
+        StepFile(2_000_000).append(block)

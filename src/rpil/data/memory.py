@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -71,17 +69,6 @@ def check_memory(n_bytes: float, where: str) -> None:
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
             "may; allow more with <option>, or leave it on disk with <option>.",
             ("memory", "stream"),
-        )
-
-
-def check_room(n_bytes: float, where: str) -> None:
-    """Raise a `DataError` with the figures where the folder of temporary files has no room for `n_bytes`."""
-    folder = tempfile.gettempdir()
-    free = shutil.disk_usage(folder).free
-    if n_bytes > free:
-        raise DataError(
-            f"{where}: a temporary file of {_written(n_bytes)} is needed, and {folder} has room for {_written(free)}; "
-            "set TMPDIR to another folder."
         )
 
 

@@ -77,9 +77,7 @@ class AdditivePolicy(Policy, Protocol):
         Returns the policy with that ridge, and the preconditioner if its `m_step` needs one.
         """
 
-    def collect_suff_stats(
-        self, features: Float[Array, "N D"], actions: Array, weight: Float[Array, " N"]
-    ) -> tuple[Float[Array, " N"], Sums]:
+    def collect_suff_stats(self, features: Array, actions: Array, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, and the sums over weighted steps that `m_step` needs."""
 
     def m_step(

@@ -97,9 +97,7 @@ class SoftmaxPolicy:
         hessian = Preconditioner(data.features, proba, factor * weight, ridge, UNSEEN_CURVATURE * factor)
         return SoftmaxPolicy(self.weights, ridge), hessian
 
-    def collect_suff_stats(
-        self, features: Float[Array, "N D"], actions: Array, weight: Float[Array, " N"]
-    ) -> tuple[Float[Array, " N"], Sums]:
+    def collect_suff_stats(self, features: Array, actions: Array, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, and the gradient of the log-likelihood, (D, K), in one reading."""
         taken, slope = softmax_pass(features, self.weights, actions, weight)
         return taken, (slope - slope.mean(axis=1, keepdims=True),)  # what all actions share is rounding

@@ -135,9 +135,7 @@ class StudentPolicy:
         """The policy for `factor` times as many steps; its Hessian is in the sums."""
         return replace(self, ridge=ridge, least=self.least * np.sqrt(factor)), None
 
-    def collect_suff_stats(
-        self, features: Float[Array, "N D"], actions: Array, weight: Float[Array, " N"]
-    ) -> tuple[Float[Array, " N"], Sums]:
+    def collect_suff_stats(self, features: Array, actions: Array, weight: Array) -> tuple[Array, Sums]:
         """log pi of the actions taken, and the sums of `_weighted_sums`, R^T W R for the errors R, the log-likelihood
         of every nu, the total weight, and the number of errors beyond a bound."""
         outputs = self.outputs(features)

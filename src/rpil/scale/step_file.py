@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import weakref
 from typing import Any
 
 import numpy as np
 
-from rpil.data.memory import check_room
+from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 _ALIGNMENT = 64
@@ -34,7 +35,12 @@ class StepFile:
         if not self.blocks:
             rows = [np.dtype((array.dtype, array.shape[1:])) for array in block]
             sizes = [-(-self._n_steps * row.itemsize // _ALIGNMENT) * _ALIGNMENT for row in rows]
-            check_room(sum(sizes), "The steps of the fit")
+            folder = tempfile.gettempdir()
+            if sum(sizes) > (free := shutil.disk_usage(folder).free):
+                raise DataError(
+                    f"The fit needs {sum(sizes) / 1e9:,.2f} GB for a temporary file, and {folder} has "
+                    f"{free / 1e9:,.2f} GB free; set TMPDIR to another folder."
+                )
             self._arrays = list(zip(rows, np.cumsum([0, *sizes]).tolist(), strict=False))
         first = self.blocks[-1].stop if self.blocks else 0
         for array, (row, begin) in zip(block, self._arrays, strict=True):
