@@ -70,7 +70,10 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
                 raise DataError(f"{path}: column {name!r} needs a list of as many numbers in each row; write it again.")
         if _INDEX not in columns or len(columns) < 2:
             raise DataError(f"{path}: it needs a column 'index', and others of numbers; write them.")
-        index = _checked_index(columns.pop(_INDEX), path)
+        index = columns.pop(_INDEX)
+        if index.size != len(index) or index.dtype.kind not in "iuf" or not are_whole(index):
+            raise DataError(f"{path}: 'index' needs one whole number in each row; write it again.")
+        index = index.reshape(-1).astype(np.int64)
         for name, values in columns.items():
             if len(values) != len(index):
                 said = f"{name!r} has {len(values):,} rows, and 'index' has {len(index):,}"
@@ -81,11 +84,3 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
         if not len(index) or (np.diff(index) == 0).any() or not np.isfinite(values).all():
             raise DataError(f"{path}: a step is there twice, or a number is missing, or there is none; write it again.")
         return flat.part_names({name: block.shape[1] for name, block in blocks.items()}, {}), index, values
-
-
-def _checked_index(values: Array, path: Path) -> Array:
-    """The numbers of steps (N,); a `DataError` where they are not one whole number in each row."""
-    is_number = values.size == len(values) and values.dtype.kind in "iuf"
-    if not is_number or not are_whole(values):
-        raise DataError(f"{path}: 'index' needs one whole number in each row; write it again.")
-    return values.reshape(-1).astype(np.int64)

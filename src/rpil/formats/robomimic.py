@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.metadata import Metadata
-from rpil.formats.step_arrays import Part, from_parts
+from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
                 names = {"states": tuple(map(str, range(1, first.arrays["states"].shape[1])))}
                 ignored = {"states.0": "simulation time"}
                 for arrays in found.values():
-                    arrays.replace("states", _WithoutTime)
+                    arrays.replace("states", _without_time)
         if in_data and len(found) < len(_parent(file)):
             without = commas([name for name in hdf5.groups(_parent(file)) if name not in found])
             notes = (*notes, f"Left out, because they hold no actions: {without}.")
@@ -78,22 +77,12 @@ def _begins_with_time(states: h5py.Dataset) -> bool:
     return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0))
 
 
-@dataclass(frozen=True, eq=False)
-class _WithoutTime:
+def _without_time(states: StoredArray) -> StoredArray:
     """States without their first number."""
-
-    states: h5py.Dataset
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (*self.states.shape[:-1], max(self.states.shape[-1] - 1, 0)) if self.states.shape else ()
-
-    @property
-    def dtype(self) -> np.dtype[np.generic]:
-        return self.states.dtype  # type: ignore[no-any-return]
-
-    def __getitem__(self, rows: slice) -> object:
-        return self.states[rows][..., 1:]
+    if not states.shape:
+        return states
+    shape = (*states.shape[:-1], max(states.shape[-1] - 1, 0))
+    return Closed(shape, states.dtype, lambda rows: np.asarray(states[rows])[..., 1:])
 
 
 def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
