@@ -4,8 +4,8 @@ Usage
 -----
 ``python tools/fuzz_readers.py`` reads 5,000 mutants of each sample of `tests/samples.py`, and of a policy,
 labels, verdicts and what is expected, and prints a line for each. ``--mutants N``, ``--seed S``,
-``--only PATTERN``, ``--structure`` for shapes, types and fields in the place of bytes. The exit code is 1 where anything
-but a `DataError` of one sentence is raised, or a mutant takes longer than `SECONDS`, ends the process, or makes it grow
+``--only PATTERN``, ``--structure`` for shapes, types and fields instead of bytes. The exit code is 1 where anything but
+a `DataError` of one sentence is raised, or a mutant takes longer than `SECONDS`, ends the process, or makes it grow
 by more than `MAX_GROWTH`. Set PYTHONPATH to the ``src`` to test.
 
 Notes

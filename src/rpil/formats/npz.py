@@ -108,11 +108,8 @@ def _fact_columns(found: Iterable[str], wanted: Sequence[str], options: ColumnOp
     columns = replace(columns, action_kind=options.action_kind)
     unknown = [name for name in columns.facts if name not in others]
     if unknown:
-        raise DataError(
-            f"{source}: it holds no array {unknown[0]!r} beside the demonstrations; name one of {quoted(others)}."
-            if others
-            else f"{source}: it holds no array {unknown[0]!r}, nor any other beside the demonstrations; leave it out."
-        )
+        remedy = f"name one of {quoted(others)}" if others else "leave it out"
+        raise DataError(f"{source}: it holds no array {unknown[0]!r} beside the demonstrations; {remedy}.")
     return columns
 
 
@@ -123,7 +120,10 @@ def _per_step(values: Array, name: str, steps: Array, demonstrations: Demonstrat
         raise DataError(
             f"{d.source}: {name!r} has the shape {values.shape}; give one value for each step or demonstration."
         )
-    return _in_order(values, steps) if len(values) == d.n_steps else np.repeat(values, d.lengths)
+    if len(values) != d.n_steps:
+        return np.repeat(values, d.lengths)
+    rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
+    return values if rows is None else values[rows]
 
 
 def _timestamps(stored: Npz, steps: str) -> str | None:
@@ -133,12 +133,6 @@ def _timestamps(stored: Npz, steps: str) -> str | None:
         if name is not None and stored.declared(name)[1].kind in "iuf":
             return name if stored.declared(name)[0] == stored.declared(steps)[0] else None
     return None
-
-
-def _in_order(values: Array, steps: Array) -> Array:
-    """Values of the `steps`, in the order of the demonstrations."""
-    rows = group_rows(np.unique(steps, return_inverse=True)[1])[2]
-    return np.asarray(values if rows is None else values[rows])
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
