@@ -181,6 +181,15 @@ def imitation_npz(folder: Path) -> Path:
     return folder / "old.npz"
 
 
+def stacked_npz(folder: Path) -> Path:
+    """A first index for each demonstration, and zeros after its last step."""
+    arrays = {"obs": np.zeros((len(LENGTHS), max(LENGTHS), 2)), "acts": np.zeros((len(LENGTHS), max(LENGTHS), 2))}
+    for m, n in enumerate(LENGTHS):
+        arrays["obs"][m, :n], arrays["acts"][m, :n] = STATES[m == OWNERS], MOVES[m == OWNERS]
+    np.savez(folder / "stacked.npz", **arrays, lengths=np.array(LENGTHS))
+    return folder / "stacked.npz"
+
+
 def npz_folder(folder: Path) -> Path:
     """A folder for each demonstration, with one more observation than actions, an image and a text beside it."""
     path = folder / "episodes"
@@ -230,6 +239,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "CSV, compressed": _text_table("e.csv.gz", ",", "utf-8", gzip.compress),
     "folder of CSV": csv_folder,
     "NPZ": written("f.npz"),
+    "NPZ, stacked": stacked_npz,
     "Parquet": written("g.parquet"),
     "Parquet of lists": parquet_lists,
     "folder of Parquet": parquet_folder,
