@@ -44,7 +44,7 @@ def claims(path: Path) -> bool:
         names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE}
         return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
     return hdf5.has_layout(
-        path, lambda file: hdf5.Arrays(file).first(ACTIONS) is not None and "observations" in hdf5.groups(file)
+        path, lambda file: first(hdf5.Arrays(file), ACTIONS) is not None and "observations" in hdf5.groups(file)
     )
 
 

@@ -84,12 +84,16 @@ def first(arrays: Tree, names: Sequence[str]) -> str | None:
     return next((name for name in names if name in arrays and arrays[name].shape), None)
 
 
+def n_actions(arrays: Tree) -> int:
+    """The rows of the array of actions; 0 where there is none."""
+    actions = first(arrays, ACTIONS)
+    return 0 if actions is None else int(arrays[actions].shape[0])
+
+
 def tells(arrays: Tree) -> bool:
     """Whether there are actions, and anything but ids says which steps are a demonstration."""
-    n_steps = _n_steps(arrays)
-    return n_steps is not None and (
-        is_stacked(arrays) or first(arrays, (*_MARKS, *_NEXT)) is not None or _lengths(arrays, n_steps) is not None
-    )
+    marked = first(arrays, ACTIONS) and first(arrays, (*_MARKS, *_NEXT))
+    return bool(marked or is_stacked(arrays) or (n_actions(arrays) and _lengths(arrays, n_actions(arrays))))
 
 
 def read_arrays(
@@ -97,7 +101,7 @@ def read_arrays(
 ) -> StepTables:
     """The recording in arrays that `tells` knows, or that have ids, which `options` may name."""
     if options.id and not is_stacked(arrays):
-        return from_parts([Part(_n_steps(arrays) or 0, arrays)], options.id, source, format_name, options, notes=notes)
+        return from_parts([Part(n_actions(arrays), arrays)], options.id, source, format_name, options, notes=notes)
     layout = layout_of(arrays, source)
     steps, ids = arrays, layout.ids
     if layout.is_step is not None:
@@ -109,7 +113,7 @@ def read_arrays(
 
 def layout_of(arrays: Tree, source: str) -> ArrayLayout:
     """The layout of arrays that `tells` knows, or that have ids; a `DataError` where they do not fit together."""
-    n_steps, named = _n_steps(arrays) or 0, first(arrays, EPISODE)
+    n_steps, named = n_actions(arrays), first(arrays, EPISODE)
     own_ids = None if named is None else arrays[named]
     if is_stacked(arrays):
         shape = arrays[str(first(arrays, ACTIONS))].shape[:2]
@@ -138,11 +142,6 @@ def _end_to_end(arrays: Tree, is_step: Array) -> dict[str, StoredArray]:
     whole = {name: one for name, one in arrays.items() if one.shape == (n,)}
     repeated = {name: np.repeat(_values(one), lengths) for name, one in whole.items()}
     return {**repeated, **{name: steps(one) for name, one in stacked.items()}}
-
-
-def _n_steps(arrays: Tree) -> int | None:
-    actions = first(arrays, ACTIONS)
-    return None if actions is None else int(arrays[actions].shape[0])
 
 
 def is_stacked(arrays: Tree) -> bool:

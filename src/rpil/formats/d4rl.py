@@ -61,7 +61,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
 
 def _fits(file: h5py.File) -> bool:
     arrays = hdf5.Arrays(file)
-    return array_layout.tells(arrays) or bool(arrays.first(array_layout.ACTIONS) and arrays.first(EPISODE))
+    has_ids = array_layout.first(arrays, array_layout.ACTIONS) and array_layout.first(arrays, EPISODE)
+    return bool(has_ids) or array_layout.tells(arrays)
 
 
 def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> None:

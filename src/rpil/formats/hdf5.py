@@ -131,16 +131,6 @@ class Arrays(Mapping[str, Any]):
         self.group = group
         self._found: dict[str, object] = {}
 
-    def first(self, names: Sequence[str]) -> h5py.Dataset | None:
-        """The first of the arrays of these names; None where there is none."""
-        found = (self.get(name) for name in names)
-        return next((array for array in found if array is not None and array.ndim), None)
-
-    def length(self, names: Sequence[str]) -> int:
-        """The rows of the first of the arrays of these names; 0 where there is none."""
-        array = self.first(names)
-        return 0 if array is None else int(array.shape[0])
-
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
         """Give a `view` of an array from now on, where there is one."""
         if path in self:

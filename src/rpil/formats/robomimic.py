@@ -16,7 +16,7 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.json_files import object_in
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
-from rpil.formats.array_layout import ACTIONS
+from rpil.formats.array_layout import ACTIONS, first, n_actions
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
@@ -47,17 +47,17 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
         found, settings = dict(_with_actions(file)), _settings(file)
-        first = hdf5.contents(next(iter(found.values())).group)
+        contents = hdf5.contents(next(iter(found.values())).group)
         parts = [
-            Part(arrays.length(ACTIONS), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
+            Part(n_actions(arrays), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
             for name, arrays in found.items()
         ]
         in_data = _parent(file) != file
-        notes, names, ignored = first.notes, {}, {}
-        if "states" in first.arrays and not options.observations and not any(map(is_observation, first.arrays)):
+        notes, names, ignored = contents.notes, {}, {}
+        if "states" in contents.arrays and not options.observations and not any(map(is_observation, contents.arrays)):
             notes = (*notes, _STATES)
-            if _begins_with_time(first.arrays["states"]):
-                names = {"states": tuple(map(str, range(1, first.arrays["states"].shape[1])))}
+            if _begins_with_time(contents.arrays["states"]):
+                names = {"states": tuple(map(str, range(1, contents.arrays["states"].shape[1])))}
                 ignored = {"states.0": "simulation time"}
                 for arrays in found.values():
                     arrays.replace("states", _without_time)
@@ -103,7 +103,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             elif parent != source or name not in dropped:
                 source.copy(member, new, name)
         if "total" in parent.attrs:
-            _parent(new).attrs["total"] = sum(len(found[name]) for name in names)
+            _parent(new).attrs["total"] = sum(found[name] for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key in list(mask):
             listed_names = hdf5.array_at(mask, key)
@@ -149,9 +149,9 @@ def _parent(file: h5py.File) -> h5py.Group:
     return data if isinstance(data, h5py.Group) else file
 
 
-def _demonstrations(file: h5py.File) -> dict[str, h5py.Dataset]:
-    """The actions of each demonstration, by the name of its group, with the numbers in names in order."""
-    return {name: arrays.first(ACTIONS) for name, arrays in _with_actions(file)}
+def _demonstrations(file: h5py.File) -> dict[str, int]:
+    """The number of actions of each demonstration, by the name of its group, with the numbers in names in order."""
+    return {name: n_actions(arrays) for name, arrays in _with_actions(file)}
 
 
 def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
@@ -161,7 +161,7 @@ def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
     parent = _parent(file)
     for name in sorted(parent, key=natural_key):
         group = hdf5.member(parent, name)
-        if isinstance(group, h5py.Group) and (arrays := hdf5.Arrays(group)).first(ACTIONS) is not None:
+        if isinstance(group, h5py.Group) and first(arrays := hdf5.Arrays(group), ACTIONS):
             yield name, arrays
 
 
