@@ -1,4 +1,5 @@
-"""Changes the judge, and what follows from its words, in small ways, and counts the changes that the tests see.
+"""Changes the judge, what follows from its words, and the rules for faults in small ways, and counts the changes that
+tests see.
 
 Usage
 -----
@@ -40,16 +41,21 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).parents[1]
 JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks")
-ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results")
+FAULTS = ("motion", "whole_rules", "recorded", "duplicates", "rule", "segments", "lag", "naming", "maps", "whole")
+ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
-MORE_TESTS = dict.fromkeys(JUDGE, "inference/test_trust.py") | {
-    "rivals": "inference/test_second_way.py",
-    "answered": "inference/test_within_groups.py",
-    "step_weights": "scale/test_fit.py",
-    "choice": "cli/test_keep_rules.py",
-    "tasks": "estimators/test_within_tasks.py",
-}
-"""Tests of a module beside those of its name."""
+MORE_TESTS = (
+    dict.fromkeys(JUDGE, "inference/test_trust.py")
+    | dict.fromkeys(FAULTS, "faults/test_*.py")
+    | {
+        "rivals": "inference/test_second_way.py",
+        "answered": "inference/test_within_groups.py",
+        "step_weights": "scale/test_fit.py",
+        "choice": "cli/test_keep_rules.py",
+        "tasks": "estimators/test_within_tasks.py",
+    }
+)
+"""Tests of a module beside those of its name: patterns of files."""
 GOAL = 0.9
 SECONDS = 120
 
@@ -197,9 +203,12 @@ def tests_of(module: str, *more: str) -> list[str]:
     """What pytest is told to run for a module, and `more` files of tests."""
     tests, (room, name) = ROOT / "tests", place_of(module)
     known = room == ROOMS.get(name)  # another room may have a module of the same name
-    beside = [MORE_TESTS[name], *more] if known and name in MORE_TESTS else more
-    files = dict.fromkeys([*sorted((tests / room).glob(f"test_{name}*.py")), *(tests / file for file in beside)])
-    return [*map(str, files), *["-m", "not slow"] * (not known or name in ACTS)]
+    patterns = [f"{room}/test_{name}*.py", *([MORE_TESTS[name]] if known and name in MORE_TESTS else [])]
+    files = [file for pattern in patterns for file in sorted(tests.glob(pattern))]
+    return [
+        *map(str, dict.fromkeys([*files, *(tests / file for file in more)])),
+        *["-m", "not slow"] * (not known or name not in JUDGE),
+    ]
 
 
 def passes(module: str, source: str | None, more: Sequence[str] = ()) -> bool:

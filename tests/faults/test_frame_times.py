@@ -38,25 +38,3 @@ def test_the_frame_rate_of_the_user_comes_before_that_of_the_times():
         check(CLEAN, times=Times(stamps, 100.0)).usual["dropped frames"]
     }
     assert "10 ms" in reports[0].usual["dropped frames"]
-
-
-def test_time_that_stands_still_is_a_repeated_frame():
-    report = check(CLEAN, times=Times(times([(1, 20, -1)])))
-    assert rules(report) == [("repeated frames", 1, 20)]
-
-
-def test_a_missing_time_is_wrong():
-    wrong = times()
-    wrong[10] = np.nan
-    assert ("dropped frames", 0) in {(f.rule, f.id) for f in check(CLEAN, times=Times(wrong)).findings}
-
-
-def test_numbers_of_frames():
-    frames = dict(zip(CLEAN.ids, CLEAN.lengths.tolist(), strict=True)) | {9: 40}
-    frames[3] += 5
-    report = check(CLEAN, times=Times(frames=frames))
-    assert {(f.rule, f.id, f.value, f.threshold) for f in report.findings} == {
-        ("frame count", 9, 0, 40),
-        ("frame count", 3, CLEAN.lengths[3], CLEAN.lengths[3] + 5),
-    }
-    assert "frame count" not in report.not_checked

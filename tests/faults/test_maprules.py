@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
@@ -11,29 +10,7 @@ from rpil.faults.checking import check
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault
-X, A = CLEAN[M]
 SIGN = np.array([1, -1, 1])
-
-PLANTED = {
-    "sign": ({"observations": X * SIGN}, "observation '1'"),
-    "exchanged": ({"actions": A[:, [2, 1, 0]]}, "action 0 and action 2"),
-    "offset": ({"actions": A + 0.5 * (SIGN < 0)}, "action 1"),
-    "shifted action": ({"observations": X[:-1], "actions": A[1:]}, ""),
-    "lag": ({"observations": X[5:], "actions": A[:-5]}, ""),
-    "next state": ({"observations": X[:-1], "actions": X[1:]}, ""),
-    "never moves": ({"actions": np.where(SIGN < 0, A[:1], A)}, "action 1"),
-    "two episodes": ({"observations": np.vstack([X, CLEAN[3][0]]), "actions": np.vstack([A, CLEAN[3][1]])}, ""),
-}
-
-
-@pytest.mark.parametrize("rule", PLANTED)
-def test_planted_fault_is_named_and_nobody_else_is_accused(rule):
-    arrays, column = PLANTED[rule]
-    report = check(demonstrations(changed(CLEAN, M, **arrays)))
-    assert {f.id for f in report.findings} == {M}
-    (found,) = [f for f in report.findings if f.rule == rule]
-    places = [[c for c in name if c.isdigit()] for name in (found.column, column)]
-    assert rule == "two episodes" or places[0] == places[1]  # the state of an action is as good
 
 
 def test_the_sign_of_one_action_of_one_state_is_named():
@@ -41,19 +18,6 @@ def test_the_sign_of_one_action_of_one_state_is_named():
     report = check(demonstrations(changed(single, M, actions=-single[M][1])))
     assert {f.id for f in report.findings} == {M}
     assert ("sign", M) in {(f.rule, f.id) for f in report.findings}
-
-
-@pytest.mark.parametrize(("rule", "rows"), [("frame rate", slice(None, None, 2)), ("reversed", slice(None, None, -1))])
-def test_other_times_are_named_where_a_motor_is_slow(rule, rows):
-    driven = []
-    for _, command in recording(joints=2, seed=3):
-        position = np.zeros_like(command)
-        for t in range(1, len(command)):
-            position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
-        driven.append((position, command))
-    x, a = driven[M]
-    report = check(demonstrations(changed(driven, M, observations=x[rows], actions=a[rows])))
-    assert (rule, M) in {(f.rule, f.id) for f in report.findings}
 
 
 def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():

@@ -1,0 +1,287 @@
+"""Each rule finds a fault that is planted, in its place; finds none without it; and says where nothing can be known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings import changed, demonstrations, recording
+from rpil.data.missing import allow_missing
+from rpil.faults.checking import check
+from rpil.faults.report import RULES
+from rpil.faults.rule import Rule
+from rpil.formats.times import Times
+
+CLEAN = recording()
+M = 5  # the demonstration with the fault
+X, A = CLEAN[M]
+T = len(X)
+WHOLE, SECOND = (0, T - 1), np.array([1, -1, 1])
+HIGH, LOW = max(x[:, 1].max() for x, _ in CLEAN), min(x[:, 1].min() for x, _ in CLEAN)
+UNDONE = "; undone, it fits the others"
+
+
+def edited(values, rows, columns, new):
+    out = values.copy()
+    out[rows, columns] = new
+    return out
+
+
+def delayed(values, steps):
+    return values[np.clip(np.arange(len(values)) - steps, 0, len(values) - 1)]
+
+
+def of_rows(rows):
+    return {"observations": X[rows], "actions": A[rows]}
+
+
+def inserted(at, n):
+    return of_rows(np.insert(np.arange(T), at, [at] * n))
+
+
+def held(value, column):
+    stays = f"{column} stays at {value:.4g} for 40 steps from step 50 while others move (12 at most are usual)"
+    return (50, 89), column, stays, 39 / 12
+
+
+PLANTED = {
+    "spike": (
+        {"observations": edited(X, 60, 1, X[60, 1] + 20)},
+        *((60, 60), "observation '1'", "19.9 away from its neighbours at step 60 (0.21 at most is usual)", 94.783533),
+    ),
+    "spike at the third step": (
+        {"observations": edited(X, 2, 1, X[2, 1] + 20)},
+        *((2, 2), "observation '1'", "19.9 away from its neighbours at step 2 (0.21 at most is usual)", 94.851021),
+    ),
+    "jump": (
+        {"actions": edited(A, slice(80, None), 2, A[80:, 2] + 20)},
+        *((79, 80), "action 2", "action 2 leaps by 19.9 at step 80 (0.259 at most is usual)", 77.1246),
+    ),
+    "jump at the last steps": (
+        {"actions": edited(A, slice(T - 2, None), 2, A[T - 2 :, 2] - 20)},
+        *((T - 3, T - 2), "action 2", "action 2 leaps by 19.9 at step 154 (0.259 at most is usual)", 76.838955),
+    ),
+    "frozen sensor": (
+        {"observations": edited(X, slice(50, 90), 1, X[50, 1])},
+        *held(X[50, 1], "observation '1'"),
+    ),
+    "frozen action": ({"actions": edited(A, slice(50, 90), 0, A[50, 0])}, *held(A[50, 0], "action 0")),
+    "saturation": ({"observations": edited(X, slice(50, 90), 1, HIGH + 1)}, *held(HIGH + 1, "observation '1'")),
+    "saturation below": (
+        {"observations": edited(X, slice(50, 90), 1, LOW - 1)},
+        *held(LOW - 1, "observation '1'"),
+    ),
+    "scale": (
+        {"observations": X * [1, 1, 57.3]},
+        *(WHOLE, "observation '2'", "has 57.8 times its usual size, and so have its changes: perhaps", 3.6065321),
+    ),
+    "scale of less": (
+        {"observations": X * [1, 1e-3, 1]},
+        *(WHOLE, "observation '1'", "has 1 / 399 of its usual size, and so have its changes: perhaps", 31.479157),
+    ),
+    "lag": (
+        {"actions": delayed(A, 4)},
+        *(WHOLE, "", "the state follows the action 4 steps sooner than is usual", 8.9303883),
+    ),
+    "lag of more": (
+        {"actions": delayed(A, -4)},
+        *(WHOLE, "", "the state follows the action 4 steps later than is usual", 9.0059537),
+    ),
+    "idle head": (inserted(0, 40), (0, 39), "", "nothing moves in the first 40 steps (10 at most are usual)", 4.0),
+    "idle tail": (inserted(T - 1, 40), (T, T + 39), "", "moves in the last 40 steps (10 at most are usual)", 4.0),
+    "length": (of_rows(slice(15)), (0, 14), "", "it has 15 steps (76 to 362 are usual)", 5.1),
+    "length of more": (
+        of_rows(np.tile(np.arange(T), 4)),
+        *((0, 4 * T - 1), "", "it has 624 steps (77 to 382 are usual)", 624 / 382),
+    ),
+    "repeated frames": (
+        inserted(70, 2),
+        *((71, 72), "", "2 rows repeat the row before while all moves, the longest from step 71 (1 at", 2 / 0.9),
+    ),
+    "sign": ({"observations": X * SECOND}, WHOLE, "action 1", f"has the other sign{UNDONE}", 12.340311),
+    "sign of an action": ({"actions": A * SECOND}, WHOLE, "observation '1'", "has the other sign", 13.280863),
+    "exchanged": (
+        {"actions": A[:, [2, 1, 0]]},
+        *(WHOLE, "observation '0' and observation '2'", f"'2' are exchanged{UNDONE}", 23.498759),
+    ),
+    "offset": (
+        {"actions": A + 0.5 * (SECOND < 0)},
+        *(WHOLE, "observation '1'", f"is off by a constant: perhaps its zero has moved{UNDONE}", 54.170076),
+    ),
+    "shifted action": (
+        {"observations": X[:-1], "actions": A[1:]},
+        *((0, T - 2), "", f"the actions are one step early{UNDONE}", 16.043488),
+    ),
+    "next state": (
+        {"observations": X[:-1], "actions": X[1:]},
+        *((0, T - 2), "", "100 % of the actions that move are the state at the next step", 2.0),
+    ),
+    "never moves": (
+        {"actions": np.where(SECOND < 0, A[:1], A)},
+        *(WHOLE, "action 1", "action 1 never moves, and in the others it does", 2.0),
+    ),
+    "two episodes": (
+        {name: np.vstack([CLEAN[M][k], CLEAN[3][k]]) for k, name in enumerate(("observations", "actions"))},
+        *((T - 1, T), "", f"step {T} is like a beginning, and the one before like an end: perhaps", 2.2333886),
+    ),
+}
+"""What is changed, and the finding: its steps, its column, a part of its sentence, and its severity."""
+
+DIFFER = Rule.unknown
+OTHERS = {"scale": {"jump", "spike"}, "scale of less": {"never moves"}, "lag": {"reversed"}, "two episodes": {"lag"}}
+OTHERS |= {"jump at the last steps": {"offset"}}
+"""Rules that find a planted fault as well."""
+
+
+def rule_of(case):
+    return max((rule for rule in RULES if case.startswith(rule)), key=len)
+
+
+@pytest.mark.parametrize("case", PLANTED)
+def test_planted_fault_is_found_in_its_place(case):
+    arrays, steps, column, words, severity = PLANTED[case]
+    report = check(demonstrations(changed(CLEAN, M, **arrays)))
+    (fault,) = [fault for fault in report.findings if fault.rule == rule_of(case)]
+    assert (fault.id, fault.first, fault.last, fault.column) == (M, *steps, column)
+    assert words in fault.sentence
+    assert fault.severity == pytest.approx(severity, rel=1e-6)
+    assert {fault.id for fault in report.findings} == {M}
+    assert set(report.counts) == {rule_of(case)} | OTHERS.get(case, set())
+
+
+def test_without_it_there_is_no_fault_and_nothing_is_unknown():
+    report = check(demonstrations(CLEAN))
+    assert (report.findings, report.unknown, report.trims) == ((), {}, {})
+    assert set(report.not_checked) == {"dropped frames", "frame count"}
+    assert report.usual == {"lag": "observation '0' follows action 0 after 2 steps"}
+
+
+def slow_motor(rows):
+    """Demonstrations of a motor that follows its commands slowly; in one of them, only these rows."""
+    episodes = []
+    for _, command in recording(joints=2, seed=3):
+        position = np.zeros_like(command)
+        for t in range(1, len(command)):
+            position[t] = position[t - 1] + (command[t - 1] - position[t - 1]) / 3
+        episodes.append((position, command))
+    x, a = episodes[M]
+    return demonstrations(changed(episodes, M, observations=x[rows], actions=a[rows]))
+
+
+@pytest.mark.parametrize(
+    ("rule", "rows", "words", "severity"),
+    [
+        ("frame rate", slice(None, None, 2), "every other step is missing", 8.8425021),
+        ("reversed", slice(None, None, -1), "time is reversed: it runs backwards", 17.064414),
+    ],
+)
+def test_other_times_are_found_where_a_motor_is_slow(rule, rows, words, severity):
+    (fault,) = [fault for fault in check(slow_motor(rows)).findings if fault.rule == rule]
+    assert (fault.id, fault.first) == (M, 0)
+    assert words + UNDONE in fault.sentence
+    assert fault.severity == pytest.approx(severity, rel=1e-6)
+    assert check(slow_motor(slice(None))).findings == ()
+
+
+STAMPS = np.concatenate([np.arange(len(x)) / 50 for x, _ in CLEAN])
+BEGIN = sum(len(x) for x, _ in CLEAN[:M])
+
+
+@pytest.mark.parametrize(
+    ("rule", "steps", "words", "severity"),
+    [
+        ("dropped frames", 3, "about 3 frames are missing, the worst at step 30: 80 ms after the one before (20 ms", 6),
+        ("repeated frames", -0.75, "1 frames come too soon, the worst at step 30: 5 ms after the one before", 1.5),
+        ("dropped frames", np.nan, "about 0 frames are missing, the worst at step 30: nan ms after the one", 2000),
+    ],
+)
+def test_times_that_are_off_are_found(rule, steps, words, severity):
+    stamps = STAMPS.copy()
+    stamps[BEGIN + 30 : BEGIN + T] += steps / 50
+    report = check(demonstrations(CLEAN), times=Times(stamps, 50.0))
+    fault = report.findings[0]
+    assert (fault.rule, fault.id, fault.first, fault.last) == (rule, M, 29, 30)
+    assert words in fault.sentence
+    assert fault.severity == pytest.approx(severity)
+    if np.isfinite(steps):
+        assert len(report.findings) == 1
+        assert (fault.value, fault.threshold) == pytest.approx((20 + 20 * steps, 30 if steps > 0 else 10))
+    assert check(demonstrations(CLEAN), times=Times(STAMPS, 50.0)).findings == ()
+
+
+def test_missing_values_and_frames_are_found():
+    with allow_missing():
+        damaged = demonstrations(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
+    (fault,) = check(damaged, times=Times(frames={})).findings
+    assert (fault.rule, fault.id, fault.first, fault.last, fault.value) == ("missing values", M, 30, 32, 3)
+    assert fault.sentence == "observation '1' is nan at step 30, and 2 more values up to step 32 are missing"
+    frames = {m: len(x) for m, (x, _) in enumerate(CLEAN)} | {M: T - 2, 3: 1000, "absent": 40}
+    many, absent, few = check(demonstrations(CLEAN), times=Times(frames=frames)).findings
+    n = len(CLEAN[3][0])
+    assert [fault.severity for fault in (many, absent, few)] == [1001 - n, 41, 3]
+    assert many.sentence == f"it has {n} frames, and the recording says 1000: {1000 - n} are missing"
+    assert absent.sentence == "it is not in the data, and the recording says it has 40 frames"
+    assert few.sentence == f"it has {T} frames, and the recording says {T - 2}: 2 are too many"
+
+
+def resting(values, columns=(1,)):
+    """These columns keep each value for four steps."""
+    return edited(values, slice(None), columns, values[np.arange(len(values)) // 4 * 4][:, columns])
+
+
+def repeating(m):
+    """More and more rows are repeated, in later demonstrations."""
+    x, a = CLEAN[m]
+    t = np.arange(len(x))
+    rows = np.repeat(t, np.where((t % 8 == 0) & (t < 20 * m), 2, 1))
+    return x[rows], a[rows]
+
+
+def idling(m):
+    """Later demonstrations begin and end with more idle steps."""
+    rows = np.pad(np.arange(len(CLEAN[m][0])), 1 + 2 ** (m // 2), mode="edge")
+    return CLEAN[m][0][rows], CLEAN[m][1][rows]
+
+
+RNG = np.random.default_rng(0)
+UNKNOWN = {
+    "sizes": [(x * 4.0**m, a * 4.0**m) for m, (x, a) in enumerate(CLEAN)],
+    "lengths": [(x[: 12 * 2 ** (m % 5)], a[: 12 * 2 ** (m % 5)]) for m, (x, a) in enumerate(CLEAN)],
+    "resting": [(resting(x), resting(a)) for x, a in CLEAN],
+    "repeating": [repeating(m) for m in range(len(CLEAN))],
+    "idling": [idling(m) for m in range(len(CLEAN))],
+    "states": [(x[:-1], x[1:]) for x, _ in CLEAN],
+    "levels": [(x + 9 * RNG.normal(size=3), a + 9 * RNG.normal(size=3)) for x, a in CLEAN],
+    "noise": [(RNG.normal(size=(60, 2)), RNG.normal(size=(60, 1))) for _ in range(12)],
+}
+MAPS = {"sign", "exchanged", "shifted action", "reversed", "frame rate"}
+NOTHING = {
+    "sizes": {"scale", "never moves", *MAPS},
+    "lengths": {"length", "two episodes", "frame rate"},
+    "resting": set(),
+    "repeating": {"repeated frames"},
+    "idling": {"idle head", "idle tail"},
+    "states": {"next state"},
+    "levels": {"scale", "offset"},
+    "noise": {"lag", "offset", *MAPS},
+}
+
+
+@pytest.mark.parametrize("data", UNKNOWN)
+def test_rules_say_where_nothing_can_be_known(data):
+    report = check(demonstrations(UNKNOWN[data]))
+    assert set(report.not_checked) == {"dropped frames", "frame count"} | NOTHING[data]
+    for rule in NOTHING[data] - {"lag"}:
+        assert report.not_checked[rule] == RULES[rule].unknown
+    if data == "resting":
+        kept = dict.fromkeys(("saturation", "spike", "jump", "scale"), ("observation '1'", "action 1"))
+        assert report.unknown == {"frozen sensor": ("observation '1'",), "frozen action": ("action 1",)} | kept
+
+
+def test_few_demonstrations_tell_nothing():
+    report = check(demonstrations(CLEAN[:3]))
+    free = {"missing values", "duplicate", "dropped frames", "frame count"}
+    assert set(report.not_checked) == set(RULES) - {"missing values", "duplicate"}
+    for rule in set(RULES) - free - MAPS - {"offset"}:
+        assert report.not_checked[rule] == "it takes 4 demonstrations to know what is usual"
+    assert set(check(demonstrations(CLEAN[:4])).not_checked) < set(report.not_checked)
