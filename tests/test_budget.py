@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3411, 41),
     "estimators": (2323, 15),
     "faults": (2285, 81),
-    "formats": (9044, 94),
+    "formats": (9016, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

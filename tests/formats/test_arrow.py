@@ -8,7 +8,6 @@ import rpil
 from problems import make
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
-from rpil.formats.arrow import read_ipc
 from small import small_rpil
 
 pd = pytest.importorskip("pandas")
@@ -92,17 +91,3 @@ def test_frame_of_lists_and_structures():
 def test_faults_of_frames_name_the_frame(columns, message):
     with pytest.raises(DataError, match=f"^{message}"):
         rpil.read(pd.DataFrame(columns))
-
-
-@pytest.mark.parametrize("kind", ["file", "stream"])
-def test_tables_of_arrow_are_mapped_into_memory(tmp_path, kind):
-    path, texts = tmp_path / "x.arrow", pa.array(["a", "b"] * 50).dictionary_encode()
-    table = pa.table({"a": np.zeros(100), "text": texts})
-    for compression in (None, "zstd", "lz4"):
-        options = pa.ipc.IpcWriteOptions(compression=compression)
-        with getattr(pa.ipc, f"new_{kind}")(path, table.schema, options=options) as stream:
-            stream.write_table(table)
-        before = pa.total_allocated_bytes()
-        found = read_ipc(path)
-        assert found.equals(table)
-        assert compression or pa.total_allocated_bytes() == before

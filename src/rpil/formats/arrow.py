@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from rpil.data.arrays import check_any
@@ -22,8 +21,6 @@ from rpil.formats.table_facts import Origin
 if TYPE_CHECKING:
     import pyarrow as pa
 
-
-_MARK = b"ARROW1\0\0"  # at the beginning of a file
 
 FRAME = "the frame"
 """Name of a data frame in messages."""
@@ -73,16 +70,6 @@ def _plain(table: pa.Table) -> pa.Table:
         if pa.types.is_string_view(kind):
             table = table.set_column(k, field.name, table[k].cast(pa.string()))
     return table
-
-
-def read_ipc(path: Path) -> pa.Table:
-    """The table in a file or a stream of Arrow, mapped into memory; errors of pyarrow as they are."""
-    import pyarrow as pa
-
-    source = pa.memory_map(str(path))
-    is_file = source.read(len(_MARK)) == _MARK
-    source.seek(0)
-    return (pa.ipc.open_file if is_file else pa.ipc.open_stream)(source).read_all()
 
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:

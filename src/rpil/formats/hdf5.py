@@ -1,28 +1,33 @@
 """HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
 
-No link is followed, because links lead to other files, or in circles.
+No link is followed, because links lead to other files, or in circles. An array is read only if all its values are in
+the file: the library itself reads missing ones as the fill value.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
+from rpil.data.missing import are_chunks_filled
 from rpil.data.names import natural_key
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.hdf5_storage import checked
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
@@ -98,7 +103,7 @@ def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     links, link = group.id.links, name.encode("utf-8", "surrogateescape")  # h5py's `get` is slow for very many groups
     is_hard = links.exists(link) and links.get_info(link).type == h5py.h5l.TYPE_HARD
     found = group[name] if is_hard else None
-    return checked(found) if isinstance(found, h5py.Dataset) else found
+    return _checked(found) if isinstance(found, h5py.Dataset) else found
 
 
 def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
@@ -188,6 +193,53 @@ def contents(group: h5py.Group) -> Contents:
 def _is_elsewhere(array: h5py.Dataset) -> bool:
     """Whether the values of an array are in another file."""
     return bool(array.is_virtual or array.external)
+
+
+def _checked(array: h5py.Dataset) -> h5py.Dataset:
+    """The same array, which is read only if all its values are in the file, unless missing ones are filled in."""
+    return _checked_class()(array.id)
+
+
+@cache
+def _checked_class() -> Any:
+    import h5py
+
+    class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
+        _is_whole = False
+
+        @cached_property
+        def shape(self) -> tuple[int, ...]:
+            """As the file says, which is asked once."""
+            return super().shape  # type: ignore[no-any-return]
+
+        def check(self) -> None:
+            """A `DataError` where some of its values are not in the file, unless such are filled in here."""
+            if not self._is_whole and not are_chunks_filled():
+                _check_whole(self)
+                self._is_whole = True
+
+        def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
+            self.check()
+            return super().__getitem__(rows, new_dtype)
+
+    return CheckedDataset
+
+
+def _check_whole(array: h5py.Dataset) -> None:
+    chunks = array.chunks or array.shape
+    n_chunks = math.prod(-(-size // step) for size, step in zip(array.shape, chunks, strict=True)) if array.size else 0
+    if array.chunks is None:
+        n_there = int(array.id.get_storage_size() > 0)
+    else:
+        n_there = array.id.get_num_chunks() if n_chunks else 0
+    if n_there < n_chunks:
+        there = f"{n_there:,} of its {n_chunks:,} chunks are" if array.chunks else "none of its values is"
+        raise DataError(
+            f"{os.path.basename(array.file.filename)}: {str(array.name).strip('/')} declares the shape {array.shape}, "
+            f"but {there} in the file; copy or write it again, or, where the writer left out what has one value, have "
+            "that value read with <option>.",
+            "fill_missing",
+        )
 
 
 def claims(path: Path) -> bool:

@@ -21,7 +21,6 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import read_json
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
-from rpil.formats.arrow import read_ipc
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
@@ -91,9 +90,8 @@ def _table(path: Path) -> pa.Table:
     import pyarrow as pa
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
-        return pa.concat_tables(
-            read_ipc(path / Path(file["filename"]).name) for file in read_json(path / _STATE)["_data_files"]
-        )
+        files = [path / Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
+        return pa.concat_tables(pa.ipc.open_stream(pa.memory_map(str(file))).read_all() for file in files)
 
 
 def _lists(table: pa.Table, name: str, source: str) -> list[Array]:

@@ -72,13 +72,11 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
 
 def _find(path: Path) -> Path | None:
     """The folder that holds the episodes."""
-    if path.is_dir():
-        folder = path / "data" if (path / "data").is_dir() else path
-    elif path.name == _HDF5:
-        folder = path.parent
-        check_inside(folder / _METADATA, folder)  # which the path does not name
-    else:
+    folder = path.parent if path.name == _HDF5 else path / "data" if (path / "data").is_dir() else path
+    if not folder.is_dir():
         return None
+    if path.name == _HDF5:
+        check_inside(folder / _METADATA, folder)  # which the path does not name
     if (folder / _HDF5).exists():
         return folder
     about = _json(folder / _METADATA)
