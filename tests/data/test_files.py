@@ -7,6 +7,7 @@ from contextlib import suppress
 import pytest
 
 from problems import refused_file
+from rpil.data import files
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
 from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
@@ -59,6 +60,17 @@ def test_the_next_run_removes_what_a_killed_one_left_of_the_same_output(tmp_path
         assert left[-1] == "out.txt"
         assert [name.split(".")[1] for name in left[:-1]] == ["other", "out"]
         assert living.name in left
+
+
+def test_a_process_that_cannot_be_seen_keeps_its_files(tmp_path, monkeypatch):
+    """Of another container or computer of the same name the numbers of processes say nothing."""
+    monkeypatch.setattr(files, "_process_space", lambda: "another container")
+    there = files.temporary_path(tmp_path / "a.csv")
+    there = there.with_name(there.name.replace(f"-{os.getpid()}-", "-999999999-"))
+    there.touch()
+    monkeypatch.undo()
+    assert files.temporary_path(tmp_path / "a.csv").parent == tmp_path
+    assert there.exists()
 
 
 @pytest.mark.parametrize("writer", [beside, new_folder])

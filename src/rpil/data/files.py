@@ -165,10 +165,20 @@ def temporary_path(path: Path) -> Path:
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
-    mark = f".{stem}.{zlib.crc32(platform.node().encode()):08x}-"
+    mark = f".{stem}.{zlib.crc32(_process_space().encode()):08x}-"
     temporary = path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
     _remove_abandoned(path.parent, mark, path.suffix)
     return temporary
+
+
+def _process_space() -> str:
+    """What tells apart computers and containers of one name, in which a number is not that of the same process."""
+    parts = [platform.node()]
+    with suppress(OSError):
+        parts.append(os.readlink("/proc/self/ns/pid"))
+    with suppress(OSError):
+        parts.append(Path("/etc/machine-id").read_text())
+    return " ".join(parts)
 
 
 def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
