@@ -18,7 +18,7 @@ import rpil
 from rpil import Settings
 from rpil.estimators.rpil import RPIL
 from rpil.scale.dask import DaskEngine
-from rpil.scale.local import InMemory, Streamed
+from rpil.scale.local import LocalBlocks, LocalEngine, identity
 from rpil.scale.protocol import Engine
 from speed_common import Measured, Skipped, in_turns, peak_gib, softmax_expert
 
@@ -48,7 +48,24 @@ def from_disk(size: dict[str, int], repeats: int) -> Measured:
 
 def from_file(path: str) -> dict[str, float]:
     """Fit a file as it lies on disk."""
-    return _timed(rpil.open_dataset(path), Streamed())
+    return _timed(rpil.open_dataset(path), LocalEngine())
+
+
+class ListedBlocks(LocalBlocks):
+    """Blocks that are kept in memory."""
+
+    def then(self, function: Callable[[Any], Any]) -> ListedBlocks:
+        return ListedBlocks(self.shards, super().then(function).prepare)
+
+    def kept(self, n_steps: int) -> ListedBlocks:
+        return ListedBlocks([list(self.map(identity))])
+
+
+class InMemory(LocalEngine):
+    """Keeps in memory what is computed from the blocks."""
+
+    def place(self, shards: Any) -> ListedBlocks:
+        return ListedBlocks(shards)
 
 
 def in_memory(path: str) -> dict[str, float]:

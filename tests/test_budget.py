@@ -17,7 +17,7 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2849, 19),
     "data": (3421, 41),
-    "estimators": (2323, 15),
+    "estimators": (2322, 15),
     "faults": (2285, 81),
     "formats": (9016, 94),
     "inference": (2707, 88),
@@ -25,7 +25,7 @@ BUDGETS = {
     "numerics": (590, 14),
     "policies": (1900, 64),
     "results": (3456, 56),
-    "scale": (809, 23),
+    "scale": (795, 23),
     "simulation": (842, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

@@ -31,7 +31,6 @@ from rpil.results.judged import of_demonstration
 from rpil.results.record import Audit
 from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
-from rpil.scale.local import InMemory
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil
 
@@ -228,7 +227,7 @@ def test_engine_recipe():
     assert isinstance(engine, Engine)
     assert isinstance(engine.place([[1]]), Shards)
     toy = make("noisy", 0, n_good=60, n_bad=30, steps=(20, 60)).demonstrations
-    here, there = small_rpil(engine=InMemory()).fit(toy), small_rpil(engine=engine).fit(toy)
+    here, there = small_rpil().fit(toy), small_rpil(engine=engine).fit(toy)
     assert set(engine.calls) == {"map", "then", "total"}
     np.testing.assert_allclose(there.log_odds_, here.log_odds_, rtol=1e-9)
     np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)

@@ -15,7 +15,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
 from rpil.results.words import SIDES
 from rpil.scale.fit import JudgedSample
-from rpil.scale.local import InMemory, Streamed
+from rpil.scale.local import LocalEngine
 from small import SAMPLE, SMALL, small_rpil
 
 MAKERS = [make, make_continuous]
@@ -146,10 +146,10 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     more = Demonstrations.from_arrays(np.concatenate(rows), np.concatenate(actions), offsets)
     seen = []
     monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
-    here, streamed = (small_rpil(engine=engine).fit(more) for engine in (InMemory(), Streamed()))
+    here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
     np.testing.assert_array_equal(seen[0], seen[1])
     assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1
-    np.testing.assert_allclose(here.log_odds_, streamed.log_odds_, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(here.log_odds_, shared.log_odds_, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["random", "noisy"])
@@ -194,7 +194,7 @@ def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn)
 
 def test_fit_of_large_data_is_saved(tmp_path):
     _, data = demonstrations()
-    model = small_rpil(engine=Streamed()).fit(data)
+    model = small_rpil().fit(data)
     save(model, tmp_path / "policy")
     back = load(tmp_path / "policy")
     np.testing.assert_array_equal(back.audit_.step_weight, model.audit_.step_weight)

@@ -26,7 +26,6 @@ from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
-from rpil.scale.local import InMemory
 from small import SAMPLE, SMALL, small_rpil
 
 distributed = pytest.importorskip("distributed")
@@ -65,7 +64,7 @@ def assert_same(one, other):
 def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk):
     data = demonstrations(maker)
     labels = {0: "good", 100: "bad"}
-    here = small_rpil(engine=InMemory(), labels=labels).fit(data)
+    here = small_rpil(labels=labels).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
@@ -90,7 +89,7 @@ class KillOnce:
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch):
     data = demonstrations()
-    here = small_rpil(engine=InMemory()).fit(data)
+    here = small_rpil().fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
         data = open_dataset(tmp_path / "a.parquet")
@@ -120,7 +119,7 @@ def test_workers_hold_equal_shares_of_the_data(cluster):
 
 def test_only_parameters_and_sums_are_sent(cluster):
     data = demonstrations()
-    model = small_rpil(engine=InMemory()).fit(data)
+    model = small_rpil().fit(data)
     problem = FitData(
         model.features_.design(data.observations), data.actions, data.offsets, model.space_, np.zeros(120, dtype=int)
     )
@@ -195,7 +194,7 @@ def test_audit_command_with_a_cluster(cluster, tmp_path):
     result = call(*arguments, settings=SMALL)
     assert result.exit_code == 0, result.output
     found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
-    here = small_rpil(engine=InMemory(), features="auto").fit(data)
+    here = small_rpil(features="auto").fit(data)
     np.testing.assert_allclose([found[m] for m in here.audit_.ids], here.log_odds_, rtol=1e-6, atol=1e-6)
 
 

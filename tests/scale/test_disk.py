@@ -15,7 +15,6 @@ import pytest
 from recorded import demonstrations, write_files
 from rpil import RPIL, formats, open_dataset
 from rpil.formats import table as flat
-from rpil.scale.local import InMemory
 from small import small_rpil
 
 
@@ -24,7 +23,7 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     memory = demonstrations(continuous, "noisy", single=True)
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     labels = {3: "good", 100: "bad"}
-    here = small_rpil(engine=InMemory(), labels=labels).fit(memory)
+    here = small_rpil(labels=labels).fit(memory)
     there = small_rpil(labels=labels).fit(open_dataset(folder))
     assert here.audit_.ids == there.audit_.ids
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):

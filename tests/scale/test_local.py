@@ -1,4 +1,4 @@
-"""Engines of one process do with blocks what a loop does."""
+"""The engine of one process does with blocks what a loop does."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import tempfile
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 
-from rpil.scale.local import InMemory, Streamed
+from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Engine, Shards
 
 
@@ -24,8 +23,8 @@ class Steps(NamedTuple):
 SHARDS = [[np.array([1.0, 2.0]), np.array([3.0])], [np.array([4.0])]]
 
 
-@pytest.mark.parametrize("engine", [InMemory(), Streamed()])
-def test_blocks_are_mapped_in_order_and_added_up(engine):
+def test_blocks_are_mapped_in_order_and_added_up():
+    engine = LocalEngine()
     assert isinstance(engine, Engine)
     placed = engine.place(SHARDS)
     assert isinstance(placed, Shards)
@@ -35,11 +34,10 @@ def test_blocks_are_mapped_in_order_and_added_up(engine):
     assert halves.total(lambda block: (block.sum(), len(block))) == (5.0, 4)
 
 
-@pytest.mark.parametrize("engine", [InMemory(), Streamed()])
-def test_blocks_are_computed_in_every_pass_until_they_are_kept(engine, monkeypatch, tmp_path):
+def test_blocks_are_computed_in_every_pass_until_they_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     computed = []
-    placed = engine.place(SHARDS).then(lambda block: computed.append(block) or Steps.of(block))
+    placed = LocalEngine().place(SHARDS).then(lambda block: computed.append(block) or Steps.of(block))
     passes = [list(placed.map(lambda steps: steps)) for _ in range(2)]
     assert len(computed) == 6
     kept = placed.kept(4)

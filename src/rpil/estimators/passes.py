@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from rpil.data.copies import copies_among
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import FitOptions, JudgeInput, TrustDecision
 from rpil.estimators.task import Features, FinalPolicy, Task
@@ -23,7 +22,7 @@ from rpil.results.record import Audit
 from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
-from rpil.scale.local import InMemory, Streamed
+from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Engine, Shards
 
 MAX_DRAWN_STEPS = 100_000
@@ -40,8 +39,8 @@ class SampledFit:
 
     @property
     def engine(self) -> Engine:
-        """The engine asked for; else this process, which keeps on disk what is computed from data on disk."""
-        return self.options.engine or (InMemory() if isinstance(self.task.source, Demonstrations) else Streamed())
+        """The engine asked for; else this process."""
+        return self.options.engine or LocalEngine()
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options

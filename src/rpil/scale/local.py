@@ -1,7 +1,4 @@
-"""Engines of this process, which work on as many blocks at a time as there are cores.
-
-Each block is summed by one thread, so that the number of threads changes no bit.
-"""
+"""The engine of this process: each block is summed by one thread, so that the number of threads changes no bit."""
 
 from __future__ import annotations
 
@@ -27,8 +24,6 @@ class LocalBlocks(Shards[T]):
     """Blocks that are read, and from which `prepare` computes others, in every pass until these are kept."""
 
     shards: Sequence[Iterable[object]]
-    in_memory: bool
-    """Whether blocks are kept in memory, or on disk."""
     prepare: Callable[[Any], T] = identity
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
@@ -44,31 +39,22 @@ class LocalBlocks(Shards[T]):
                 yield pending.popleft().result()
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
-        return LocalBlocks(self.shards, self.in_memory, lambda block: function(self.prepare(block)))
+        return LocalBlocks(self.shards, lambda block: function(self.prepare(block)))
 
     def kept(self, n_steps: int) -> Shards[T]:
-        """The blocks, which are tuples of arrays, in a list or in a temporary file."""
-        if self.in_memory:
-            return LocalBlocks([list(self.map(identity))], True)
+        """The blocks, which are tuples of arrays, in a temporary file."""
         file, kind = StepFile(n_steps), cast(Any, None)
         for block in self.map(identity):
             file.append(block)
             kind = type(block)
-        return LocalBlocks([file.blocks], False, lambda steps: kind(*file.read(steps)))
+        return LocalBlocks([file.blocks], lambda steps: kind(*file.read(steps)))
 
 
 @dataclass(frozen=True)
-class Streamed:
-    """For data that do not fit in memory: reads them in every pass, and keeps what is computed from them on disk."""
+class LocalEngine:
+    """The engine of this process, which works on as many blocks at a time as there are cores."""
 
     n_shards: int = 1
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return LocalBlocks(shards, in_memory=False)
-
-
-class InMemory(Streamed):
-    """Keeps in memory what is computed from the blocks."""
-
-    def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        return LocalBlocks(shards, in_memory=True)
+        return LocalBlocks(shards)
