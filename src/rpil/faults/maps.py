@@ -177,13 +177,9 @@ def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Wind
     first = (change * seen[:, place].transpose(1, 0, 2)).sum(axis=2)
     second = (np.matmul(change, moments[place[:, :, None], place[:, None, :]]) * change).sum(axis=2)
     gain = np.log(left / np.maximum(left + 2 * first + second, FLOOR)).sum(axis=1) / 2
-    return np.append(gain, [left_over(undo(k, values, window.n_states), maps, window, left) for k in OF_ROWS])
-
-
-def left_over(values: Float[Array, "T C"], maps: Array, window: Window, before: Float[Array, " K"]) -> float:
-    """What a demonstration gains over mean squares `before`, 0 where it is too short."""
-    moments = window.moments(values)
-    return 0.0 if moments is None else float(np.log(before / misfit(maps, moments)).sum() / 2)
+    undone = [window.moments(undo(kind, values, window.n_states)) for kind in OF_ROWS]  # None: it is too short
+    of_rows = [0.0 if g is None else float(np.log(left / misfit(maps, g)).sum() / 2) for g in undone]
+    return np.append(gain, of_rows)
 
 
 def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], window: Window) -> Float[Array, " K"]:

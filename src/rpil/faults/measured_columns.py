@@ -155,7 +155,9 @@ def learn_columns(
     if not names:
         return moving
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
-    columns = replace(columns, scale=scale, spread=_spread(moving.values))
+    off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
+    spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
+    columns = replace(columns, scale=scale, spread=spread)
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
@@ -182,11 +184,6 @@ def _rotations(observations: Array) -> tuple[int, ...]:
         if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
             found.append(k)
     return tuple(found)
-
-
-def _spread(values: Float[Array, "C T"]) -> Float[Array, " C"]:
-    off = np.median(np.abs(values - np.median(values, axis=1, keepdims=True)), axis=1)
-    return np.asarray(np.where(off > 0, off / 0.6745, values.std(axis=1)))
 
 
 def _median_or_one(values: Array) -> float:

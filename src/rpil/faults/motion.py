@@ -143,7 +143,6 @@ class RepeatedFrames(ComparingRule):
 
     name = "repeated frames"
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
-    needs = ("several",)
     sentence = (
         "{value:.0f} rows repeat the row before while all moves, the longest from step {first} "
         "({threshold:.0f} at most are usual)"
@@ -262,15 +261,11 @@ class NeverMoves(ComparingRule):
     sentence = "{column} never moves, and in the others it does"
     needs = OF_COLUMNS
 
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """How far each column moves."""
-        low, high = (of.reduceat(block.values, block.offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
-        return (high - low,)
+    measure = staticmethod(HeldValue.measure)
 
     def compare(self) -> Compared:
-        s, (ranges,) = self.settings, self.measured
-        self.names = self.columns.names
+        s, (*_, lowest, highest) = self.settings, self.measured
+        self.names, ranges = self.columns.names, highest - lowest
         usual = np.median(ranges, axis=0)
         still = ranges <= s.least_range * usual
         low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)

@@ -159,6 +159,7 @@ class ComparingRule(Rule):
     too much between demonstrations that are clean or because it does not move, its severity is NaN.
     """
 
+    needs: tuple[str, ...] = ("several",)
     sentence: str
     """A fault in words, which may name the fields of `Fault`."""
 

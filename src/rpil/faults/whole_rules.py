@@ -19,7 +19,6 @@ of a hand, may be so always."""
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others"
-    needs = ("several",)
     causes = ("frame rate", "two episodes")
 
     def compare(self) -> Compared:
@@ -140,7 +139,7 @@ class NextState(ComparingRule):
     """The actions are the next state, and in the others they are not."""
 
     name, words = "next state", "the action is the next state"
-    needs, unknown = ("several",), "the action is the next state in most"
+    unknown = "the action is the next state in most"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
