@@ -20,6 +20,20 @@ def test_the_sign_of_one_action_of_one_state_is_named():
     assert ("sign", M) in {(f.rule, f.id) for f in report.findings}
 
 
+def test_the_sign_of_a_column_is_named_where_that_of_another_cannot_be_known():
+    rng = np.random.default_rng(0)
+    noisy = [(x, np.column_stack([a, rng.normal(size=len(a))])) for x, a in CLEAN]
+    report = check(demonstrations(changed(noisy, M, actions=noisy[M][1] * [1, -1, 1, 1])))
+    assert [(f.rule, f.id) for f in report.findings] == [("sign", M)]
+    assert report.unknown["sign"] == ("action 3",)
+
+
+def test_state_and_action_of_one_step_have_no_lag():
+    rng = np.random.default_rng(0)
+    report = check(demonstrations([(a + 1e-3 * rng.normal(size=a.shape), a) for _, a in CLEAN]))
+    assert report.usual["lag"] == "observation '1' follows action 1 after 0 steps"
+
+
 def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():
     rng = np.random.default_rng(0)
     episodes = [(rng.normal(size=(60, 2)), rng.normal(size=(60, 1))) for _ in range(12)]

@@ -79,7 +79,7 @@ def test_infinite_actions_are_named():
     with allow_missing():
         damaged = demonstrations(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
     (found,) = check(damaged).findings
-    assert (found.column, found.first) == ("action 2", 3)
+    assert (found.column, found.first, found.sentence) == ("action 2", 3, "action 2 is inf at step 3")
     assert np.isinf(damaged.actions).any()
 
 
