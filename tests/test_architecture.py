@@ -170,7 +170,6 @@ WITHOUT_TESTS = {
     "faults/naming.py": "tests/faults/test_maprules.py",
     "faults/whole.py": "tests/faults/test_maprules.py",
     "faults/whole_rules.py": "tests/faults/test_maprules.py",
-    "faults/duplicates.py": "tests/faults/test_rules.py",
     "faults/report.py": "tests/faults/test_rules.py",
     "faults/expected.py": "tests/cli/test_check.py",
     "data/missing.py": "tests/faults/test_rules.py",

@@ -45,16 +45,6 @@ def test_few_demonstrations_are_not_compared(n):
     assert "demonstrations" in report.not_checked["spike"]
 
 
-def test_equal_demonstrations_are_found_among_two():
-    first, _ = recording(2)
-    assert [f.rule for f in check(demonstrations([first, first])).findings] == ["duplicate"]
-
-
-def test_short_equal_demonstrations_of_codes_are_no_duplicates():
-    moves = np.array([[0.0], [1.0], [2.0]]), np.array([0, 1, 0])
-    assert check(Demonstrations.from_episodes([moves] * 10)).findings == ()
-
-
 def test_constant_columns_and_single_steps_are_no_faults():
     rng = np.random.default_rng(0)
     episodes = [(np.zeros((n, 2)), rng.normal(size=(n, 1))) for n in (1, 1, 2, 1, 3, 2)]

@@ -26,16 +26,6 @@ def insert(at, n):
     return {"observations": np.insert(X, [at] * n, X[at], axis=0), "actions": np.insert(A, [at] * n, A[at], axis=0)}
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_copies_are_found_and_named(noise):
-    rng = np.random.default_rng(0)
-    again = X + noise * rng.normal(size=X.shape), A + noise * rng.normal(size=A.shape)
-    report = check(demonstrations([*CLEAN, again]))
-    (found,) = report.findings
-    assert (found.rule, found.id) == ("duplicate", len(CLEAN))
-    assert str(M) in found.sentence
-
-
 def test_trims_name_the_steps_to_keep():
     assert check(demonstrations(changed(CLEAN, M, **insert(0, 40)))).trims == {M: (40, T + 40)}
     assert check(demonstrations(changed(CLEAN, M, **insert(T - 1, 40)))).trims == {M: (0, T)}
