@@ -145,6 +145,10 @@ def test_texts_of_any_length(tmp_path, codec, dtype):
     found = opened_array(tmp_path / "x")
     assert found.dtype.kind in "TU"
     assert found[2:9].tolist() == words[2:9].tolist()
+    (tmp_path / "x/.zarray").write_text(json.dumps(header | {"fill_value": 0}))
+    (tmp_path / "x/0").unlink()
+    with fill_chunks():
+        assert not any(opened_array(tmp_path / "x")[2:9].tolist())
 
 
 @pytest.mark.parametrize("separator", [".", "/"])

@@ -56,13 +56,14 @@ def has_images(header: ArrayHeader) -> bool:
 def for_library(header: ArrayHeader) -> ArrayHeader:
     """The header with which the library opens an array: of images as if they were not coded.
 
-    Before zarr 3.1 texts of one length were coded as those of any length, which it opens no more.
+    Before zarr 3.1 texts of one length were coded as those of any length, which it opens no more, and the fill value of
+    texts was 0.
     """
     is_2 = header["zarr_format"] == 2
     if has_images(header):
         codecs = [{"name": "bytes", "configuration": {"endian": "little"}}]
         return {**header, **({"filters": None, "compressor": None} if is_2 else {"codecs": codecs})}
-    return {**header, "dtype": "|O"} if is_2 and _is_text(header) else header
+    return {**header, "dtype": "|O", "fill_value": None} if is_2 and _is_text(header) else header
 
 
 def _is_text(header: ArrayHeader) -> bool:
