@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3421, 41),
     "estimators": (2322, 15),
     "faults": (2273, 81),
-    "formats": (9017, 94),
+    "formats": (8998, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

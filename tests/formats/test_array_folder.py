@@ -120,7 +120,7 @@ def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
             {"obs": np.ones((3, 2))},
             "1/trajectory.npz: it is no file of one demonstration",
         ),
-        ({"actions": np.ones(3), "episode_ids": np.zeros(3, int)}, "tells of several"),
+        ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "tells of several"),
         (
             {"acts": np.ones(3), "indices": np.array([2]), "terminal": np.ones(2, bool)},
             "tells of several",

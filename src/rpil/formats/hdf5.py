@@ -212,14 +212,10 @@ def _checked_class() -> Any:
             """As the file says, which is asked once."""
             return super().shape  # type: ignore[no-any-return]
 
-        def check(self) -> None:
-            """A `DataError` where some of its values are not in the file, unless such are filled in here."""
+        def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
             if not self._is_whole and not are_chunks_filled():
                 _check_whole(self)
                 self._is_whole = True
-
-        def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
-            self.check()
             return super().__getitem__(rows, new_dtype)
 
     return CheckedDataset

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -70,14 +70,6 @@ def read_once(shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[], A
     return Closed(shape, dtype, lambda rows: whole()[rows])
 
 
-@runtime_checkable
-class Checked(Protocol):
-    """An array that can tell, before it is read, that some of its values are not stored."""
-
-    def check(self) -> None:
-        """A `DataError` where some are not."""
-
-
 @dataclass(frozen=True)
 class Part:
     """Consecutive steps of a file: of one demonstration, or of several that a column tells apart.
@@ -135,13 +127,15 @@ def from_parts(
     columns = replace(columns, ignored={**columns.ignored, **without})
     for part in parts:
         _check(part, parts[0], columns.all, _place(part, id_column, source))
-    _check_size(parts, columns.all, source, options.on_disk)
+    if not options.on_disk:
+        _check_size(parts, columns.all, source)
     types = {name: _type_of_all(parts, name) for name in columns.all}
     batches = _batches(parts, BATCH_ROWS if options.on_disk else sum(part.n_steps for part in parts))
     tables = (
         pa.table({name: _column(pieces, name, source, dtype) for name, dtype in types.items()}) for pieces in batches
     )
-    longer = [name for name in columns.all if any(_rows(part, name) > part.n_steps for part in parts)]
+    shapes = [(name, part.arrays[name].shape, part) for name in columns.all for part in parts if name in part.arrays]
+    longer = list(dict.fromkeys(name for name, shape, part in shapes if shape[0] > part.n_steps))
     if longer:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     notes = (*notes, *without_steps(empty))
@@ -198,18 +192,10 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each step; exclude it.")
 
 
-def _rows(part: Part, name: str) -> int:
-    return part.arrays[name].shape[0] if name in part.arrays else part.n_steps
-
-
-def _check_size(parts: Sequence[Part], names: Sequence[str], source: str, on_disk: bool) -> None:
-    """A `DataError` where the arrays `names` would not fit in memory, or are not stored whole, before any is read."""
+def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
+    """A `DataError` where the arrays `names` would not fit in memory, before any is read."""
     arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
-    if not on_disk:
-        check_memory(sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays), source)
-    for array in arrays:
-        if isinstance(array, Checked):
-            array.check()
+    check_memory(sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays), source)
 
 
 def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
