@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rpil import Demonstrations
+from rpil.data.episodes import lay_end_to_end
 
 LAG = 2
 
@@ -25,6 +26,12 @@ def recording(n=12, steps=(150, 200), joints=3, seed=0):
 
 def demonstrations(episodes):
     return Demonstrations.from_episodes(episodes)
+
+
+def with_missing(episodes):
+    """Demonstrations in which values may be NaN or infinite."""
+    observations, actions, offsets, *_ = lay_end_to_end(episodes, None, "the demonstrations")
+    return Demonstrations(observations, actions, offsets, allows_missing=True)
 
 
 def changed(episodes, m, **arrays):

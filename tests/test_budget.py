@@ -15,11 +15,11 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2849, 19),
-    "data": (3421, 41),
+    "cli": (2846, 19),
+    "data": (3407, 41),
     "estimators": (2322, 15),
-    "faults": (2273, 81),
-    "formats": (8998, 94),
+    "faults": (2272, 81),
+    "formats": (9004, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),
@@ -30,7 +30,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 4
+TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 3
 """Names of types and of files with two meanings, and context variables, at most."""
 
 FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 788, 125

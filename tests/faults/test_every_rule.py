@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recordings import changed, demonstrations, recording
-from rpil.data.missing import allow_missing
+from recordings import changed, demonstrations, recording, with_missing
 from rpil.faults.checking import check
 from rpil.faults.report import RULES
 from rpil.faults.rule import Rule
@@ -210,8 +209,7 @@ def test_times_that_are_off_are_found(rule, steps, words, severity):
 
 
 def test_missing_values_and_frames_are_found():
-    with allow_missing():
-        damaged = demonstrations(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
+    damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
     (fault,) = check(damaged, times=Times(frames={})).findings
     assert (fault.rule, fault.id, fault.first, fault.last, fault.value) == ("missing values", M, 30, 32, 3)
     assert fault.sentence == "observation '1' is nan at step 30, and 2 more values up to step 32 are missing"

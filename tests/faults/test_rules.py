@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recordings import changed, demonstrations, recording
+from recordings import changed, demonstrations, recording, with_missing
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
 from rpil.faults.report import explain
@@ -52,10 +52,7 @@ def test_the_order_of_demonstrations_changes_nothing():
 
 
 def test_missing_values_are_set_aside_on_demand():
-    from rpil.data.missing import allow_missing
-
-    with allow_missing():
-        damaged = demonstrations(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
+    damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
     report = check(damaged)
     assert "spike" in report.not_checked
     rest = check(damaged, skip_bad=True)
@@ -64,10 +61,7 @@ def test_missing_values_are_set_aside_on_demand():
 
 
 def test_infinite_actions_are_named():
-    from rpil.data.missing import allow_missing
-
-    with allow_missing():
-        damaged = demonstrations(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
+    damaged = with_missing(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
     (found,) = check(damaged).findings
     assert (found.column, found.first, found.sentence) == ("action 2", 3, "action 2 is inf at step 3")
     assert np.isinf(damaged.actions).any()

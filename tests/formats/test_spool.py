@@ -18,8 +18,8 @@ import pytest
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
-from rpil.data.missing import allow_missing
 from rpil.formats import read_recording, rows
+from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
 
 
@@ -83,8 +83,8 @@ def test_an_action_that_is_not_finite_is_refused(tmp_path, on_disk, wrong):
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     with pytest.raises(DataError, match="row 8: an action is not finite"):
         read_recording(tmp_path / "a.parquet", on_disk=on_disk).demonstrations  # noqa: B018
-    with allow_missing():
-        found = read_recording(tmp_path / "a.parquet", on_disk=on_disk).demonstrations.select(slice(None))
+    options = ColumnOptions(allow_missing=True)
+    found = read_recording(tmp_path / "a.parquet", options, on_disk=on_disk).demonstrations.select(slice(None))
     assert not np.isfinite(found.actions.reshape(-1)[7])
 
 

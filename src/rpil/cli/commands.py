@@ -153,12 +153,9 @@ def open_recording(
 
 def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
     """The recording in a file, read, of whose demonstrations some may have missing values."""
-    from rpil.data.missing import allow_missing
-
-    with allow_missing():
-        recording = open_recording(file, columns, progress, stream)
-        recording.demonstrations  # noqa: B018  # are read here
-        return recording
+    recording = open_recording(file, replace(columns, allow_missing=True), progress, stream)
+    recording.demonstrations  # noqa: B018  # are read here
+    return recording
 
 
 def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:

@@ -9,7 +9,6 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data import missing
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -288,12 +287,9 @@ def check_squares(ends: Array | Sequence[Array], what: str, names: Sequence[str]
 def check_finite(
     values: Array, columns: tuple[str, ...], offsets: NDArray[np.int64], ids: tuple[Id, ...], where: str
 ) -> None:
-    """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one.
-
-    Within `rpil.data.missing.allow_missing` such values are let through.
-    """
+    """Raise a `DataError` naming the first value of `values` (N, K) that is not finite, if there is one."""
     finite = np.isfinite(values)
-    if finite.all() or missing.are_allowed():
+    if finite.all():
         return
     row, column = (int(k) for k in np.argwhere(~finite)[0])
     m = int(np.searchsorted(offsets, row, side="right")) - 1

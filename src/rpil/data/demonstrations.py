@@ -129,6 +129,8 @@ class Demonstrations(DemonstrationSet):
         Whether one-dimensional numbers are classes; afterwards what the actions are.
     action_names : sequence of A strings
         Names of the parts of continuous actions, for messages; there may be none.
+    allows_missing : bool
+        Whether observations and continuous actions may be NaN or infinite, which no fit is given.
 
     Raises
     ------
@@ -144,6 +146,7 @@ class Demonstrations(DemonstrationSet):
     source: str = SOURCE
     action_kind: ActionKind = "auto"
     action_names: tuple[str, ...] = ()
+    allows_missing: bool = False
 
     def __post_init__(self) -> None:
         source = self.source
@@ -159,8 +162,9 @@ class Demonstrations(DemonstrationSet):
         names = arrays.as_names(self.observation_names, source) or tuple(str(d) for d in range(width))
         if len(names) != width or len(set(names)) != width:
             raise DataError(f"{source}: name each of the {width} observation columns, and no two alike.")
-        arrays.check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
-        if actions.ndim == 2:
+        if not self.allows_missing:
+            arrays.check_finite(observations, tuple(f"observation {name!r}" for name in names), offsets, ids, source)
+        if actions.ndim == 2 and not self.allows_missing:
             arrays.check_finite(actions, tuple(f"action {a}" for a in range(actions.shape[1])), offsets, ids, source)
         for field, array in (("observations", observations), ("actions", actions), ("offsets", offsets)):
             view = array.view()  # the caller's own array stays writable
@@ -233,6 +237,7 @@ class Demonstrations(DemonstrationSet):
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
         action_kind: ActionKind = "auto",
+        allows_missing: bool = False,
     ) -> Demonstrations:
         """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
 
@@ -254,7 +259,8 @@ class Demonstrations(DemonstrationSet):
         if rows is not None:
             X, y = X[rows], y[rows]
         names = arrays.as_names(observation_names, source)
-        return cls(X, y, offsets, tuple(values[chosen].tolist()), names, source, action_kind)
+        ids = tuple(values[chosen].tolist())
+        return cls(X, y, offsets, ids, names, source, action_kind, allows_missing=allows_missing)
 
     @property
     def n_actions(self) -> int:

@@ -1,4 +1,4 @@
-"""What is missing in data, values that are NaN or infinite and chunks of arrays: refused unless a block allows it."""
+"""Whether chunks of arrays that are missing are filled: else they are refused."""
 
 from __future__ import annotations
 
@@ -6,23 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_ALLOWED: ContextVar[bool] = ContextVar("missing values are allowed", default=False)
 _FILLED: ContextVar[bool] = ContextVar("missing chunks are filled", default=False)
-
-
-@contextmanager
-def allow_missing(wanted: bool = True) -> Iterator[None]:
-    """Within the block, and if `wanted`, data may hold NaN and infinite values. They must not reach a fit."""
-    token = _ALLOWED.set(wanted or are_allowed())
-    try:
-        yield
-    finally:
-        _ALLOWED.reset(token)
-
-
-def are_allowed() -> bool:
-    """Whether data may hold NaN and infinite values here."""
-    return _ALLOWED.get()
 
 
 @contextmanager

@@ -11,7 +11,6 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.missing import allow_missing
 from rpil.faults.duplicates import Duplicate
 from rpil.faults.expected import leave_out
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
@@ -68,9 +67,10 @@ def check(
     """
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
-    with allow_missing():
-        learned = Learned.of(demonstrations, settings)
-        measured, kept, missing = _measure(demonstrations, learned)
+    if isinstance(demonstrations, Dataset):
+        demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
+    learned = Learned.of(demonstrations, settings)
+    measured, kept, missing = _measure(demonstrations, learned)
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
     findings = [*missing, *FrameCount.find(times, demonstrations)]
@@ -119,8 +119,7 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
     try:
         return recording.demonstrations
     except DataError:
-        with allow_missing():
-            return recording.load()
+        return recording.load(True)
 
 
 def _measure(

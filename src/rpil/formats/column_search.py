@@ -112,6 +112,7 @@ class _Search:
             excluded_parts=self.excluded_parts,
             source=self.source,
             observations_given=bool(asked),
+            allows_missing=options.allow_missing or options.skip_bad,
         )
         return replace(found, outcomes=self.outcomes({*found.all}))
 

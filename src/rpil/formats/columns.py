@@ -47,6 +47,8 @@ class ColumnOptions:
         Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
     skip_bad : bool
         Leave demonstrations out in which a value is missing or infinite.
+    allow_missing : bool
+        Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
     on_disk : bool
         Whether the rows go to disk instead of into memory; `rpil.formats.read_recording` decides it.
     """
@@ -65,12 +67,13 @@ class ColumnOptions:
     only: Ids = ()
     without: Ids = ()
     skip_bad: bool = False
+    allow_missing: bool = False
     on_disk: bool = False
 
 
 def check_options(given: Iterable[str]) -> None:
     """A `TypeError` that names the option that was meant, where one of the `given` names is that of none."""
-    known = [one.name for one in fields(ColumnOptions) if one.name != "on_disk"]
+    known = [one.name for one in fields(ColumnOptions) if one.name not in ("allow_missing", "on_disk")]
     for name in sorted({*given} - {*known}):
         close = [f"; did you mean {one}?" for one in get_close_matches(name, [*known, "labels", "settings"], 1)]
         raise TypeError(f"there is no option {name!r}{''.join(close)}")
@@ -101,6 +104,7 @@ class Columns:
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
     source: str = field(default="", compare=False)  # in messages
     observations_given: bool = False
+    allows_missing: bool = False
 
     def without_observations(self, names: Set[str], reason: str) -> Columns:
         """The same, where some columns are no observations for a `reason`."""

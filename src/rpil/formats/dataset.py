@@ -47,7 +47,8 @@ class Shard:
                 rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
                 layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
                 row = until
-            self._check_values(block, start)
+            if not layout.allows_missing:
+                self._check_values(block, start)
             yield block
 
     def demonstration_of(self, row: int) -> str:
@@ -150,6 +151,6 @@ class Dataset(DemonstrationSet):
         rows = self.rows.chosen(np.stack([self.offsets[order[heads]], ends], axis=1))
         (block,) = Shard(rows, self.layout, (0, len(order)), offsets, ids)
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
-        names = self.observation_names, self.source, kind, self.action_names
+        names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
         selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))

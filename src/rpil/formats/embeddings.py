@@ -31,8 +31,8 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
     description = recording.description
     text = f"{len(names):,} observations are from {Path(path).name}."
 
-    def load() -> Demonstrations:
-        found = recording.demonstrations
+    def load(allows_missing: bool) -> Demonstrations:
+        found = recording.load(allows_missing)
         demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
         own = recording.step_columns(slice(0, demonstrations.n_steps))
         if own is None or _INDEX not in own.column_names:

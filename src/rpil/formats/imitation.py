@@ -109,7 +109,7 @@ def _lists(table: pa.Table, name: str, source: str) -> list[Array]:
     def place(row: int) -> str:
         return f"{source}, demonstration {np.searchsorted(ends, row, side='right')}"
 
-    return np.split(flat.column_values(pa.table({name: column.flatten()}), name, place), ends[:-1])
+    return np.split(flat.column_values(pa.table({name: column.flatten()}), name, place, allows_missing=True), ends[:-1])
 
 
 def _arrays(path: Path) -> dict[str, list[Array]]:

@@ -42,6 +42,8 @@ class Layout:
         Which numbers of a column are read, where not all are.
     left_out : mapping of str to str
         Names of those that are not, and why.
+    allows_missing : bool
+        Whether numbers may be NaN or infinite.
     """
 
     observations: Widths
@@ -53,6 +55,7 @@ class Layout:
     n_parts: int = 0
     masks: Mapping[str, Array] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
+    allows_missing: bool = False
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -73,7 +76,7 @@ class Layout:
         return cls(
             *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
             *(_stacked([_value_type(table[name].type) for name in observations]), action, n_parts),
-            *(chosen.masks, chosen.left_out),
+            *(chosen.masks, chosen.left_out, columns.allows_missing),
         )
 
     def without(self, columns: Container[str]) -> Layout:
@@ -114,12 +117,26 @@ class Layout:
     def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(at(0)):
-            _fill(observations, table, self.observations, at, self.masks)
+            self._fill(observations, table, self.observations, at)
             self.fill_actions(actions, table, at)
 
     def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
         """Write the actions of `table`, which needs no other columns, to the array."""
-        _fill(actions.reshape(len(actions), -1), table, self.actions, at, self.masks)
+        self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+
+    def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place) -> None:
+        start = 0
+        for name, width in widths:
+            block = flat.column_values(table, name, at, self.allows_missing)
+            if block.dtype.kind == "U" and out.dtype.kind != "U":
+                raise flat.no_numbers(block, name, at)
+            block = block.reshape(len(block), -1)
+            mask = self.masks.get(name, np.ones(width, dtype=bool))
+            if block.shape[1] != len(mask):
+                fault = f"holds {block.shape[1]} numbers, not {len(mask)} as elsewhere"
+                raise DataError(f"{at(0)}: column {name!r} {fault}.")
+            out[:, start : start + width] = block[:, mask] if name in self.masks else block
+            start += width
 
 
 class _Chosen:
@@ -170,20 +187,6 @@ class _Chosen:
                 f"<option> or <option> (found {quoted(close)}).",
                 ("exclude", "observations", "action"),
             )
-
-
-def _fill(out: Array, table: pa.Table, widths: Widths, at: Place, masks: Mapping[str, Array]) -> None:
-    start = 0
-    for name, width in widths:
-        block = flat.column_values(table, name, at)
-        if block.dtype.kind == "U" and out.dtype.kind != "U":
-            raise flat.no_numbers(block, name, at)
-        block = block.reshape(len(block), -1)
-        mask = masks.get(name, np.ones(width, dtype=bool))
-        if block.shape[1] != len(mask):
-            raise DataError(f"{at(0)}: column {name!r} holds {block.shape[1]} numbers, not {len(mask)} as elsewhere.")
-        out[:, start : start + width] = block[:, mask] if name in masks else block
-        start += width
 
 
 def _is_list(table: pa.Table, name: str) -> bool:

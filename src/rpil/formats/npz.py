@@ -14,7 +14,6 @@ from rpil.data.arrays import group_rows
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
-from rpil.data.missing import allow_missing
 from rpil.data.names import EPISODE, TIMESTAMP, may_be_outcome, quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats import array_layout
@@ -51,13 +50,13 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         optional = dict.fromkeys([_OPTIONAL, options.operator, clock, *columns.facts])
         arrays = stored.read([name for name in (*wanted, *optional) if name in found])
     observations, actions, steps = (arrays[name] for name in wanted)
-    with allow_missing():  # values are checked when they are asked for
-        demonstrations = Demonstrations.from_groups(
-            *(observations, actions, steps),
-            observation_names=arrays.get(_OPTIONAL, ()),
-            source=source,
-            action_kind=options.action_kind,
-        )
+    demonstrations = Demonstrations.from_groups(
+        *(observations, actions, steps),
+        observation_names=arrays.get(_OPTIONAL, ()),
+        source=source,
+        action_kind=options.action_kind,
+        allows_missing=True,  # values are checked when they are asked for
+    )
     if options.operator and options.operator not in arrays:
         raise DataError(f"{source}: it holds no {options.operator!r}; name one of {quoted(found)}.")
     ignored = dict.fromkeys((name for name in found if name not in arrays), "no array of demonstrations")

@@ -15,7 +15,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
-from rpil.data.missing import are_allowed
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
@@ -49,7 +48,7 @@ class Recording:
     ----------
     description : Description
     load : function
-        Makes the demonstrations.
+        Makes the demonstrations; with True those in which values may be missing.
     step_columns : function of a slice of the N steps
         The file's own numbers of its rows, such as ``index``, in the order of the steps.
     operators : list of pairs
@@ -75,7 +74,7 @@ class Recording:
     """
 
     description: Description
-    load: Callable[[], Demonstrations | Dataset]
+    load: Callable[[bool], Demonstrations | Dataset]
     step_columns: StepColumns = lambda _: None
     operators: list[tuple[str, object]] = field(default_factory=list)
     tasks: Mapping[str, str] = field(default_factory=dict)
@@ -132,7 +131,7 @@ class Recording:
     def demonstrations(self) -> Demonstrations | Dataset:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(self.description.source):
-            return self.load()
+            return self.load(self.options.allow_missing)
 
     def with_ignored(self, names: Mapping[str, str]) -> Recording:
         """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
@@ -199,8 +198,8 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     def read_clock() -> Clock | None:
         return find_clock(read_columns(rows, clock_columns(columns)), columns, places.offsets)
 
-    def load() -> Demonstrations | Dataset:
-        data = _dataset(rows, found, origin.source)
+    def load(allows_missing: bool) -> Demonstrations | Dataset:
+        data = _dataset(rows, found, origin.source, allows_missing)
         return data.select(slice(None)) if isinstance(rows, TableRows) else data
 
     def step_columns(steps: slice) -> pa.Table | None:
@@ -241,10 +240,11 @@ def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
             yield name
 
 
-def _dataset(rows: Rows, found: Scan, source: str) -> Dataset:
+def _dataset(rows: Rows, found: Scan, source: str, allows_missing: bool) -> Dataset:
     """The demonstrations in the rows; a `DataError` where a value cannot be an action."""
-    actions, layout, classes, places = found.actions, found.layout, found.actions.classes, found.places
-    if actions.fault is not None and (actions.kind == "refused" or not are_allowed()):
+    actions, classes, places = found.actions, found.actions.classes, found.places
+    layout = replace(found.layout, allows_missing=allows_missing)
+    if actions.fault is not None and (actions.kind == "refused" or not allows_missing):
         raise actions.fault
     if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
         layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)

@@ -17,7 +17,6 @@ from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
-from rpil.data.missing import allow_missing
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
@@ -92,7 +91,7 @@ class ClaimedPath:
             with suppress(UnsortedError if stays else TooLargeError):
                 return self.read(options, on_disk=stays)
             return self.read(options, on_disk=not stays)
-        with holding(), guarded(str(self.path)), allow_missing(options.skip_bad):
+        with holding(), guarded(str(self.path)):
             recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
             if options.embeddings:
                 from rpil.formats.embeddings import with_embeddings

@@ -70,7 +70,7 @@ class ScannedActions:
             self.layout.fill_actions(numbers, table, at)
             self._add_numbers(numbers)
             return
-        values = flat.column_values(table, self.layout.actions[0][0], at).reshape(-1)
+        values = flat.column_values(table, self.layout.actions[0][0], at, self.layout.allows_missing).reshape(-1)
         if not self._is_text:
             finite = np.isfinite(values)
             if not finite.all():

@@ -11,7 +11,6 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.missing import are_allowed
 from rpil.data.names import EPISODE, STEP, action_columns, short_name
 from rpil.formats.columns import Kind
 from rpil.numerics.types import Array
@@ -126,10 +125,10 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def column_values(table: pa.Table, name: str, at: Place) -> Array:
+def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = False) -> Array:
     """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists.
 
-    A `DataError` on missing values, lists of unequal length, or values of another type.
+    A `DataError` on missing values, unless they are allowed as NaN, lists of unequal length, or values of another type.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -146,7 +145,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
     is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
     if kind != column.type and not is_text:
         column = column.cast(kind)
-    if not (pa.types.is_floating(column.type) and are_allowed()):  # there they become NaN
+    if not (pa.types.is_floating(column.type) and allows_missing):
         refuse_nulls(column)
     if _is_list(column.type):
         widths = pc.list_value_length(column).to_numpy()
@@ -154,7 +153,7 @@ def column_values(table: pa.Table, name: str, at: Place) -> Array:
             row = int(np.argmax(widths != widths[0]))
             raise DataError(f"{at(row)}: column {name!r} holds {widths[row]} numbers, not {widths[0]} as in row 1.")
         flat = column.combine_chunks().flatten()
-        if not (pa.types.is_floating(flat.type) and are_allowed()):
+        if not (pa.types.is_floating(flat.type) and allows_missing):
             refuse_nulls(flat, per_row=max(int(widths[0]), 1))
         if _is_numeric(flat.type):
             return np.reshape(flat.to_numpy(zero_copy_only=False), (table.num_rows, -1))
