@@ -24,11 +24,6 @@ BYTES_PER_NUMBER = 16
 MIB = 1_048_576
 """Bytes of a mebibyte."""
 
-MAX_PADDING = 8
-SMALL_CHUNKS = 16 * MIB
-"""The chunks of an array hold at most `MAX_PADDING` times its values, because the last ones along each axis may be
-filled in part, or this many bytes."""
-
 _SIZE = re.compile(r"(\d+\.?\d*)\s*(?:([kmgt])(i?))?b?", re.IGNORECASE)
 _given: ContextVar[float | None] = ContextVar("_given", default=None)
 
@@ -69,16 +64,6 @@ def check_memory(n_bytes: float, where: str) -> None:
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
             "may; allow more with <option>, or leave it on disk with <option>.",
             ("memory", "stream"),
-        )
-
-
-def check_padding(shape: tuple[int, ...], chunks: tuple[int, ...], itemsize: int, where: str) -> None:
-    """Raise a `DataError` where all `chunks` of an array hold far more values than its `shape` has."""
-    padded = itemsize * math.prod(-(-size // step) * step for size, step in zip(shape, chunks, strict=True))
-    if padded > max(MAX_PADDING * itemsize * math.prod(shape), SMALL_CHUNKS):
-        raise DataError(
-            f"{where} has the shape {shape}, but chunks of {chunks}, which are far larger; write it again with smaller "
-            "ones."
         )
 
 
