@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats.step_arrays import StoredArray
 from rpil.numerics.types import Array
 
@@ -19,14 +17,13 @@ WHOLE = re.compile(r"robot\d+_demo_(?:start|end)_pose")
 _POSE = re.compile(r"robot\d+_(?:eef_pos|eef_rot_axis_angle|gripper_width)")
 
 
-def moves(arrays: Mapping[str, StoredArray], ends: Array, source: str) -> dict[str, Array]:
+def moves(arrays: Mapping[str, StoredArray], ends: Array) -> dict[str, Array]:
     """The action (N, K) by name, of each array (N, K) of poses; ``ends`` (M,) are where demonstrations end.
 
     A position and a width move by their difference, in the units of the file; an orientation, as a rotation vector, by
     the rotation from one to the next in radians, in the axes of the gripper. Where there are no poses there is nothing.
     """
     poses = {name: array for name, array in arrays.items() if _POSE.fullmatch(name) and len(array.shape) == 2}
-    check_memory(BYTES_PER_NUMBER * sum(math.prod(array.shape) for array in poses.values()), source)
     found = {}
     for name, array in poses.items():
         now = np.asarray(array[: int(ends[-1])])

@@ -67,7 +67,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
             )
         whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
         steps: dict[str, StoredArray] = {name: arrays[name] for name in arrays if name not in (*whole, *closed)}
-        actions = umi.moves(steps, ends, path.name) if "action" not in steps and not options.action else {}
+        actions = umi.moves(steps, ends) if "action" not in steps and not options.action else {}
         lengths = np.diff(ends, prepend=0)
         notes = (*([umi.NOTE] if actions else []), *without_steps(np.flatnonzero(lengths == 0).tolist()))
         numbers = np.repeat(np.arange(len(ends)), lengths)
