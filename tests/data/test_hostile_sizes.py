@@ -251,12 +251,6 @@ def wide_texts(path):
         (path / f"data/task/{k}").write_bytes(numcodecs.Zstd().encode(bytes(4 * 999_999)))
 
 
-def wide_mask(file):
-    file["data/demo_1/actions"] = np.ones((10, 3))
-    how = {"chunks": (1,), "compression": "gzip", "compression_opts": 1}
-    file.create_dataset("mask/huge", data=np.full(2, b"demo_0", "S250000000"), **how)
-
-
 def same_as(name):
     """A file that was made before."""
     return lambda path: path.hardlink_to(path.with_name(name))
@@ -277,7 +271,6 @@ FILES = {
     "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=gzipped, compressor={"id": "gzip"}), READ),
     "many-rows.zarr": (no_chunk_of_many_rows, READ),
     "wide-texts.zarr": (wide_texts, READ),
-    "wide-mask.hdf5": (robomimic(wide_mask), "hostile:keep_first"),
     "deflated.zarr.zip": (zipped_zarr, READ),
     "deflate.hdf5": (robomimic(deflated), READ),
     "wide-chunk.hdf5": (robomimic(wide_chunk), READ),
@@ -293,7 +286,6 @@ FILES = {
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
     "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
     "compressed-imitation": (compressed("imitation", "data-00000-of-00001.arrow", "stream"), READ),
-    "compressed-minari": (compressed("Minari, Arrow", "data/0/part-0.arrow", "file"), READ),
     "sparse-minari": (minari, READ),
     "sparse-lerobot": (lerobot, READ),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),

@@ -91,7 +91,9 @@ def _table(path: Path) -> pa.Table:
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
         files = [path / Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
-        return pa.concat_tables(pa.ipc.open_stream(pa.memory_map(str(file))).read_all() for file in files)
+        table = pa.concat_tables(pa.ipc.open_stream(pa.memory_map(str(file))).read_all() for file in files)
+        table.validate(full=True)  # or values could be read from memory that is not theirs
+        return table
 
 
 def _lists(table: pa.Table, name: str, source: str) -> list[Array]:

@@ -149,6 +149,7 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
             images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
             columns = {name: dataset.field(*path) for name, (path, _) in leaves.items() if name not in images}
             table = stored.to_table(columns=columns, use_threads=False)
+            table.validate(full=True)  # or texts could be read from memory that is not theirs
         n_steps = _n_steps(folder, len(table))
         n_left_out += len(table) > n_steps
         empty += [] if n_steps else [number]
