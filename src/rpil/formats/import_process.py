@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import faulthandler
 import json
+import math
 import os
 import signal
 import sys
@@ -112,15 +113,15 @@ def _limit(seconds: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process ends this one
     for number in (signal.SIGTERM, signal.SIGALRM, signal.SIGXCPU):
         signal.signal(number, signal.SIG_DFL)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stderr__.fileno() if sys.__stderr__ else 2)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     signal.setitimer(signal.ITIMER_REAL, _WAITING * seconds)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    with open("/proc/self/statm") as sizes:
-        taken = int(sizes.read().split()[0]) * resource.getpagesize()
-    most = resource.getrlimit(resource.RLIMIT_AS)[1]
-    if budget() < sys.maxsize and (most == resource.RLIM_INFINITY or taken + budget() + _RESERVED < most):
-        resource.setrlimit(resource.RLIMIT_AS, (int(taken + budget() + _RESERVED), most))
+    limits = {resource.RLIMIT_CORE: 0.0, resource.RLIMIT_CPU: seconds}
+    with suppress(OSError), open("/proc/self/statm") as sizes:
+        limits[resource.RLIMIT_AS] = int(sizes.read().split()[0]) * resource.getpagesize() + budget() + _RESERVED
+    for kind, most in limits.items():
+        soft, hard = resource.getrlimit(kind)
+        if most < (math.inf if soft == resource.RLIM_INFINITY else soft):
+            resource.setrlimit(kind, (int(most), hard))
 
 
 def _death(status: int, where: str, seconds: int) -> DataError:
