@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3392, 39),
     "estimators": (2322, 15),
     "faults": (2272, 81),
-    "formats": (9005, 94),
+    "formats": (9004, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -12,6 +12,7 @@ import pytest
 import rpil
 from command_line import call, ok
 from rpil.data.errors import DataError
+from rpil.formats.column_search import find_columns
 
 
 def drives(n=12, steps=25, **changes):
@@ -83,3 +84,9 @@ def test_columns_without_commas_are_joined_in_the_answer(words, meant, tmp_path)
     said = call("audit", tmp_path / "x.csv", *words).stderr
     assert "unexpected extra argument" in said
     assert (re.search("write --", said) is None) if meant is None else meant in said
+
+
+def test_tables_with_very_many_columns_are_refused():
+    names = ["episode", "action", *(f"o{k}" for k in range(49_999))]
+    with pytest.raises(DataError, match=r"t\.parquet: it has 50,001 columns; write 50,000 at most"):
+        find_columns(names, {}, "t.parquet")

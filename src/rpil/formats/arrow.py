@@ -13,7 +13,7 @@ from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, check_unique
+from rpil.formats.columns import ColumnOptions, check_names
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
@@ -49,7 +49,7 @@ def from_arrow(
 ) -> StepTables:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
     table = _plain(table)
-    check_unique(table.column_names, source)
+    check_names(table.column_names, source)
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
     kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))

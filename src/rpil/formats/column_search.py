@@ -33,7 +33,7 @@ from rpil.data.names import (
     short_name,
 )
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, check_unique
+from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, check_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,7 +51,7 @@ def find_columns(
 
     By the first row of `head` a column of numbers with a unit is named among those that are not read.
     """
-    check_unique(names, source)
+    check_names(names, source)
     return _Search(names, kinds, source, options, default_id, head).columns()
 
 

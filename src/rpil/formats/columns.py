@@ -24,6 +24,8 @@ Ids = Id | Sequence[Id]
 LENGTH = "length"
 """What a user names in the place of a column: the number of steps of each demonstration."""
 
+_MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
+
 
 @dataclass(frozen=True)
 class ColumnOptions:
@@ -130,8 +132,10 @@ class Columns:
         return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *self.times, *named]))
 
 
-def check_unique(names: Sequence[str], source: str) -> None:
-    """A `DataError` where two columns have one name."""
+def check_names(names: Sequence[str], source: str) -> None:
+    """A `DataError` where two columns have one name, or there are too many of them."""
+    if len(names) > _MOST_COLUMNS:
+        raise DataError(f"{source}: it has {len(names):,} columns; write {_MOST_COLUMNS:,} at most.")
     repeated = sorted(name for name, n in Counter(names).items() if n > 1)
     if repeated:
         raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")

@@ -23,7 +23,7 @@ from rpil.data.guard import guarded
 from rpil.data.memory import MIB
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_unique
+from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES, Dialect, find_dialect, text_bytes, without_suffix
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.places import in_two_files
@@ -165,7 +165,7 @@ def find_text_columns(path: Path, dialect: Dialect, options: ColumnOptions, defa
     import pyarrow as pa
     from pyarrow import csv
 
-    check_unique(dialect.names, path.name)
+    check_names(dialect.names, path.name)
 
     def head(parsing: dict[str, object]) -> pa.Table:
         convert = csv.ConvertOptions(decimal_point=dialect.decimal)

@@ -24,7 +24,6 @@ TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
-_MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
 _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
@@ -80,8 +79,6 @@ def find_dialect(path: Path, on_disk: bool = False) -> Dialect:
     if len(names) == 1:
         only = names[0][:40]
         raise DataError(f"{path.name}: it has one column, {only!r}; write commas, semicolons or tabs between columns.")
-    if len(names) > _MOST_COLUMNS:
-        raise DataError(f"{path.name}: it has {len(names):,} columns; write {_MOST_COLUMNS:,} at most.")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     if 2 * sum(bool(_NUMERIC_TEXT.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.metadata import SIZES, Metadata
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
 
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
+
+
+def info_of(path: Path) -> dict[str, Parsed]:
+    """What ``meta/info.json`` of a folder says; a `DataError` where it is damaged."""
+    with held_bytes(path / "meta" / "info.json") as file:
+        return read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
 
 
 def read_info(text: str | bytes, folder: str) -> dict[str, Parsed]:

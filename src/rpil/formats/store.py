@@ -20,7 +20,7 @@ from rpil.data.guard import guarded, in_words
 from rpil.data.names import is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_unique
+from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
 from rpil.formats.meta_folder import choose_files, read_metadata
@@ -222,7 +222,7 @@ def columns_of_file(stored: OpenParquet, options: ColumnOptions) -> Columns:
     import pyarrow as pa
 
     file, schema = stored.file, stored.file.schema_arrow
-    check_unique(schema.names, stored.name)
+    check_names(schema.names, stored.name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]

@@ -88,6 +88,16 @@ def test_idle_ends_are_cut_with_their_frames(tmp_path, drive):
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_what_was_trimmed_is_trimmed_again(tmp_path, version):
+    codec, options = CODED["one key frame"]  # so that version 2 keeps frames that belong to no row
+    old = folders.read(folders.write(tmp_path / "drive", LENGTHS, version, ("front",), codec, options))
+    rpil.open(tmp_path / "drive").keep([0, 1], tmp_path / "once", {1: (3, 11)})
+    rpil.open(tmp_path / "once").keep([0, 1], tmp_path / "twice", {1: (2, 6)})
+    for one, other, steps in zip(folders.read(tmp_path / "twice"), old, ((0, None), (5, 9)), strict=False):
+        assert_same(one, other, *steps)
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 @pytest.mark.parametrize("as_list", [False, True])
 def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, version, as_list):
     monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # the old and the new last row are not read together

@@ -23,7 +23,7 @@ from rpil.formats.lerobot.episode_records import read_episodes, read_lines
 from rpil.formats.lerobot.kept import PATHS
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.lerobot.video_faults import NEAR_SECONDS, find_faults
-from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate
+from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate, info_of
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
@@ -60,7 +60,7 @@ class CheckedFolder:
     @cached_property
     def info(self) -> dict[str, Parsed]:
         """What ``info.json`` says."""
-        return dict(read_json(self.path / INFO))
+        return info_of(self.path)
 
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
@@ -230,13 +230,13 @@ def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
     place = folder.path / STATS
     if not place.is_file() or folder.data.keys() != folder.episodes.keys():
         return
-    is_off, known = any(rows.off for rows in folder.data.values()), ("min", "max", "mean", "std")
-    said = {name: {what: one[what] for what in known if what in one} for name, one in read_json(place).items()}
-    if is_off:
-        said.pop("timestamp", None)
-    for name, found in stats.of_files(folder.path / "data", said).items():
-        largest = np.max([np.abs(found[what]) for what in said[name]], axis=0) if said[name] else 0.0
-        for what in said[name]:
+    left_out = {*cameras(folder.info, "image", "video")}  # of whose pictures rpil computes none
+    left_out |= {"timestamp"} if any(rows.off for rows in folder.data.values()) else set()
+    said = {name: one for name, one in read_json(place).items() if name not in left_out}
+    for name, found in stats.moments_of_data(folder.path / "data", said).items():
+        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
+        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
+        for what in names:
             slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
             here, data = np.ravel(said[name][what]), np.ravel(found[what])
             if here.shape != data.shape or not (np.abs(here - data) <= slack).all():

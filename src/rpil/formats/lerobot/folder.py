@@ -18,15 +18,15 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder, replacing
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.id_values import check_ids
-from rpil.data.json_files import LARGEST_METADATA, Parsed, read_json
+from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.format import Format, Shot, Trims, keep_by_own_ids
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.defects import (
     EPISODES_STATS,
+    INFO,
     CheckedFolder,
     find_defects,
     find_shots,
@@ -36,7 +36,7 @@ from rpil.formats.lerobot.defects import (
 from rpil.formats.lerobot.episode_records import Episodes
 from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
-from rpil.formats.meta_folder import cameras, chunk_size, read_info
+from rpil.formats.meta_folder import cameras, chunk_size, info_of
 from rpil.formats.store import has_parquet
 
 read = table_folder.read
@@ -57,9 +57,7 @@ def claims(path: Path) -> bool:
 
 def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
-    place = path / "meta" / "info.json"
-    with held_bytes(place) as file:
-        info = read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
+    info = info_of(path)
     version = info.get("codebase_version")
     if output.suffix.lower() == ".json":
         if trim:
@@ -67,7 +65,7 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
         return info
     if version not in PATHS:
         raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
-    with guarded(place):
+    with guarded(path / INFO):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
         info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
@@ -163,8 +161,8 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """
     is_list, version = Path(output).suffix.lower() == ".json", ""
-    with suppress(DataError), held_bytes(path / "meta" / "info.json") as file:
-        version = str(read_info(file.read(LARGEST_METADATA + 1), path.name).get("codebase_version"))
+    with suppress(DataError):
+        version = str(info_of(path).get("codebase_version"))
     if Path(output).name and not is_list:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
         return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]

@@ -6,7 +6,6 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -174,15 +173,16 @@ class Kept:
                 table = with_column(table, column, values)
             kept = ~own | ((frames >= first) & (frames < end))
             table, old = table.filter(pa.array(kept)), old[kept]
-        numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in old.tolist()]
-        if any(a > b for a, b in pairwise([len(self.lengths) - 1, *numbers])):
+        last, (episodes, offsets, _) = len(self.numbers) - 1, group_rows(old)
+        numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in episodes.tolist()]
+        if np.any(np.diff([last, *numbers]) < 0):
             raise DataError(f"{self.path}: its episodes lie within each other; sort the rows by episode_index.")
-        self.lengths.update(numbers)
-        for number in numbers:
+        for number, n in zip(numbers, np.diff(offsets).tolist(), strict=True):
+            self.lengths[number] += n
             self.files.setdefault(number, self.place)
-        first, self.n_steps = self.n_steps, self.n_steps + len(numbers)
-        table = with_column(table, "episode_index", numbers)
-        return with_column(table, "index", range(first, self.n_steps)) if "index" in table.column_names else table
+        first, self.n_steps = self.n_steps, self.n_steps + len(old)
+        table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
+        return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
     def rows(self, number: int) -> pa.Table:
         """The new rows of an episode."""

@@ -53,9 +53,12 @@ def joined(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[str, Parsed]]:
     """Those of the columns of numbers in the Parquet files of a folder that are named in `like`."""
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
+    files = sorted(data.rglob("*.parquet"))
+    schema = pq.read_schema(files[0])
+    names = [name for name in like if name in schema.names and flat.kind_of_type(schema.field(name).type) != "nested"]
     found: dict[str, dict[str, Parsed]] = {}
-    files, names = _columns(data, like)
     for name in names:  # of which one is in memory
         tables: list[pa.Table] = []
         for file in files:
@@ -65,21 +68,11 @@ def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[
     return found
 
 
-def of_files(data: Path, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[str, Parsed]]:
-    """The moments of `of_data`, file by file, with all columns of one in memory."""
-    files, names = _columns(data, like)
-    found = [of_table(read_table(file, names), like) for file in files]
+def moments_of_data(data: Path, names: Iterable[str]) -> dict[str, dict[str, Parsed]]:
+    """Those that are no quantiles, file by file: the columns `names` of one file are in memory."""
+    like = dict.fromkeys(names, _MOMENTS)
+    found = [of_table(read_table(file, list(like)), like) for file in sorted(data.rglob("*.parquet"))]
     return {name: joined([own[name] for own in found if name in own]) for name in found[0]}
-
-
-def _columns(data: Path, like: Mapping[str, ColumnStatistics]) -> tuple[list[Path], list[str]]:
-    """The Parquet files in a folder, and which columns named in `like` may be numbers."""
-    import pyarrow.parquet as pq
-
-    files = sorted(data.rglob("*.parquet"))
-    schema = pq.read_schema(files[0])
-    kinds = {field.name: flat.kind_of_type(field.type) for field in schema}
-    return files, [name for name in like if kinds.get(name, "nested") != "nested"]
 
 
 def of_table(table: pa.Table, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[str, Parsed]]:
