@@ -41,7 +41,7 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).parents[1]
 JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks")
-FAULTS = ("motion", "whole_rules", "recorded", "duplicates", "rule", "segments", "lag", "naming", "maps", "whole")
+FAULTS = ("motion", "whole_rules", "recorded", "duplicates", "rule", "segments", "lag", "naming", "maps", "ends")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = (

@@ -31,13 +31,17 @@ def test_copies_are_found_and_named(noise, words, expected):
     assert (found.value, found.threshold, found.severity) == pytest.approx(expected, rel=1e-4)
 
 
-def test_each_copy_names_the_first_and_few_demonstrations_are_only_compared_exactly():
-    first, second, third = recording(3)
-    near = first[0] + 1e-6, first[1]
+def test_each_copy_names_the_first():
+    first, second = recording(2)
     found = check(demonstrations([first, second, first, first])).findings
     assert [(f.rule, f.id, f.sentence[-1]) for f in found] == [("duplicate", 2, "0"), ("duplicate", 3, "0")]
-    assert check(demonstrations([first, second, near])).findings == ()
-    assert check(demonstrations([first, second, third])).findings == ()
+
+
+@pytest.mark.parametrize(("least", "counts"), [(7, {"duplicate": 1}), (8, {})])
+def test_few_demonstrations_are_only_compared_exactly(least, counts):
+    near = CLEAN[0][0] + 1e-6, CLEAN[0][1]
+    settings = FaultSettings(min_demonstrations=least)
+    assert check(demonstrations([*CLEAN[:6], near]), settings=settings).counts == counts
 
 
 @pytest.mark.parametrize(("n_steps", "n_found"), [(3, 0), (49, 0), (50, 9)])

@@ -73,6 +73,8 @@ class MovingBlock:
         Of the demonstrations, among all.
     values, change, size : (C, T) arrays
         Of the columns, of the changes from the step before, and their sizes.
+    largest : (M, C) array
+        The largest size of a change.
     motion : (T,) array
         `MeasuredColumns.motion_of`.
     moves : (T,) bool array
@@ -87,6 +89,7 @@ class MovingBlock:
     values: Float[Array, "C T"]
     change: Float[Array, "C T"]
     size: Float[Array, "C T"]
+    largest: Float[Array, "M C"]
     motion: Float[Array, " T"]
     moves: Bool[Array, " T"]
 
@@ -96,9 +99,10 @@ class MovingBlock:
         values = columns.of(block)
         change = segments.changes(values, block.offsets)
         size = np.abs(change)
+        largest = np.maximum.reduceat(size, block.offsets[:-1], axis=1).T
         motion = columns.motion_of(size)
         moves = motion > s.idle_motion * columns.motion
-        return cls(block, numbers, block.offsets, columns, s, values, change, size, motion, moves)
+        return cls(block, numbers, block.offsets, columns, s, values, change, size, largest, motion, moves)
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:

@@ -44,13 +44,13 @@ class Spike(Leap):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
         d_t+1 have opposite signs; its first and last step, t; and the largest change."""
-        change, size, offsets = block.change, block.size, block.offsets
+        change, size = block.change, block.size
         apart = np.zeros_like(size)
         np.minimum(size[:, 1:-2], size[:, 2:-1], out=apart[:, 1:-2])
         apart[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0
         apart[:, 1:-2] -= np.maximum(size[:, :-3], size[:, 3:])
-        spike, step = segments.largest(np.maximum(apart, 0.0), offsets)
-        return spike, step, step, np.maximum.reduceat(size, offsets[:-1], axis=1).T
+        spike, step = segments.largest(np.maximum(apart, 0.0), block.offsets)
+        return spike, step, step, block.largest
 
 
 class Jump(Leap):
@@ -69,7 +69,7 @@ class Jump(Leap):
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         jump, step = segments.largest(jump, offsets)
-        return jump, step - 1, step, np.maximum.reduceat(size, offsets[:-1], axis=1).T
+        return jump, step - 1, step, block.largest
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:

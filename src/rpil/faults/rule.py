@@ -17,11 +17,11 @@ from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted
+from rpil.faults.ends import Ends, learn_ends
 from rpil.faults.lag import Lag, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.naming import Namer, learn_maps
 from rpil.faults.settings import FaultSettings
-from rpil.faults.whole import Ends, learn_ends
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
