@@ -168,7 +168,6 @@ WITHOUT_TESTS = {
     "faults/motion.py": "tests/faults/test_rules.py",
     "faults/recorded.py": "tests/faults/test_frame_times.py",
     "faults/naming.py": "tests/faults/test_maprules.py",
-    "faults/ends.py": "tests/faults/test_maprules.py",
     "faults/whole_rules.py": "tests/faults/test_maprules.py",
     "faults/report.py": "tests/faults/test_rules.py",
     "faults/expected.py": "tests/cli/test_check.py",

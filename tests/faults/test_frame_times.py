@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from recordings import demonstrations, recording
+from recordings import changed, demonstrations, recording
 from rpil.faults.checking import check
 from rpil.formats.times import Times
 
@@ -38,3 +38,14 @@ def test_the_frame_rate_of_the_user_comes_before_that_of_the_times():
         check(CLEAN, times=Times(stamps, 100.0)).usual["dropped frames"]
     }
     assert "10 ms" in reports[0].usual["dropped frames"]
+
+
+def test_the_worst_of_repeated_rows_and_times_is_the_finding():
+    episodes = recording(5)
+    rows = np.insert(np.arange(len(episodes[2][0])), 70, [70] * 9)
+    observations, actions = (values[rows] for values in episodes[2])
+    repeated = demonstrations(changed(episodes, 2, observations=observations, actions=actions))
+    stamps = np.concatenate([np.arange(length) / 50 for length in repeated.lengths])
+    stamps[repeated.offsets[2] + 30 : repeated.offsets[3]] -= 0.75 / 50
+    (fault,) = [f for f in check(repeated, times=Times(stamps)).findings if f.rule == "repeated frames"]
+    assert (fault.first, fault.last, round(fault.severity, 9)) == (71, 79, 10)

@@ -37,6 +37,15 @@ def test_gains_are_those_of_demonstrations_changed_by_hand():
         np.testing.assert_allclose(found[h], gain, atol=1e-6)
 
 
+def test_a_demonstration_that_is_too_short_without_every_other_step_gains_nothing_by_it():
+    short = ROWS[0][:10]
+    moments = FRAME.moments(short)
+    tried, maps = Tried.of(FRAME), maps_of(np.mean([FRAME.moments(x) for x in ROWS], axis=0), FRAME, 1e-4)
+    gain = gains(short, moments, maps, FRAME, tried)
+    assert gain[tried.kind[: len(gain)] == "doubled rate"] == 0
+    assert FRAME.moments(short[:9]) is None
+
+
 def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried():
     tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
     reach[1] = 200.0

@@ -65,33 +65,19 @@ class MeasuredColumns:
 
 @dataclass(frozen=True, eq=False)
 class MovingBlock:
-    """M demonstrations, and how their columns move.
-
-    Attributes
-    ----------
-    numbers : (M,) int array
-        Of the demonstrations, among all.
-    values, change, size : (C, T) arrays
-        Of the columns, of the changes from the step before, and their sizes.
-    largest : (M, C) array
-        The largest size of a change.
-    motion : (T,) array
-        `MeasuredColumns.motion_of`.
-    moves : (T,) bool array
-        Whether a step is not idle.
-    """
+    """M demonstrations, and how their columns move."""
 
     block: Block
-    numbers: Int[Array, " M"]
+    numbers: Int[Array, " M"]  # of the demonstrations, among all
     offsets: Int[Array, " M1"]
     columns: MeasuredColumns
     settings: FaultSettings
     values: Float[Array, "C T"]
-    change: Float[Array, "C T"]
-    size: Float[Array, "C T"]
-    largest: Float[Array, "M C"]
-    motion: Float[Array, " T"]
-    moves: Bool[Array, " T"]
+    change: Float[Array, "C T"]  # from the step before
+    size: Float[Array, "C T"]  # of the change
+    largest: Float[Array, "M C"]  # of the sizes
+    motion: Float[Array, " T"]  # `MeasuredColumns.motion_of`
+    moves: Bool[Array, " T"]  # whether a step is not idle
 
     @classmethod
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, s: FaultSettings) -> MovingBlock:
@@ -153,15 +139,13 @@ def learn_columns(
     number = np.array([k for k in compared if _is_measurement(everything[k], settings)], dtype=np.int64)
     ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    names = tuple(labels[k] for k in number)
-    columns = MeasuredColumns(names, number, number >= n_observations, ones, ones, ones, 1.0, turns, towards)
+    columns = MeasuredColumns(
+        tuple(labels[k] for k in number), number, number >= n_observations, ones, ones, ones, 1.0, turns, towards
+    )
     moving = MovingBlock.of(sample, numbers, columns, settings)
-    if not names:
-        return moving
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
-    spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
-    columns = replace(columns, scale=scale, spread=spread)
+    columns = replace(columns, scale=scale, spread=np.where(off > 0, off / 0.6745, moving.values.std(axis=1)))
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones

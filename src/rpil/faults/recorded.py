@@ -103,5 +103,6 @@ def find_frame_times(
                 f"{what.format(lost=lost, n=len(wrong))}, the worst at step {step}: {time:.4g} ms after the one before "
                 f"({1e3 * usual:.4g} ms is usual)"
             )
-            steps = step - 1, step
-            yield Fault(rule, demonstrations.ids[m], *steps, "", time, 1e3 * usual * threshold, severity, sentence)
+            yield Fault(
+                rule, demonstrations.ids[m], step - 1, step, "", time, 1e3 * usual * threshold, severity, sentence
+            )
