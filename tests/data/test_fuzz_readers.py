@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -10,7 +11,9 @@ import pytest
 
 from rpil.data.errors import DataError
 
-spec = spec_from_file_location("fuzz_readers", Path(__file__).parents[2] / "tools" / "fuzz_readers.py")
+TOOLS = Path(__file__).parents[2] / "tools"
+sys.path.append(str(TOOLS))  # with the module of structural mutants
+spec = spec_from_file_location("fuzz_readers", TOOLS / "fuzz_readers.py")
 fuzz = module_from_spec(spec)
 spec.loader.exec_module(fuzz)
 
