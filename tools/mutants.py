@@ -97,6 +97,13 @@ EQUIVALENT = {
     "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),
+    "whole_rules: return lengths, np.where(lengths > high, high, low), severity: lengths > high -> lengths >= high": (
+        "What is as long as the limit is no fault."
+    ),
+    "whole_rules: if actions.ndim == 2 and end - first > 2:: end - first > 2 -> end - first >= 2": (
+        "In one step no action moves."
+    ),
+    "naming: return -1, 0.0: 0.0 -> 1.0": "Without a fault, its gain is not read.",
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
