@@ -212,11 +212,17 @@ def test_missing_values_and_frames_are_found():
     damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
     (fault,) = check(damaged, times=Times(frames={})).findings
     assert (fault.rule, fault.id, fault.first, fault.last, fault.value) == ("missing values", M, 30, 32, 3)
+    assert (fault.threshold, fault.severity) == (0, np.inf)
     assert fault.sentence == "observation '1' is nan at step 30, and 2 more values up to step 32 are missing"
     frames = {m: len(x) for m, (x, _) in enumerate(CLEAN)} | {M: T - 2, 3: 1000, "absent": 40}
     many, absent, few = check(demonstrations(CLEAN), times=Times(frames=frames)).findings
     n = len(CLEAN[3][0])
     assert [fault.severity for fault in (many, absent, few)] == [1001 - n, 41, 3]
+    assert [(fault.first, fault.last, fault.value, fault.threshold) for fault in (many, absent, few)] == [
+        (0, n - 1, n, 1000),
+        (0, 0, 0, 40),
+        (0, T - 1, T, T - 2),
+    ]
     assert many.sentence == f"it has {n} frames, and the recording says 1000: {1000 - n} are missing"
     assert absent.sentence == "it is not in the data, and the recording says it has 40 frames"
     assert few.sentence == f"it has {T} frames, and the recording says {T - 2}: 2 are too many"

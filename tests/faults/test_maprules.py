@@ -28,6 +28,15 @@ def test_the_sign_of_a_column_is_named_where_that_of_another_cannot_be_known():
     assert report.unknown["sign"] == ("action 3",)
 
 
+def test_only_actions_that_move_may_be_the_next_state():
+    still = [(x, np.column_stack([a, np.zeros(len(a))])) for x, a in CLEAN]
+    x, a = still[M]
+    actions = np.column_stack([x[1:, :2], a[:-1, 2:]])
+    report = check(demonstrations(changed(still, M, observations=x[:-1], actions=actions)))
+    (found,) = [f for f in report.findings if f.rule == "next state"]
+    assert (found.id, found.sentence) == (M, "67 % of the actions that move are the state at the next step")
+
+
 def test_state_and_action_of_one_step_have_no_lag():
     rng = np.random.default_rng(0)
     report = check(demonstrations([(a + 1e-3 * rng.normal(size=a.shape), a) for _, a in CLEAN]))
