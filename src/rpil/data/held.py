@@ -14,6 +14,8 @@ T = TypeVar("T")
 MOST_OPEN = 64
 """Files that stay open, at most: a process may have a few hundred."""
 
+_CAN_REPLACE = os.name == "posix"  # files that are open
+
 Held = tuple[ExitStack, dict[tuple[str, object], object], tuple[int, int]]
 
 _open: ContextVar[Held | None] = ContextVar("files held open", default=None)
@@ -25,13 +27,13 @@ def _here() -> tuple[int, int]:
 
 
 @contextmanager
-def holding() -> Iterator[None]:
+def holding(always: bool = False) -> Iterator[None]:
     """Within the block, what `held` opens stays open until the end of the outermost such block.
 
-    Nothing does where an open file cannot be replaced, as on Windows.
+    Where an open file cannot be replaced, as on Windows, that is so with `always` alone.
     """
     place = _open.get()
-    if (place is not None and place[2] == _here()) or os.name != "posix":
+    if (place is not None and place[2] == _here()) or not (always or _CAN_REPLACE):
         yield
         return
     with ExitStack() as stack:

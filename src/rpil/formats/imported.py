@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpil.data.arrays import check_any
+from rpil.data.held import holding
 from rpil.data.json_files import Parsed
 from rpil.formats.import_process import in_child
 from rpil.formats.recording import Recording, from_rows, from_tables
@@ -28,8 +29,9 @@ def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bo
     In memory they are in a file that has no name; `on_disk` in a temporary one.
     """
     if sys.platform != "linux":
-        found = read()
-        return found if isinstance(found, Recording) else from_tables(found, on_disk)
+        with holding(always=True):  # the tables are read later than the file is opened
+            found = read()
+            return found if isinstance(found, Recording) else from_tables(found, on_disk)
     import pyarrow  # noqa: F401  # once, for both processes
 
     copy = new_copy(path.name) if on_disk else None
