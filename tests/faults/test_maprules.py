@@ -7,6 +7,8 @@ import numpy as np
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
+from rpil.faults.rule import Learned
+from rpil.faults.settings import FaultSettings
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault
@@ -26,6 +28,23 @@ def test_the_sign_of_a_column_is_named_where_that_of_another_cannot_be_known():
     report = check(demonstrations(changed(noisy, M, actions=noisy[M][1] * [1, -1, 1, 1])))
     assert [(f.rule, f.id) for f in report.findings] == [("sign", M)]
     assert report.unknown["sign"] == ("action 3",)
+
+
+def test_each_action_goes_with_the_state_that_follows_it_whatever_its_unit():
+    units = np.array([1, 1e3, 1e-3])
+    learned = Learned.of(demonstrations([(x * units, a) for x, a in CLEAN]), FaultSettings(max_partners=1))
+    assert sorted((pair.action, pair.state, pair.lag) for pair in learned.lag.pairs) == [
+        (3, 0, 2),
+        (4, 1, 2),
+        (5, 2, 2),
+    ]
+
+
+def test_lags_are_told_in_steps_and_in_time():
+    delayed = np.concatenate([np.repeat(CLEAN[M][1][:1], 4, axis=0), CLEAN[M][1][:-4]])
+    report = check(demonstrations(changed(CLEAN, M, actions=delayed)), fps=50.0)
+    assert report.usual["lag"] == "observation '0' follows action 0 after 2 steps (40 ms)"
+    assert "4 steps (80 ms) sooner" in next(f.sentence for f in report.findings if f.rule == "lag")
 
 
 def test_only_actions_that_move_may_be_the_next_state():
