@@ -85,6 +85,7 @@ def test_ended_processes_and_growth_are_seen(tmp_path, monkeypatch):
     script = Path(fuzz.__file__).read_text().replace("def describe(path: Path", BROKEN)
     (tmp_path / "tools").mkdir()
     (tmp_path / "tools" / "fuzz_readers.py").write_text(script)
+    (tmp_path / "tools" / "structural.py").symlink_to(Path(fuzz.__file__).with_name("structural.py"))
     (tmp_path / "tests").symlink_to(Path(__file__).parents[1])
     monkeypatch.setattr(fuzz, "__file__", str(tmp_path / "tools" / "fuzz_readers.py"))
     with fuzz.server() as process:

@@ -263,7 +263,7 @@ def test_rpil_with_a_network():
     ("wrong", "words"),
     [
         ({"hidden": (8, 0)}, r"hidden=\(8, 0\)"),
-        ({"epochs": 2.5}, "epochs=2.5"),
+        ({"epochs": 0}, "epochs=0"),
         ({"batch_size": -1}, "batch_size=-1"),
         ({"n_folds": 0}, "n_folds=0"),
         ({"patience": 0}, "patience=0"),
