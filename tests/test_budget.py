@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3394, 39),
     "estimators": (2322, 15),
     "faults": (2261, 81),
-    "formats": (9006, 94),
+    "formats": (9012, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import NoReturn
 
@@ -35,6 +35,7 @@ _WAITING = 20
 _RESERVED = 1024 * MIB
 """Bytes that libraries reserve and hardly use."""
 
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _REMEDY = "it is damaged or of another form, copy or write it again"
 
 
@@ -60,20 +61,22 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
         return work()
     seconds = int(_LEAST_SECONDS + n_bytes / _BYTES_A_SECOND)
     reading, writing = os.pipe()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # until each process has its own way with them
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which the child does not have
         child = os.fork()
     if not child:
         os.close(reading)
-        _answer(work, where, seconds, writing)
-    os.close(writing)
+        _answer(work, where, seconds, writing, mask)
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        os.close(writing)
         with os.fdopen(reading, "rb") as pipe:
             answer = pipe.read()
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    except BaseException:  # an interruption, of which the child is not told
-        os.kill(child, signal.SIGKILL)
-        with suppress(ChildProcessError):
+    except BaseException:  # an interruption, of which the child is not told, and may have come to its end
+        with suppress(ProcessLookupError, ChildProcessError):
+            os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
         raise
     if status:
@@ -84,11 +87,14 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
     raise _error(kind, result)
 
 
-def _answer(work: Callable[[], Parsed], where: str, seconds: int, pipe: int) -> NoReturn:
+def _answer(
+    work: Callable[[], Parsed], where: str, seconds: int, pipe: int, mask: Iterable[signal.Signals | int]
+) -> NoReturn:
     """Do the work, write what comes of it to the pipe, and end this process, whose memory is a copy of another's."""
     status = 1
     try:
         _limit(seconds)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         try:
             with holding(), guarded(where):
                 answer = "result", work()
