@@ -7,6 +7,7 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
+from rpil.formats.array_layout import is_stacked
 from rpil.formats.registry import find
 from samples import LENGTHS, MOVES, OWNERS, STATES
 
@@ -107,7 +108,7 @@ def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written)
         (STEPS | {"dones": IS_LAST[1:]}, rf"dones has the shape \({N - 1},\)"),
         (STEPS | {"episode_starts": np.array(["no"] * N, "S")}, "episode_starts has .* the type .S2"),
         (STEPS | {"terminals": np.zeros(N)}, "nothing says where demonstrations begin"),
-        (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be up to {T} for each of {M} demonstrations"),
+        (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
@@ -120,3 +121,9 @@ def test_a_group_for_each_demonstration_may_hold_obs_and_acts(tmp_path):
         for m in range(M):
             file[f"traj_{m}/obs"], file[f"traj_{m}/acts"] = STATES[m == OWNERS], MOVES[m == OWNERS]
     np.testing.assert_array_equal(rpil.read(tmp_path / "groups.hdf5").actions, MOVES)
+
+
+def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
+    arrays = {"obs": np.zeros((6, 2, 3)), "actions": np.zeros((6, 2)), "episode_index": np.array([0, 0, 0, 1, 1, 1])}
+    assert not is_stacked(arrays)
+    assert is_stacked(arrays | {"episode_index": np.arange(6)})

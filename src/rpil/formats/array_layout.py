@@ -150,7 +150,8 @@ def is_stacked(arrays: Tree) -> bool:
     if actions is None or observations is None:
         return False
     acted, seen = arrays[actions].shape, arrays[observations].shape
-    flat = any(name in arrays and arrays[name].shape == acted[:1] for name in _MARKS)
+    of_rows = [name for name in (*_MARKS, *EPISODE) if name in arrays and arrays[name].shape == acted[:1]]
+    flat = any(name in _MARKS or len({*_values(arrays[name]).tolist()}) < acted[0] for name in of_rows)
     return not flat and len(acted) > 1 and len(seen) == 3 and seen[0] == acted[0] and seen[1] - acted[1] in (0, 1)
 
 
@@ -168,8 +169,8 @@ def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, 
     longest, words = shape[1], "Each first index of the arrays is one demonstration"
     if name := first(arrays, _LENGTHS):
         lengths = _values(arrays[name])
-        if lengths.shape != shape[:1] or lengths.dtype.kind not in "iu" or np.any(lengths > longest):
-            fault = f"{name} must be up to {longest:,} for each of {shape[0]:,} demonstrations"
+        if lengths.shape != shape[:1] or lengths.dtype.kind not in "iu" or np.any((lengths < 1) | (lengths > longest)):
+            fault = f"{name} must be 1 to {longest:,} for each of {shape[0]:,} demonstrations"
             raise DataError(f"{source}: {fault}; repair it.")
         return np.arange(longest) < lengths[:, None], f"{words}, as long as {name} says."
     stacked = {name: array for name, array in arrays.items() if array.shape in (shape, (*shape, 1))}

@@ -310,5 +310,11 @@ def _tee(lines: Iterable[str], taken: list[str]) -> Iterator[str]:
 
 
 FORMAT = Format(
-    name="CSV", claims=claims, read=read, keep=keep_one_file(keep_text), suffixes=TEXT_SUFFIXES, write=write
+    name="CSV",
+    claims=claims,
+    read=read,
+    keep=keep_one_file(keep_text),
+    suffixes=TEXT_SUFFIXES,
+    write=write,
+    reads_in_place=lambda _: True,
 )

@@ -97,7 +97,7 @@ class Format:
     stays_on_disk : function of a path
         Whether the data stay on disk where the user does not say.
     reads_in_place : function of a path
-        Whether `read` reads Parquet where it is; by default a process of its own imports it, see
+        Whether `read` reads tables where they are; by default a process of its own imports them, see
         `rpil.formats.imported`.
     """
 

@@ -29,7 +29,7 @@ _LEAST_SECONDS = 15
 _BYTES_A_SECOND = 2 * MIB
 """Bytes of a file for which one more second is given."""
 
-_WAITING = 20
+_WAITING = 8
 """How many times as long the process may last, as it waits for disks and for other processes."""
 
 _RESERVED = 1024 * MIB
@@ -97,15 +97,15 @@ def _answer(
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         try:
             with holding(), guarded(where):
-                answer = "result", work()
+                answer = json.dumps(["result", work()])
         except SentenceWithOptions as error:
-            answer = type(error).__name__, [str(error), error.in_shell]
+            answer = json.dumps([type(error).__name__, [str(error), error.in_shell]])
         except MissingExtraError as error:
-            answer = type(error).__name__, error.__reduce__()[1]
+            answer = json.dumps([type(error).__name__, error.__reduce__()[1]])
         except OSError as error:
-            answer = "OSError", [error.errno, error.strerror, str(error.filename or where)]
+            answer = json.dumps(["OSError", [error.errno, error.strerror, str(error.filename or where)]])
         with os.fdopen(pipe, "wb") as stream:
-            stream.write(json.dumps(answer).encode())
+            stream.write(answer.encode())
         status = 0
     finally:
         os._exit(status)
@@ -149,6 +149,6 @@ def _error(kind: str, content: list[str]) -> Exception:
     classes = [DataError]
     for one in classes:
         classes += one.__subclasses__()
-    error = next(one for one in classes if one.__name__ == kind)(content[0])
+    error = next((one for one in classes if one.__name__ == kind), DataError)(content[0])
     error.in_shell = content[1]
     return error

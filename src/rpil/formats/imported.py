@@ -32,12 +32,13 @@ def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bo
         with holding(always=True):  # the tables are read later than the file is opened
             found = read()
             return found if isinstance(found, Recording) else from_tables(found, on_disk)
-    import pyarrow  # noqa: F401  # once, for both processes
+    import pyarrow as pa  # once, for both processes
 
     copy = new_copy(path.name) if on_disk else None
     file = os.memfd_create("steps")
 
     def work() -> Parsed:
+        pa.set_memory_pool(pa.system_memory_pool())  # others may not go on after a fork
         tables = read()
         assert isinstance(tables, StepTables)
         if copy is not None:
@@ -62,7 +63,7 @@ def size_of(path: Path) -> float:
     """The bytes of a file, or of those in a folder."""
     if not path.is_dir():
         return path.stat().st_size
-    return sum(os.stat(os.path.join(top, name)).st_size for top, _, names in os.walk(path) for name in names)
+    return sum(os.lstat(os.path.join(top, name)).st_size for top, _, names in os.walk(path) for name in names)
 
 
 def _write(found: StepTables, file: int) -> None:

@@ -74,5 +74,5 @@ FORMAT = Format(
     keep=keep,
     read_address=read,
     stays_on_disk=has_parquet,
-    reads_in_place=has_parquet,
+    reads_in_place=lambda _: True,
 )
