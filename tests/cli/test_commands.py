@@ -243,12 +243,14 @@ def test_files_that_are_no_policy_are_refused(folder):
 
 def test_policy_of_another_environment_is_refused(folder):
     policy = folder / "policy"
-    shape = r"CartPole-v1 has observations of shape \(4,\) .* fitted to observations of shape \(2,\) .*: play it in"
+    fitted = r"policy was fitted to observations of shape \(2,\) and the actions \[0, 1, 2\]: play it in"
+    shape = rf"CartPole-v1 has observations of shape \(4,\) and the actions 0 to 1, but {fitted}"
     refused(shape, "evaluate", policy, "--env", "CartPole-v1")
     refused("no environment 'Nowhere-v0': check the name", "evaluate", policy, "--env", "Nowhere-v0")
     npz("words.npz", actions=np.where(Y, "left", "right"))
     ok("fit", "words.npz", "-o", "words")
-    known = r"and the actions 0 to 2, but words was fitted to .* and the actions \['left', 'right'\]: play it in"
+    fitted = r"words was fitted to observations of shape \(2,\) and the actions \['left', 'right'\]: play it in"
+    known = rf"has observations of shape \(2,\) and the actions 0 to 2, but {fitted}"
     refused(known, "evaluate", "words", "--env", ENV)
 
 

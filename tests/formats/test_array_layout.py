@@ -127,3 +127,36 @@ def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
     arrays = {"obs": np.zeros((6, 2, 3)), "actions": np.zeros((6, 2)), "episode_index": np.array([0, 0, 0, 1, 1, 1])}
     assert not is_stacked(arrays)
     assert is_stacked(arrays | {"episode_index": np.arange(6)})
+
+
+def test_several_ends_in_one_first_index_are_refused(written):
+    dones = np.zeros((M, T))
+    dones[1, [2, 4]] = 1
+    path = written({"obs": np.zeros((M, T, 3)), "acts": np.zeros((M, T, 2)), "dones": dones})
+    with pytest.raises(DataError, match=r"dones end more than one demonstration in the first index 1; write each"):
+        rpil.read(path)
+
+
+def test_ids_of_text_and_values_of_demonstrations_are_kept(written, tmp_path):
+    rows = {"actions": MOVES, "observations": STATES}
+    names = np.array(["a", "b", "c"])
+    path = written(rows | {"episode_id": np.repeat(names, LENGTHS).astype("S"), "timeouts": np.zeros(sum(LENGTHS))})
+    if path.suffix == ".hdf5":  # where timeouts alone would make it one demonstration
+        assert rpil.read(path).ids == ("a", "b", "c")
+    path = written(rows | {"lengths": np.array(LENGTHS), "success": np.array([1, 0, 1])})
+    output = tmp_path / f"kept{path.suffix}"
+    find(path).keep(output, [0, 1])
+    with np.load(output) if path.suffix == ".npz" else h5py.File(output) as kept:
+        assert kept["success"][:].tolist() == [1, 0]
+        assert kept["lengths"][:].tolist() == list(LENGTHS[:2])
+
+
+def test_no_timeouts_are_added_where_a_demonstration_terminates(written, tmp_path):
+    ends = np.zeros(sum(LENGTHS))
+    ends[np.cumsum(LENGTHS) - 1] = 1
+    path = written({"actions": MOVES, "observations": STATES, "terminations": ends})
+    output = tmp_path / f"kept{path.suffix}"
+    find(path).keep(output, [0, 2])
+    with np.load(output) if path.suffix == ".npz" else h5py.File(output) as kept:
+        assert not kept["timeouts"][:].any()
+    assert rpil.read(output).lengths.tolist() == [LENGTHS[0], LENGTHS[2]]

@@ -129,7 +129,7 @@ def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     for place in (path, folder):
         with pytest.raises(MissingExtraError, match=r"hdf5 .*rpil\[hdf5\]"):
             formats.read(place)
-    assert hdf5.claims(path)
+    assert hdf5.is_hdf5(path)
 
 
 @pytest.mark.parametrize("how", [{}, {"chunks": (5, 2)}, {"chunks": (5, 2), "compression": "gzip"}])

@@ -65,7 +65,7 @@ def test_an_endless_work_is_ended(monkeypatch):
     with pytest.raises(DataError, match=r"^a.h5: to read it took more than 1 s; it is damaged"):
         in_child(count, "a.h5", 0)
     monkeypatch.setattr(import_process, "_WAITING", 0.5)
-    with pytest.raises(DataError, match=r"^a.h5: to read it took more than 1 s"):
+    with pytest.raises(DataError, match=r"^a.h5: to read it took more than 0.5 s"):
         in_child(lambda: time.sleep(60), "a.h5", 0)
 
 

@@ -27,17 +27,19 @@ def _here() -> tuple[int, int]:
 
 
 @contextmanager
-def holding(always: bool = False) -> Iterator[None]:
+def holding(alone: bool = False) -> Iterator[None]:
     """Within the block, what `held` opens stays open until the end of the outermost such block.
 
-    Where an open file cannot be replaced, as on Windows, that is so with `always` alone.
+    `alone` says that meanwhile nothing else reads these files or replaces them. Then they stay open on Windows as well,
+    where an open file cannot be replaced; and a process shares what the one from which it was forked holds open.
     """
     place = _open.get()
-    if (place is not None and place[2] == _here()) or not (always or _CAN_REPLACE):
+    if (place is not None and place[2] == _here()) or not (alone or _CAN_REPLACE):
         yield
         return
     with ExitStack() as stack:
-        token = _open.set((stack, {}, _here()))
+        shared = dict(place[1]) if alone and place is not None and place[2][0] == os.getppid() else {}
+        token = _open.set((stack, shared, _here()))
         try:
             yield
         finally:

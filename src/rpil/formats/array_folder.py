@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.cells import to_cell
 from rpil.data.errors import DataError
-from rpil.data.files import new_folder
+from rpil.data.files import new_folder, replacing
 from rpil.data.folders import copy_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
@@ -29,6 +30,9 @@ from rpil.formats.npz import arrays_of
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 from rpil.formats.step_tables import StepTables
 
+if TYPE_CHECKING:
+    import h5py
+
 LINK_TABLE = "kept.csv"
 """The table in the kept folder of HDF5 files that says what each was called."""
 
@@ -39,13 +43,16 @@ _NPZ_FILE = ".npz"
 
 
 def claims(path: Path) -> bool:
-    """Whether `path` is a folder of such files and of no tables, or one HDF5 file of an action and observations."""
-    if path.is_dir():
-        names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE}
-        return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
-    return hdf5.has_layout(
-        path, lambda file: first(hdf5.Arrays(file), ACTIONS) is not None and "observations" in hdf5.groups(file)
-    )
+    """Whether `path` is a folder of such files and of no tables."""
+    if not path.is_dir():
+        return False
+    names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE}
+    return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
+
+
+def fits(file: h5py.File) -> bool:
+    """Whether a file has an array of actions beside a group of observations, as one of ALOHA has."""
+    return first(hdf5.Arrays(file), ACTIONS) is not None and "observations" in hdf5.groups(file)
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -60,10 +67,14 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
 
-    An NPZ file in a folder of its own is copied with all that is beside it.
+    An NPZ file in a folder of its own is copied with all that is beside it, and a single file is copied to a file.
     """
     files = _files(path)
     kept = [files[name] for name in kept_of(files, ids, path)]
+    if path.is_file():
+        with replacing(output) as temporary:
+            shutil.copyfile(path, temporary)
+        return
     with new_folder(output) as folder:
         if not _are_npz(files):
             _link_all(kept, folder, all(re.fullmatch(r"episode_\d+", name) for name in files))

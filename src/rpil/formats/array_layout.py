@@ -6,7 +6,7 @@ Arrays lie end to end, (N, ...), where ids, starts, ends or lengths tell demonst
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,33 +49,34 @@ class ArrayLayout:
         How it was told.
     is_step : array (M, T), optional
         Which rows are steps, where arrays are stacked.
-    by_demonstration : set of str
-        Arrays with one value for each demonstration, where arrays lie end to end.
+    by_demonstration : bool
+        Whether arrays of M rows have one for each demonstration, where those of the steps lie end to end.
     """
 
     column: str
     ids: Array
     note: str
     is_step: Array | None = None
-    by_demonstration: Set[str] = frozenset()
+    by_demonstration: bool = False
 
     @property
     def names(self) -> list[Any]:
         """The ids of the M demonstrations in the order of the file."""
         return list(dict.fromkeys(self.ids.tolist()))
 
-    def kept_rows(self, name: str, array: StoredArray, ids: Sequence[Id]) -> Array | None:
+    def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
         if array.shape[:1] == self.ids.shape:
             return np.flatnonzero(np.isin(self.ids, ids))
-        return np.flatnonzero(np.isin(self.names, ids)) if name in self.by_demonstration else None
+        each = self.by_demonstration and array.shape[:1] == (len(self.names),)
+        return np.flatnonzero(np.isin(self.names, ids)) if each else None
 
-    def added_ends(self, arrays: Tree, ids: Sequence[Id]) -> dict[str, Array]:
+    def added_ends(self, arrays: Tree, ids: Sequence[Id], source: str) -> dict[str, Array]:
         """Timeouts for the steps of the demonstrations `ids`, where no array marks those that were cut short."""
         if self.is_step is not None or self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
             return {}
         is_last = np.append(self.ids[1:] != self.ids[:-1], True)
-        is_terminal = _flags(arrays, _TERMINALS[0], len(self.ids), "terminals")
+        is_terminal = np.any([_flags(arrays, name, len(self.ids), source) for name in _TERMINALS], axis=0)
         return {TIMEOUTS: (is_last & ~is_terminal)[np.isin(self.ids, ids)]}
 
 
@@ -121,12 +122,12 @@ def layout_of(arrays: Tree, source: str) -> ArrayLayout:
         if named is not None and own_ids is not None and own_ids.shape == shape[:1] and own_ids.dtype.kind in "iuSU":
             return ArrayLayout(named, _values(own_ids), note, is_step)
         return ArrayLayout(NUMBERED, np.arange(shape[0]), note, is_step)
-    if named is not None and own_ids is not None and own_ids.shape == (n_steps,) and own_ids.dtype.kind in "iu":
+    if named is not None and own_ids is not None and own_ids.shape == (n_steps,) and own_ids.dtype.kind in "iuSU":
         return ArrayLayout(named, _values(own_ids), f"Demonstrations by the array {named}.")
     if (name := _lengths(arrays, n_steps)) is not None:
         lengths = _values(arrays[name])
         ids, note = np.repeat(np.arange(len(lengths)), lengths), f"Demonstrations are as long as {name} says."
-        return ArrayLayout(NUMBERED, ids, note, by_demonstration={name})
+        return ArrayLayout(NUMBERED, ids, note, by_demonstration=True)
     ends, note = _ends(arrays, n_steps, source)
     return ArrayLayout(NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)
 
@@ -178,6 +179,12 @@ def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, 
         return _values(stacked[name]).reshape(shape) != 0, f"{words}, as long as {name} is true."
     if ends := [name for name in (*_TERMINALS, *_CUTS) if name in stacked]:
         is_end = np.any([_values(stacked[name]).reshape(shape) != 0 for name in ends], axis=0)
+        again = np.flatnonzero((np.diff(is_end.astype(int), axis=1, prepend=0) > 0).sum(axis=1) > 1)
+        if len(again):
+            raise DataError(
+                f"{source}: {' or '.join(ends)} end more than one demonstration in the first index {again[0]}; write "
+                "each one as a first index, or all steps end to end."
+            )
         is_step = np.cumsum(is_end, axis=1) - is_end == 0  # up to the first end
         return is_step, f"{words}, which ends at {' or '.join(ends)}."
     return np.ones(shape, bool), f"{words} of {longest:,} steps."

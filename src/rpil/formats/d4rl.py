@@ -14,7 +14,7 @@ from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import array_layout, hdf5
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import kept_of
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 _ROWS_AT_ONCE = 65_536
 
 
-def claims(path: Path) -> bool:
+def fits(file: h5py.File) -> bool:
     """Whether actions are at the top of the file, beside what says which steps are a demonstration."""
-    return hdf5.has_layout(path, _fits)
+    arrays = hdf5.Arrays(file)
+    has_ids = array_layout.first(arrays, array_layout.ACTIONS) and array_layout.first(arrays, EPISODE)
+    return bool(has_ids) or array_layout.tells(arrays)
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -51,18 +53,12 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             folder = name.rpartition("/")[0]
             if folder and folder not in new:
                 hdf5.copy_attributes(source[folder], new.create_group(folder))
-            if (rows := layout.kept_rows(name, array, kept)) is not None:
+            if (rows := layout.kept_rows(array, kept)) is not None:
                 _copy_rows(array, new, name, rows)
             else:
                 source.copy(array, new, name)
-        for name, values in layout.added_ends(arrays, kept).items():
+        for name, values in layout.added_ends(arrays, kept, path.name).items():
             new[name] = values
-
-
-def _fits(file: h5py.File) -> bool:
-    arrays = hdf5.Arrays(file)
-    has_ids = array_layout.first(arrays, array_layout.ACTIONS) and array_layout.first(arrays, EPISODE)
-    return bool(has_ids) or array_layout.tells(arrays)
 
 
 def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> None:
@@ -78,8 +74,3 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
             block = run[first : first + _ROWS_AT_ONCE]
             with fill_chunks(are_chunks_filled() or is_outcome(name)):  # rewards may be left out as zeros
                 copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
-
-
-FORMAT = Format(
-    name="HDF5 of D4RL", claims=claims, read=read, keep=keep_by_own_ids(keep), check_output=hdf5.check_output
-)

@@ -1,4 +1,4 @@
-"""HDF5: opening, listing and copying, for the layouts of the files beside; and the refusal of any other layout.
+"""HDF5: opening, listing and copying, for the layouts of the files beside.
 
 No link is followed, because links lead to other files, or in circles. An array is read only if all its values are in
 the file: the library itself reads missing ones as the fill value.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -18,17 +18,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
 from rpil.data.missing import are_chunks_filled
 from rpil.data.names import natural_key
-from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids
-from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py
@@ -45,14 +41,6 @@ def is_hdf5(path: Path) -> bool:
         return path.is_file()
     with held_bytes(path) as file:
         return file.read(len(_SIGNATURE)) == _SIGNATURE
-
-
-def has_layout(path: Path, fits: Callable[[h5py.File], bool]) -> bool:
-    """Whether `path` is an HDF5 file that `fits`; a `DataError` where it is damaged."""
-    if not is_hdf5(path):
-        return False
-    with opened(path) as file:
-        return fits(file)
 
 
 @contextmanager
@@ -238,33 +226,9 @@ def _check_whole(array: h5py.Dataset) -> None:
         )
 
 
-def claims(path: Path) -> bool:
-    """Whether `path` is an HDF5 file, of whatever layout."""
-    return is_hdf5(path)
-
-
-def read(path: Path, options: ColumnOptions) -> StepTables:
-    """A `DataError` that says what is in a file of a layout that is not known."""
-    with opened(path) as file:
-        found = contents(file).arrays
-        arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
-    raise DataError(
-        f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); write each "
-        "as a group with the arrays actions and obs, or add terminals and timeouts, or an array episode_index."
-    )
-
-
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
-    """A `DataError`, see `read`."""
-    read(path, ColumnOptions())
-
-
 def check_output(path: Path, output: Path) -> None:
     """A `DataError` where the name of the `output` is not that of an HDF5 file, nor like that of the data."""
     if output.suffix.lower() not in (*SUFFIXES, path.suffix.lower()):
         raise DataError(
             f"{output}: give it the extension {path.suffix or SUFFIXES[0]}, or write another format with rpil convert."
         )
-
-
-FORMAT = Format(name="HDF5", claims=claims, read=read, keep=keep_by_own_ids(keep), suffixes=SUFFIXES)

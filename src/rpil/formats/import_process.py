@@ -6,6 +6,7 @@ hurts: whatever ends it is one sentence here. Linux alone has these limits, else
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import json
 import math
@@ -35,6 +36,7 @@ _WAITING = 8
 _RESERVED = 1024 * MIB
 """Bytes that libraries reserve and hardly use."""
 
+_PR_SET_PDEATHSIG = 1  # of Linux
 _SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _REMEDY = "it is damaged or of another form, copy or write it again"
 
@@ -96,7 +98,7 @@ def _answer(
         _limit(seconds)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         try:
-            with holding(), guarded(where):
+            with holding(alone=True), guarded(where):
                 answer = json.dumps(["result", work()])
         except SentenceWithOptions as error:
             answer = json.dumps([type(error).__name__, [str(error), error.in_shell]])
@@ -120,6 +122,8 @@ def _limit(seconds: int) -> None:
     for number in (signal.SIGTERM, signal.SIGALRM, signal.SIGXCPU):
         signal.signal(number, signal.SIG_DFL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    with suppress(AttributeError):  # the end of the other process is the end of this one
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.setitimer(signal.ITIMER_REAL, _WAITING * seconds)
     limits = {resource.RLIMIT_CORE: 0.0, resource.RLIMIT_CPU: seconds}
     with suppress(OSError), open("/proc/self/statm") as sizes:
@@ -132,6 +136,7 @@ def _limit(seconds: int) -> None:
 
 def _death(status: int, where: str, seconds: int) -> DataError:
     """The error that the process was ended by a signal, or without an answer."""
+    seconds *= _WAITING if -status == signal.SIGALRM else 1
     if -status in (signal.SIGXCPU, signal.SIGALRM):
         return DataError(f"{where}: to read it took more than {seconds} s; {_REMEDY}, or read less of it.")
     if -status == signal.SIGKILL:

@@ -29,7 +29,7 @@ def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bo
     In memory they are in a file that has no name; `on_disk` in a temporary one.
     """
     if sys.platform != "linux":
-        with holding(always=True):  # the tables are read later than the file is opened
+        with holding(alone=True):  # the tables are read later than the file is opened
             found = read()
             return found if isinstance(found, Recording) else from_tables(found, on_disk)
     import pyarrow as pa  # once, for both processes

@@ -145,10 +145,10 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
     for number, folder in _folders(data).items():
         with guarded(f"{source}, demonstration {folder.name}", "it is damaged or truncated", "write it again"):
             stored = _stored(folder, kind)
-            leaves = dict(_leaves(stored.schema))
+            leaves = dict(_leaves(stored[0].physical_schema))
             images = {name: _IMAGES for name, (_, leaf) in leaves.items() if _is_image(leaf)}
             columns = {name: dataset.field(*path) for name, (path, _) in leaves.items() if name not in images}
-            table = stored.to_table(columns=columns, use_threads=False)
+            table = pa.concat_tables(one.to_table(columns=columns, use_threads=False) for one in stored)
             table.validate(full=True)  # or texts could be read from memory that is not theirs
         n_steps = _n_steps(folder, len(table))
         n_left_out += len(table) > n_steps
@@ -159,11 +159,13 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
 
 
-def _stored(folder: Path, kind: str) -> dataset.Dataset:
-    """The table of an episode, which is not read yet."""
+def _stored(folder: Path, kind: str) -> list[dataset.Fragment]:
+    """The tables of an episode, one below the other, which are not read yet."""
+    import pyarrow as pa
     from pyarrow import dataset
 
-    return dataset.dataset(sorted(map(str, folder.glob(f"*.{kind}"))), format=kind)
+    form = dataset.IpcFileFormat() if kind == "arrow" else dataset.ParquetFileFormat()
+    return [form.make_fragment(pa.memory_map(str(file))) for file in sorted(folder.glob(f"*.{kind}"))]
 
 
 def _n_steps(folder: Path, n_rows: int) -> int:
@@ -201,7 +203,8 @@ def _copy_folders(path: Path, data: Path, new: Path, ids: Sequence[Id]) -> list[
         copy_folder(folders[i], new / str(k), without=(_METADATA,))
         about = _json(folders[i] / _METADATA)
         (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
-        lengths.append(_n_steps(folders[i], _stored(new / str(k), kind).count_rows()))
+        n_rows = sum(one.count_rows() for one in _stored(new / str(k), kind))
+        lengths.append(_n_steps(folders[i], n_rows))
     return lengths
 
 

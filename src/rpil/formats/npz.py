@@ -160,12 +160,10 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
         column = next(name for name in as_list(options.id or ()) or SPELLINGS[-1] if name in arrays)
         owners = arrays[column]
         owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
-        n = len(dict.fromkeys(owners.tolist()))
-        whole = {name for name, array in arrays.items() if name != _OPTIONAL and array.ndim and len(array) == n}
-        layout = ArrayLayout(column, owners, "", by_demonstration=whole)
+        layout = ArrayLayout(column, owners, "", by_demonstration=True)
     kept = [name for name in layout.names if str(name) in ids]
-    added = layout.added_ends(arrays, kept) if laid_out else {}
-    rows = {name: layout.kept_rows(name, array, kept) for name, array in arrays.items() if name != _OPTIONAL}
+    added = layout.added_ends(arrays, kept, path.name) if laid_out else {}
+    rows = {name: layout.kept_rows(array, kept) for name, array in arrays.items() if name != _OPTIONAL}
     arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
     write_npz(output, {**arrays, **added})
     return {*map(str, kept)}

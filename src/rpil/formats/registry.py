@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -12,7 +11,14 @@ from pathlib import Path
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
+from rpil.data.files import (
+    StrPath,
+    check_exists,
+    check_extension,
+    check_readable,
+    check_writable,
+    remove_abandoned,
+)
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
 from rpil.data.held import holding
@@ -21,7 +27,6 @@ from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
-from rpil.formats.hdf5 import is_hdf5
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported, size_of
 from rpil.formats.places import UnsortedError
@@ -48,14 +53,12 @@ FORMATS: Iterable[Format] = Formats(
     "minari",
     "imitation",
     "npz",
-    "robomimic",
-    "d4rl",
+    "hdf5_file",
     "array_folder",
-    "hdf5",
     "table_folder",
 )
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
-is opened for them; what any HDF5 file or folder may be comes last."""
+is opened for them; what any folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
@@ -68,13 +71,7 @@ def find_format(path: StrPath) -> Format | None:
         many = may_be_many_files(path)
         return next((one for one in FORMATS if many and one.read_address is not None), None)
     check_folder(check_exists(place))
-
-    def number() -> int | None:
-        return next((k for k, one in enumerate(FORMATS) if _claims(one, place)), None)
-
-    # To open a damaged file of HDF5 may end the process; of other files no format needs more than names.
-    claimed = in_child(number, str(place), 0) if is_hdf5(place) else number()
-    return None if claimed is None else next(itertools.islice(FORMATS, claimed, None))
+    return next((one for one in FORMATS if _claims(one, place)), None)
 
 
 @dataclass(frozen=True)
@@ -143,7 +140,10 @@ class ClaimedPath:
         if self.format.reads_in_place(self.path):
             self.format.keep(path, output, ids, options)
         else:
-            in_child(lambda: self.format.keep(path, output, ids, options), str(path), 4 * size_of(path))
+            try:
+                in_child(lambda: self.format.keep(path, output, ids, options), str(path), 4 * size_of(path))
+            finally:
+                remove_abandoned(output)  # what a process that was ended had begun
 
     def check_output(self, output: StrPath, trim: bool = False) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there, or `trim`."""

@@ -19,7 +19,7 @@ from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, n_actions
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import kept_of
 from rpil.formats.metadata import Metadata
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 from rpil.formats.step_tables import StepTables
@@ -38,9 +38,9 @@ _STATES = (
 )
 
 
-def claims(path: Path) -> bool:
+def fits(file: h5py.File) -> bool:
     """Whether there is a group with actions in ``data``, or at the top of the file."""
-    return hdf5.has_layout(path, lambda file: next(_with_actions(file), None) is not None)
+    return next(_with_actions(file), None) is not None
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -187,12 +187,3 @@ def _task(group: h5py.Group, of_file: Mapping[str, object]) -> dict[str, str]:
 def _steps_a_second(of_file: Mapping[str, object]) -> float | None:
     found = of_file.get("control_freq")
     return float(found) if isinstance(found, int | float) and math.isfinite(found) and found > 0 else None
-
-
-FORMAT = Format(
-    name="HDF5 of robomimic",
-    claims=claims,
-    read=read,
-    keep=keep_by_own_ids(keep),
-    check_output=hdf5.check_output,
-)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 import warnings
 import zipfile
 from collections import Counter
@@ -18,6 +19,7 @@ import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
+from rpil.data.held import held
 from rpil.data.json_files import parse
 from rpil.data.missing import are_chunks_filled
 from rpil.formats.description import commas
@@ -74,11 +76,14 @@ class Store:
     def of_library(self) -> Any:
         """The store as the library has it; a `MissingExtraError` where that is not installed."""
         try:
-            from zarr.core.sync import sync
             from zarr.storage import LocalStore, ZipStore
         except ImportError as error:
             raise MissingExtraError("To read Zarr", "zarr") from error
-        return LocalStore(self.path) if self.path.is_dir() else sync(ZipStore.open(self.path, mode="r"))
+        if not isinstance(self.root, zipfile.Path):
+            return LocalStore(self.path)
+        store = ZipStore(self.path)  # which would open the file a second time
+        store._lock, store._zf, store._is_open = threading.RLock(), self.root.root, True
+        return store
 
     def array(self, name: str, header: ArrayHeader) -> Any:
         """The array of the library that a header describes, whose chunks are in the folder `name`."""
@@ -101,7 +106,7 @@ def opened(path: Path) -> Iterator[Store]:
         yield Store(path, path)
         return
     fault = "no ZIP file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault), zipfile.ZipFile(path) as archive:
+    with guarded(path.name, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
         yield Store(path, zipfile.Path(archive))
 
 

@@ -42,7 +42,7 @@ class LocalBlocks(Shards[T]):
         return LocalBlocks(self.shards, lambda block: function(self.prepare(block)))
 
     def kept(self, n_steps: int) -> Shards[T]:
-        """The blocks, which are tuples of arrays, in a temporary file."""
+        """The blocks, which are named tuples of arrays, in a temporary file."""
         file, kind = StepFile(n_steps), cast(Any, None)
         for block in self.map(identity):
             file.append(block)

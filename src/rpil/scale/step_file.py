@@ -45,7 +45,7 @@ class StepFile:
         first = self.blocks[-1].stop if self.blocks else 0
         for array, (row, begin) in zip(block, self._arrays, strict=True):
             self._file.seek(begin + first * row.itemsize)
-            self._file.write(np.ascontiguousarray(array).data)
+            self._file.write(np.ascontiguousarray(array, row.base).data)
         self._file.flush()
         self.blocks.append(slice(first, first + len(block[0])))
 

@@ -1,0 +1,72 @@
+"""HDF5 files, whatever their layout: the first one that fits reads the file, and keeps some of its demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.formats import array_folder, d4rl, hdf5, robomimic
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.description import commas
+from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.step_tables import StepTables
+
+if TYPE_CHECKING:
+    import h5py
+
+
+class Hdf5Layout(NamedTuple):
+    """A layout of HDF5 files: whether one fits, and functions as those of a `Format`."""
+
+    fits: Callable[[h5py.File], bool]
+    read: Callable[[Path, ColumnOptions], StepTables]
+    keep: Callable[[Path, Path, Sequence[Id]], None]
+
+
+HDF5_LAYOUTS = (
+    Hdf5Layout(robomimic.fits, robomimic.read, robomimic.keep),
+    Hdf5Layout(d4rl.fits, d4rl.read, d4rl.keep),
+    Hdf5Layout(array_folder.fits, array_folder.read, array_folder.keep),
+)
+
+
+def read(path: Path, options: ColumnOptions) -> StepTables:
+    """What the layout that fits reads; errors are those of `_fitting`."""
+    with _fitting(path) as layout:
+        return layout.read(path, options)
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """What the layout that fits keeps; errors are those of `_fitting`."""
+    with _fitting(path) as layout:
+        layout.keep(path, output, ids)
+
+
+@contextmanager
+def _fitting(path: Path) -> Iterator[Hdf5Layout]:
+    """The layout of a file, which stays open; a `DataError` that says what is in a file that none fits."""
+    with hdf5.opened(path) as file:
+        layout = next((one for one in HDF5_LAYOUTS if one.fits(file)), None)
+        if layout is None:
+            found = hdf5.contents(file).arrays
+            arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
+            raise DataError(
+                f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); "
+                "write each as a group with the arrays actions and obs, or add terminals and timeouts, or an array "
+                "episode_index."
+            )
+        yield layout
+
+
+FORMAT = Format(
+    name="HDF5",
+    claims=hdf5.is_hdf5,
+    read=read,
+    keep=keep_by_own_ids(keep),
+    suffixes=hdf5.SUFFIXES,
+    check_output=hdf5.check_output,
+)
