@@ -127,7 +127,7 @@ def test_columns_that_statistics_name_are_checked(tmp_path, is_trim):
     (root / "meta" / "stats.json").write_text(json.dumps(stats))
     with limited("1MB"):
         (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
-        assert "file-000.parquet: to read it would take" in defect.sentence
+        assert "column 'huge': to read it would take" in defect.sentence
         with pytest.raises(DataError, match="MB of memory"):
             find(root).keep(tmp_path / "kept", [1], trims={1: (0, 4)} if is_trim else None)
     assert not [one for one in find_defects(root, False) if one.what == "metadata"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,10 +68,12 @@ def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> dict[str, dict[
     return found
 
 
-def moments_of_data(data: Path, names: Iterable[str]) -> dict[str, dict[str, Parsed]]:
-    """Those that are no quantiles, file by file: the columns `names` of one file are in memory."""
-    like = dict.fromkeys(names, _MOMENTS)
-    found = [of_table(read_table(file, list(like)), like) for file in sorted(data.rglob("*.parquet"))]
+def moments_of_data(data: Path, names: Collection[str]) -> dict[str, dict[str, Parsed]]:
+    """Those that are no quantiles: one of the columns `names` of one file is in memory."""
+    found = []
+    for file in sorted(data.rglob("*.parquet")):
+        of_columns = [of_table(read_table(file, [name]), {name: _MOMENTS}) for name in names]
+        found.append({name: moments for one in of_columns for name, moments in one.items()})
     return {name: joined([own[name] for own in found if name in own]) for name in found[0]}
 
 
