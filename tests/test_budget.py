@@ -15,7 +15,7 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2846, 19),
+    "cli": (2849, 19),
     "data": (3401, 39),
     "estimators": (2322, 15),
     "faults": (2261, 81),

@@ -38,6 +38,20 @@ def command(prog_name):
 rpil.cli.main.main = command
 """
 
+AT_A_FORK = """
+import os, signal
+
+sent = []
+
+def handle():
+    if not sent:
+        sent.append(True)
+        signal.getsignal(signal.SIGINT)(signal.SIGINT, None)
+
+os.register_at_fork(after_in_parent=handle)
+"""
+"""What Python calls at a fork, where signals are blocked, is interrupted: Python prints its errors and goes on."""
+
 
 def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
@@ -87,6 +101,14 @@ def test_an_import_that_hides_errors_does_not_hide_an_interruption(interruptible
 
 def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
     done = subprocess.run([sys.executable, "-c", CALLED_BY_C + RUN], capture_output=True, text=True)
+    check(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no other process reads the file")
+def test_a_fork_does_not_hide_an_interruption(interruptible):
+    npz("data.npz")
+    begin = AT_A_FORK + interrupt("rpil.estimators.auditing", "import time; time.sleep(1)")
+    done = subprocess.run([sys.executable, "-c", begin + RUN, "audit", "data.npz"], capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 

@@ -1,7 +1,9 @@
 """What the shell starts as ``rpil``: an interruption at any moment, also of an import, ends in one sentence."""
 
+import os
 import signal
 import sys
+from functools import partial
 from threading import Timer
 from types import FrameType
 
@@ -58,7 +60,8 @@ def unraisable(error: "sys.UnraisableHookArgs") -> None:
 
 
 def interrupt_later() -> None:
-    """Send the interruption again in a moment."""
-    again = Timer(RETRY_SECONDS, signal.raise_signal, (signal.SIGINT,))
+    """Send the interruption again in a moment: to the process, as the new thread may have begun with it blocked."""
+    send = signal.raise_signal if sys.platform == "win32" else partial(os.kill, os.getpid())
+    again = Timer(RETRY_SECONDS, send, (signal.SIGINT,))
     again.daemon = True
     again.start()
