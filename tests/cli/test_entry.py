@@ -108,7 +108,8 @@ def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
 def test_a_fork_does_not_hide_an_interruption(interruptible):
     npz("data.npz")
     begin = AT_A_FORK + interrupt("rpil.estimators.auditing", "import time; time.sleep(1)")
-    done = subprocess.run([sys.executable, "-c", begin + RUN, "audit", "data.npz"], capture_output=True, text=True)
+    command = [sys.executable, "-c", begin + RUN, "audit", "data.npz", "-q"]
+    done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 
