@@ -171,7 +171,6 @@ WITHOUT_TESTS = {
     "faults/whole_rules.py": "tests/faults/test_maprules.py",
     "faults/report.py": "tests/faults/test_rules.py",
     "faults/expected.py": "tests/cli/test_check.py",
-    "data/missing.py": "tests/faults/test_rules.py",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",

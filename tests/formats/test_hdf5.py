@@ -10,7 +10,6 @@ from hdf5_files import aloha, d4rl, h5py, robomimic
 from hostile import MAX_BYTES, assert_refused, read_all
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.missing import fill_chunks
 from rpil.formats import hdf5
 from rpil.formats.registry import find
 from rpil.formats.robomimic import write_mask
@@ -139,11 +138,10 @@ def test_what_was_not_written_is_filled_in_where_that_is_asked_for(tmp_path, how
         if how:
             array[5:10] = 1
     with hdf5.opened(tmp_path / "x.hdf5") as file:
-        array = hdf5.array_at(file, "x")
-        with fill_chunks():
-            assert array[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
+        filled = hdf5.array_at(file, "x", fills=True)
+        assert filled[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
         with pytest.raises(DataError, match=r"x\.hdf5: x .*fill_missing=True"):
-            array[:]
+            hdf5.array_at(file, "x")[:]
 
 
 def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):

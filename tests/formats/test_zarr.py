@@ -11,7 +11,7 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.data.missing import fill_chunks
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
@@ -171,8 +171,7 @@ def test_what_is_kept_has_all_its_chunks(tmp_path, zarr_format):
     path, _ = write_buffer(tmp_path, zarr_format, action=np.zeros((11, 2)))
     with pytest.raises(DataError, match="data/action: 4 of its 4 chunks"):
         rpil.read(path)
-    with fill_chunks():
-        find(path).keep(tmp_path / "kept", [1, 2])
+    find(path).keep(tmp_path / "kept", [1, 2], ColumnOptions(fill_missing=True))
     assert rpil.read(tmp_path / "kept").actions.shape == (7, 2)
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.missing import fill_chunks
 from rpil.formats.zarr_array import Store, ZarrArray
 
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
@@ -18,10 +17,10 @@ VALUES = np.random.default_rng(0).normal(size=(11, 5, 2)).cumsum(axis=0)
 WORDS = np.array(["lift", "", "gieße Kaffee", "stop"] * 3)[:11]
 
 
-def opened_array(folder):
+def opened_array(folder, fills=False):
     """The array in a folder, which is the whole store."""
     store = Store(folder.parent, folder.parent)
-    return ZarrArray(store, folder.name, store.headers([folder.name])[folder.name], np.array([4, 9, 11]))
+    return ZarrArray(store, folder.name, store.headers([folder.name])[folder.name], np.array([4, 9, 11]), fills)
 
 
 def write(folder, values=VALUES, zarr_format=2, **how):
@@ -147,8 +146,7 @@ def test_texts_of_any_length(tmp_path, codec, dtype):
     assert found[2:9].tolist() == words[2:9].tolist()
     (tmp_path / "x/.zarray").write_text(json.dumps(header | {"fill_value": 0}))
     (tmp_path / "x/0").unlink()
-    with fill_chunks():
-        assert not any(opened_array(tmp_path / "x")[2:9].tolist())
+    assert not any(opened_array(tmp_path / "x", fills=True)[2:9].tolist())
 
 
 @pytest.mark.parametrize("separator", [".", "/"])
@@ -163,8 +161,7 @@ def test_a_chunk_that_is_not_there(tmp_path, separator, zarr_format, shards):
     np.testing.assert_array_equal(found[0:3], VALUES[:3])
     with pytest.raises(DataError, match=r"1 of its 4 chunks .* demonstrations 0, 1, .*fill_missing=True"):
         found[0:4]
-    with fill_chunks():
-        filled = found[0:11]
+    filled = opened_array(tmp_path / "x", fills=True)[0:11]
     assert (filled[3:6] == 7).all()
     np.testing.assert_array_equal(filled[6:], VALUES[6:])
 
@@ -178,8 +175,7 @@ def test_fill_values(tmp_path, fill, value):
     shutil.rmtree(tmp_path / "x")
     (tmp_path / "x").mkdir()
     shutil.move(tmp_path / "header", header)
-    with fill_chunks():
-        np.testing.assert_array_equal(opened_array(tmp_path / "x")[0:2], np.full((2, 5, 2), value))
+    np.testing.assert_array_equal(opened_array(tmp_path / "x", fills=True)[0:2], np.full((2, 5, 2), value))
 
 
 @pytest.mark.parametrize("codec", [None, numcodecs.Zlib(), numcodecs.Blosc(), numcodecs.LZ4(), numcodecs.Zstd()])

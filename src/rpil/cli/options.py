@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from click.core import ParameterSource
 
 from rpil.data.files import StrPath, check_extension
 from rpil.data.memory import limited
-from rpil.data.missing import fill_chunks
 
 if TYPE_CHECKING:
     from rpil.estimators.within_tasks import Statements
@@ -228,22 +227,19 @@ def with_options(*options: Option) -> Option:
 def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too.
 
-    The memory that data may take, and whether missing chunks are filled, hold until the command ends.
+    The memory that data may take holds until the command ends.
     """
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = ("id", "action", "observations", "exclude", "order", "task", "action_kind", "embeddings", "only", "without")
+    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk"}
     operator = options["operator"]
     command = click.get_current_context()
     command.with_resource(limited(options.pop("memory")))
-    command.with_resource(fill_chunks(options.pop("fill_missing")))
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
-        outcome=options.pop("outcome", None),
         session=options.get("session"),
-        skip_bad=options.pop("skip_bad"),
-        **{name: options.pop(name) for name in names},
+        **{name: options.pop(name) for name in names & options.keys()},
     )
 
 

@@ -26,7 +26,6 @@ from rpil.data.id_values import (
     read_labels,
 )
 from rpil.data.memory import Size, limited
-from rpil.data.missing import fill_chunks
 from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
@@ -69,6 +68,7 @@ class ReadOptions(TypedDict, total=False):
     only: Ids
     without: Ids
     skip_bad: bool
+    fill_missing: bool
 
 
 class AuditOptions(ReadOptions, total=False):
@@ -89,7 +89,6 @@ def read(
     path: StrPath | Frame | Iterable[object],
     *,
     memory: Size | None = None,
-    fill_missing: bool = False,
     **columns: Unpack[ReadOptions],
 ) -> Demonstrations:
     """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
@@ -124,7 +123,7 @@ def read(
         where the data would take more memory.
     """
     check_options(columns)
-    with limited(memory), fill_chunks(fill_missing):
+    with limited(memory):
         options = ColumnOptions(**columns)
         if not isinstance(path, str | os.PathLike | Frame):
             return _of_trajectories(path, options)
@@ -136,9 +135,7 @@ def read(
     return demonstrations
 
 
-def open(
-    path: StrPath | Frame, *, on_disk: bool | None = None, fill_missing: bool = False, **columns: Unpack[OpenOptions]
-) -> Recording:
+def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
     """Open a recording once, and ask everything of it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
@@ -151,8 +148,6 @@ def open(
     on_disk : bool, optional
         Leave the demonstrations, in Parquet files, on disk, or read them into memory; by default large files and
         folders of Parquet files stay there.
-    fill_missing : bool
-        As for `rpil.read`.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 
@@ -174,8 +169,7 @@ def open(
     """
     check_options(columns)
     options = ColumnOptions(**columns)
-    with fill_chunks(fill_missing):
-        return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
+    return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
 
 
 def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions()) -> Dataset:

@@ -58,13 +58,13 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     files = _files(path)
-    read = [_part(name, file, path) for name, file in files.items()]
+    read = [_part(name, file, path, options.fill_missing) for name, file in files.items()]
     notes = tuple(dict.fromkeys(note for _, of_file in read for note in of_file))
     format_name = f"{'NPZ' if _are_npz(files) else 'HDF5'}, a file for each demonstration"
     return from_parts([part for part, _ in read], _FILE_NAME, path.name, format_name, options, notes=notes)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
 
     An NPZ file in a folder of its own is copied with all that is beside it, and a single file is copied to a file.
@@ -132,9 +132,9 @@ def _are_npz(files: Mapping[str, Path]) -> bool:
     return next(iter(files.values())).suffix.lower() == _NPZ_FILE
 
 
-def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
+def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[str, ...]]:
     """The demonstration in one file, whose one array of actions says how many steps it has, and notes."""
-    with _opened(file) as (where, arrays, notes):
+    with _opened(file, fills) as (where, arrays, notes):
         acted = [one for whole, _ in ACTION_COLUMNS[:2] for one in arrays if whole.fullmatch(plain_name(one))]
         actions = first(arrays, (*ACTIONS, *acted))
         if actions is None:
@@ -156,7 +156,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
             if may_be_outcome(one)
         }
         closed = {
-            one: Closed(array.shape, array.dtype, partial(_rows, file, one))
+            one: Closed(array.shape, array.dtype, partial(_rows, file, one, fills))
             for one, array in arrays.items()
             if one not in about
         }
@@ -164,11 +164,11 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[str, ...]]]:
+def _opened(file: Path, fills: bool) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[str, ...]]]:
     """What to call a file in messages, its arrays by name, and notes on it."""
     if file.suffix.lower() != _NPZ_FILE:
         with hdf5.opened(file) as stored:
-            contents = hdf5.contents(stored)
+            contents = hdf5.contents(stored, fills)
             notes = ("Recorded in a simulation.",) if np.any(stored.attrs.get("sim", False)) else ()
             yield file.name, contents.arrays, (*notes, *contents.notes)
         return
@@ -177,9 +177,9 @@ def _opened(file: Path) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[
         yield where, arrays_of(npz), ()
 
 
-def _rows(file: Path, name: str, rows: slice) -> object:
+def _rows(file: Path, name: str, fills: bool, rows: slice) -> object:
     """Some rows of an array in a file."""
-    with _opened(file) as (where, arrays, _):
+    with _opened(file, fills) as (where, arrays, _):
         if name not in arrays:
             raise DataError(f"{where}: it has changed while it was read; read it again.")
         return arrays[name][rows]

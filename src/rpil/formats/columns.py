@@ -51,6 +51,9 @@ class ColumnOptions:
         Leave demonstrations out in which a value is missing or infinite.
     allow_missing : bool
         Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
+    fill_missing : bool
+        Whether chunks of Zarr and HDF5 that are not there are read as the value that the file names; else they are an
+        error.
     on_disk : bool
         Whether the rows go to disk instead of into memory; `rpil.formats.read_recording` decides it.
     """
@@ -70,6 +73,7 @@ class ColumnOptions:
     without: Ids = ()
     skip_bad: bool = False
     allow_missing: bool = False
+    fill_missing: bool = False
     on_disk: bool = False
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import EPISODE, is_outcome
 from rpil.formats import array_layout, hdf5
 from rpil.formats.columns import ColumnOptions
@@ -34,19 +33,19 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that have a value for each action, and split them into demonstrations."""
     with hdf5.opened(path) as file:
-        found = hdf5.contents(file)
+        found = hdf5.contents(file, options.fill_missing)
         stacked = array_layout.is_stacked(found.arrays)
         name = "HDF5, a first index for each demonstration" if stacked else "D4RL HDF5"
         return array_layout.read_arrays(found.arrays, path.name, name, options, found.notes)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write the steps of the demonstrations called `ids`, and all else of the file, to a new one.
 
     Where it has no timeouts they are added, so that each demonstration ends where it does here.
     """
     with hdf5.copying(path, output) as (source, new):
-        arrays = hdf5.contents(source).arrays
+        arrays = hdf5.contents(source, options.fill_missing).arrays
         layout = array_layout.layout_of(arrays, path.name)
         kept = kept_of(layout.names, ids, path)
         for name, array in arrays.items():
@@ -54,7 +53,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
             if folder and folder not in new:
                 hdf5.copy_attributes(source[folder], new.create_group(folder))
             if (rows := layout.kept_rows(array, kept)) is not None:
-                _copy_rows(array, new, name, rows)
+                # Rewards may be left out as zeros.
+                _copy_rows(source[name] if is_outcome(name) else array, new, name, rows)
             else:
                 source.copy(array, new, name)
         for name, values in layout.added_ends(arrays, kept, path.name).items():
@@ -72,5 +72,4 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
         for first in range(0, len(run), _ROWS_AT_ONCE):
             block = run[first : first + _ROWS_AT_ONCE]
-            with fill_chunks(are_chunks_filled() or is_outcome(name)):  # rewards may be left out as zeros
-                copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
+            copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]

@@ -119,12 +119,12 @@ class Format:
     reads_in_place: Callable[[StrPath], bool] = lambda _: False
 
 
-def keep_by_own_ids(keep: Callable[[Path, Path, Sequence[Id]], None]) -> Keep:
+def keep_by_own_ids(keep: Keep) -> Keep:
     """The `Keep` of a format whose demonstrations have ids of their own, which refuses a column of ids."""
 
     def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
         check_own_ids(path, options)
-        keep(path, output, ids)
+        keep(path, output, ids, options)
 
     return checked
 

@@ -22,7 +22,6 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
-from rpil.data.missing import are_chunks_filled
 from rpil.data.names import natural_key
 from rpil.formats.description import commas
 
@@ -85,13 +84,12 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
-    """What is called `name` in a group; None where nothing is, or a link. An array is checked when it is read."""
+    """What is called `name` in a group; None where nothing is, or a link."""
     import h5py
 
     links, link = group.id.links, name.encode("utf-8", "surrogateescape")  # h5py's `get` is slow for very many groups
     is_hard = links.exists(link) and links.get_info(link).type == h5py.h5l.TYPE_HARD
-    found = group[name] if is_hard else None
-    return _checked(found) if isinstance(found, h5py.Dataset) else found
+    return group[name] if is_hard else None
 
 
 def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
@@ -107,21 +105,21 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
     return {name: one for name, one in members(group).items() if isinstance(one, h5py.Group)}
 
 
-def array_at(group: h5py.Group, path: str) -> h5py.Dataset | None:
-    """The array at a path in a group; None where there is none, or it is in another file."""
+def array_at(group: h5py.Group, path: str, fills: bool = False) -> h5py.Dataset | None:
+    """The array at a path in a group; None where there is none, or it is in another file. See `_checked`."""
     import h5py
 
     found: h5py.Group | h5py.Dataset | None = group
     for name in path.split("/"):
         found = member(found, name) if isinstance(found, h5py.Group) else None
-    return found if isinstance(found, h5py.Dataset) and not _is_elsewhere(found) else None
+    return _checked(found, fills) if isinstance(found, h5py.Dataset) and not _is_elsewhere(found) else None
 
 
 class Arrays(Mapping[str, Any]):
     """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
 
-    def __init__(self, group: h5py.Group) -> None:
-        self.group = group
+    def __init__(self, group: h5py.Group, fills: bool = False) -> None:
+        self.group, self._fills = group, fills
         self._found: dict[str, object] = {}
 
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
@@ -131,7 +129,7 @@ class Arrays(Mapping[str, Any]):
 
     def __getitem__(self, path: str) -> h5py.Dataset:
         if path not in self._found:
-            self._found[path] = array_at(self.group, path)
+            self._found[path] = array_at(self.group, path, self._fills)
         if self._found[path] is None:
             raise KeyError(path)
         return self._found[path]
@@ -156,8 +154,8 @@ class Contents:
         return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
 
-def contents(group: h5py.Group) -> Contents:
-    """All arrays in a group; each group is visited once, in whatever circles they lie."""
+def contents(group: h5py.Group, fills: bool = False) -> Contents:
+    """All arrays in a group; each group is visited once, in whatever circles they lie. See `_checked`."""
     import h5py
 
     arrays: dict[str, h5py.Dataset] = {}
@@ -171,7 +169,7 @@ def contents(group: h5py.Group) -> Contents:
             if isinstance(one, h5py.Dataset) and _is_elsewhere(one):
                 links.append(prefix + name)
             elif isinstance(one, h5py.Dataset):
-                arrays[prefix + name] = one
+                arrays[prefix + name] = _checked(one, fills)
             elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
                 seen.add(address)
                 waiting.append((f"{prefix}{name}/", one))
@@ -183,9 +181,9 @@ def _is_elsewhere(array: h5py.Dataset) -> bool:
     return bool(array.is_virtual or array.external)
 
 
-def _checked(array: h5py.Dataset) -> h5py.Dataset:
-    """The same array, which is read only if all its values are in the file, unless missing ones are filled in."""
-    return _checked_class()(array.id)
+def _checked(array: h5py.Dataset, fills: bool) -> h5py.Dataset:
+    """The same array, which is read only if all its values are in the file, unless it `fills` in missing ones."""
+    return array if fills else _checked_class()(array.id)
 
 
 @cache
@@ -201,7 +199,7 @@ def _checked_class() -> Any:
             return super().shape  # type: ignore[no-any-return]
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
-            if not self._is_whole and not are_chunks_filled():
+            if not self._is_whole:
                 _check_whole(self)
                 self._is_whole = True
             return super().__getitem__(rows, new_dtype)

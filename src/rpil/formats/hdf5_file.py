@@ -12,7 +12,7 @@ from rpil.data.errors import DataError
 from rpil.formats import array_folder, d4rl, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format, Keep, keep_by_own_ids
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class Hdf5Layout(NamedTuple):
 
     fits: Callable[[h5py.File], bool]
     read: Callable[[Path, ColumnOptions], StepTables]
-    keep: Callable[[Path, Path, Sequence[Id]], None]
+    keep: Keep
 
 
 HDF5_LAYOUTS = (
@@ -40,10 +40,10 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         return layout.read(path, options)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """What the layout that fits keeps; errors are those of `_fitting`."""
     with _fitting(path) as layout:
-        layout.keep(path, output, ids)
+        layout.keep(path, output, ids, options)
 
 
 @contextmanager

@@ -65,7 +65,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return found.with_ignored(others | {"infos": "never decoded, because that can run any code"})
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write some trajectories to a new folder, with their infos as they are; or to an NPZ file, without infos."""
     if not path.is_dir():
         _keep_npz(path, check_extension(output, [".npz"]), ids)

@@ -53,11 +53,11 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     if not (data / _HDF5).exists():
         return _read_tables(data, about["data_format"], path.name, options, notes)
     with hdf5.opened(data / _HDF5) as file:
-        parts = [_part(episode, number) for number, episode in _groups(file).items()]
+        parts = [_part(episode, number, options.fill_missing) for number, episode in _groups(file).items()]
         return from_parts(parts, NUMBERED, path.name, "Minari, HDF5", options, notes=notes)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write some episodes, numbered from 0, to the folder of a new data set, which Minari loads."""
     data, about = _open(path)
     with new_folder(output) as folder:
@@ -107,10 +107,10 @@ def _groups(file: h5py.File) -> dict[int, h5py.Group]:
     return {int(match[1]): group for match, group in found.items() if match}
 
 
-def _part(episode: h5py.Group, number: int) -> Part:
+def _part(episode: h5py.Group, number: int, fills: bool = False) -> Part:
     arrays = {
         name.replace("/_index_", "/"): array
-        for name, array in hdf5.contents(episode).arrays.items()
+        for name, array in hdf5.contents(episode, fills).arrays.items()
         if not name.startswith(f"{_INFOS}/")
     }
     actions = (array for name, array in arrays.items() if name.partition("/")[0] == "actions" and array.shape)

@@ -46,8 +46,8 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
-        found, settings = dict(_with_actions(file)), _settings(file)
-        contents = hdf5.contents(next(iter(found.values())).group)
+        found, settings = dict(_with_actions(file, options.fill_missing)), _settings(file)
+        contents = hdf5.contents(next(iter(found.values())).group, options.fill_missing)
         parts = [
             Part(n_actions(arrays), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
             for name, arrays in found.items()
@@ -91,7 +91,7 @@ def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
     return {name: int(number) for name, number in numbers.items() if isinstance(number, int | np.integer)}
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):
         parent, found = _parent(source), _demonstrations(source)
@@ -154,14 +154,14 @@ def _demonstrations(file: h5py.File) -> dict[str, int]:
     return {name: n_actions(arrays) for name, arrays in _with_actions(file)}
 
 
-def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
+def _with_actions(file: h5py.File, fills: bool = False) -> Iterator[tuple[str, hdf5.Arrays]]:
     """The groups that hold actions, in the order of their names; of very many, each is opened once."""
     import h5py
 
     parent = _parent(file)
     for name in sorted(parent, key=natural_key):
         group = hdf5.member(parent, name)
-        if isinstance(group, h5py.Group) and first(arrays := hdf5.Arrays(group), ACTIONS):
+        if isinstance(group, h5py.Group) and first(arrays := hdf5.Arrays(group, fills), ACTIONS):
             yield name, arrays
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from rpil.data.arrays import Id, check_any
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.data.missing import fill_chunks
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
@@ -156,7 +155,7 @@ def _kinds(part: Part) -> dict[str, Kind]:
     numbers = [name for name, kind in kinds.items() if kind == "number"]
     head = {}
     for name in numbers:  # of columns that are not read, chunks may be missing or damaged; of others it is said later
-        with suppress(DataError, OSError), fill_chunks():
+        with suppress(DataError, OSError):
             head[name] = _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
     kinds |= flat.kinds_of(pa.table(head)) if head else {}
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}

@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.memory import MIB
-from rpil.data.missing import are_chunks_filled, fill_chunks
 from rpil.data.names import is_outcome
 from rpil.formats import umi
 from rpil.formats.columns import ColumnOptions
@@ -58,7 +57,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     with opened(path) as store:
         headers = _headers(store)
         ends = _ends(store, headers)[1]
-        arrays = {array.name.removeprefix("data/"): array for array in _data(store, headers, ends)}
+        arrays = {array.name.removeprefix("data/"): array for array in _data(store, headers, ends, options)}
         closed = [name for name, array in arrays.items() if array.is_closed]
         if len(closed) == len(arrays):
             raise DataError(
@@ -76,7 +75,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return tables.with_ignored({**whole, **dict.fromkeys(closed, "images of the package imagecodecs")})
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write some demonstrations, in the chunks and codecs of the file, to a new folder, or to a ZIP file for one.
 
     An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
@@ -88,7 +87,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id]) -> None:
         lengths = np.diff(ends, prepend=0)
         rows = np.concatenate([np.arange(0), *(np.arange(ends[m] - lengths[m], ends[m]) for m in chosen)])
         new_ends = np.cumsum(lengths[chosen])
-        arrays = _data(store, headers, ends)
+        arrays = _data(store, headers, ends, options, is_outcome)  # zarr leaves out chunks of zeros, as rewards have
         with _new_store(path, output) as new:
             for old in arrays:
                 created = _create(store, old, new, len(rows))
@@ -108,8 +107,7 @@ def _ends(store: Store, headers: Mapping[str, ArrayHeader]) -> tuple[ZarrArray, 
     """The array of where each demonstration ends, and its values (M,), rising."""
     array = ZarrArray(store, _ENDS, headers[_ENDS]) if _ENDS in headers else None
     if array is not None and not array.is_closed and len(array.shape) == 1 and array.dtype.kind in "iu":
-        with fill_chunks(False):
-            ends = array[:].astype(np.int64)
+        ends = array[:].astype(np.int64)
         if len(ends) and np.all(np.diff(ends, prepend=0) >= 0):
             return array, ends
     raise DataError(
@@ -117,9 +115,19 @@ def _ends(store: Store, headers: Mapping[str, ArrayHeader]) -> tuple[ZarrArray, 
     )
 
 
-def _data(store: Store, headers: Mapping[str, ArrayHeader], ends: Array) -> list[ZarrArray]:
+def _data(
+    store: Store,
+    headers: Mapping[str, ArrayHeader],
+    ends: Array,
+    options: ColumnOptions,
+    is_filled: Callable[[str], bool] = lambda _: False,
+) -> list[ZarrArray]:
     """The arrays in ``data``; a `DataError` where one has another number of rows than there are steps."""
-    arrays = [ZarrArray(store, name, header, ends) for name, header in headers.items() if name != _ENDS]
+    arrays = [
+        ZarrArray(store, name, header, ends, options.fill_missing or is_filled(name.rpartition("/")[2]))
+        for name, header in headers.items()
+        if name != _ENDS
+    ]
     for array in arrays:
         if array.shape[:1] != (ends[-1],):
             raise DataError(
@@ -159,10 +167,7 @@ def _create(store: Store, old: ZarrArray, new: Store, n_rows: int) -> ZarrArray:
 
 
 def _copy(old: ZarrArray, new: ZarrArray, rows: Array) -> None:
-    """Write the `rows` of an array to a new one, some at a time, also chunks that hold the fill value only.
-
-    Missing chunks of rewards and ends are filled, because zarr leaves chunks of zeros out; all others are refused.
-    """
+    """Write the `rows` of an array to a new one, some at a time, also chunks that hold the fill value only."""
     if old.is_closed:
         raise DataError(
             f"{old.where} holds images of the package imagecodecs, several steps in a chunk, which cannot be "
@@ -170,9 +175,8 @@ def _copy(old: ZarrArray, new: ZarrArray, rows: Array) -> None:
         )
     row_bytes = max(old.dtype.itemsize * math.prod(old.shape[1:]), 1)
     step = max(_COPIED_BYTES // (row_bytes * old.chunks[0]), 1) * old.chunks[0]
-    with fill_chunks(are_chunks_filled() or is_outcome(old.name.rpartition("/")[2])):
-        for first in range(0, len(rows), step):
-            new.stored[first : first + step] = old.take(rows[first : first + step])
+    for first in range(0, len(rows), step):
+        new.stored[first : first + step] = old.take(rows[first : first + step])
 
 
 def _copy_chunks(store: Store, old: ZarrArray, new: Store, rows: Array) -> None:

@@ -21,7 +21,6 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.data.held import held
 from rpil.data.json_files import parse
-from rpil.data.missing import are_chunks_filled
 from rpil.formats.description import commas
 from rpil.formats.zarr_header import HEADERS, ArrayHeader, check_header, for_library, has_images
 from rpil.numerics.types import Array
@@ -129,11 +128,15 @@ class ZarrArray:
         Number of files along each axis.
     ends : (M,) array of int
         Where each demonstration ends, to name those that miss a chunk; of an array without demonstrations, nothing.
+    fills : bool
+        Whether chunks that are not there are read as the fill value.
     """
 
-    def __init__(self, store: Store, name: str, header: ArrayHeader, ends: Array | None = None) -> None:
+    def __init__(
+        self, store: Store, name: str, header: ArrayHeader, ends: Array | None = None, fills: bool = False
+    ) -> None:
         self.name, self.where, self.header, self.ends = name, f"{store.path.name}: {name}", header, ends
-        self.is_closed = has_images(header)
+        self.fills, self.is_closed = fills, has_images(header)
         with guarded(self.where, *_DAMAGED_HEADER), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what in format 3 other libraries may not read
             self.stored = store.array(name, for_library(header))
@@ -163,7 +166,7 @@ class ZarrArray:
     def _check(self, numbers: Collection[int]) -> None:
         """A `DataError` where a chunk with one of these `numbers` along the first axis is missing."""
         n_there = sum(n for number, n in self._n_stored.items() if number in numbers)
-        if not are_chunks_filled() and n_there < len(numbers) * math.prod(self.grid[1:]):
+        if not self.fills and n_there < len(numbers) * math.prod(self.grid[1:]):
             raise self._missing()
 
     def chunk_file(self, place: tuple[int, ...]) -> str:

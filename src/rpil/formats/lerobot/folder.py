@@ -199,7 +199,7 @@ FORMAT = Format(
     claims=claims,
     read=read,
     reads_in_place=lambda _: True,
-    keep=keep_by_own_ids(keep),
+    keep=keep_by_own_ids(lambda path, output, ids, _: keep(path, output, ids)),
     check_output=check_output,
     trim=keep,
     check_trim=partial(check_output, trim=True),
