@@ -15,17 +15,17 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2845, 19),
+    "cli": (2824, 19),
     "data": (3377, 39),
-    "estimators": (2322, 15),
+    "estimators": (2321, 15),
     "faults": (2261, 81),
     "formats": (9070, 95),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),
     "policies": (1900, 64),
-    "results": (3456, 56),
-    "scale": (795, 23),
+    "results": (3350, 54),
+    "scale": (760, 22),
     "simulation": (842, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

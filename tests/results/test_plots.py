@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -15,10 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from audits import make_audit, make_traces
+from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.results import plots
-from rpil.results.record import Audit
 from rpil.results.words import COLOURS, SIDES
 
 PICTURES = "ranking", "steps", "sessions"
@@ -137,51 +135,3 @@ def test_without_sessions_the_order_of_the_data_is_drawn() -> None:
     assert drawn(shown) == dict(enumerate(audit.log_odds.tolist()))
     assert shown.get_xlabel() == "Place in the data"
     assert not [line for line in shown.lines if line.get_linestyle() == ":"]
-
-
-def with_traces(name: str = "elbow", **changes: object) -> Audit:
-    audit = make_audit(ids=list("abcdefghij"), lengths=[40] * 10, **changes)
-    return replace(audit, traces={"d": make_traces(40, name=name)})
-
-
-@pytest.mark.parametrize("fps", [None, 10.0])
-def test_evidence_is_drawn_beside_the_band_with_the_trust_in_steps_below(fps: float | None) -> None:
-    audit, ax, other = with_traces(), *Figure(layout="constrained").subplots(2)
-    shown = audit.plot.evidence("d", fps=fps, ax=ax)
-    assert shown is ax
-    assert ax.get_title() == "Demonstration d"
-    first, second, trust = shown.child_axes
-    seconds = np.arange(40) / (fps or 1)
-    for axes, part in zip((first, second), audit.traces["d"].parts, strict=True):
-        (line,), (band,) = axes.lines, axes.collections
-        np.testing.assert_allclose(line.get_xdata(), seconds)
-        np.testing.assert_array_equal(line.get_ydata(), part.value)
-        corners = {tuple(point) for point in np.round(band.get_paths()[0].vertices, 4).tolist()}
-        assert {tuple(point) for point in np.round(np.stack([seconds, part.low], 1), 4).tolist()} <= corners
-        assert {tuple(point) for point in np.round(np.stack([seconds, part.high], 1), 4).tolist()} <= corners
-    assert first.get_title(loc="left") == "elbow (75% of the evidence, -30.0 nats)"
-    assert [text.get_text() for text in first.get_legend().texts] == ["typical, 5 to 95 %", "this one"]
-    heights = trust.collections[0].get_paths()[0].vertices[1:41, 1]
-    np.testing.assert_allclose(heights, audit.step_trust(3))
-    assert trust.get_xlabel() == ("Step" if fps is None else "Seconds")
-    assert not other.child_axes
-
-
-def test_evidence_of_one_without_traces_is_refused() -> None:
-    with pytest.raises(DataError, match="Demonstration e has no traces: the 1 most worth a look have"):
-        with_traces().plot.evidence("e")
-    with pytest.raises(DataError, match="No demonstration is called 'z'"):
-        with_traces().plot.evidence("z")
-
-
-def test_names_of_parts_are_text_and_not_formulas(tmp_path: Path) -> None:
-    shown = with_traces(r"arm $\frac$").plot.evidence("d")
-    shown.figure.savefig(tmp_path / "picture.svg")
-    assert r"arm $\frac$ (75% of the evidence" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
-
-
-def test_the_probability_of_discrete_actions_is_named() -> None:
-    audit = with_traces()
-    own = replace(audit.traces["d"], parts=audit.traces["d"].parts[:1], taken=("left",) * 40)
-    shown = replace(audit, traces={"d": own}).plot.evidence("d")
-    assert shown.child_axes[0].get_title(loc="left").startswith("Probability of the action taken (75%")

@@ -9,16 +9,13 @@ from scipy.special import logit
 
 from problems import make, pooled_state
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
+from rpil.data.spaces import Box, Discrete
 from rpil.inference.claims import Doubt
 from rpil.mixture.em import MixtureFit, Posterior, run_em
 from rpil.mixture.settings import MixtureSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.summary import (
-    audit_from_mixture,
-    doubt_sentence,
-)
+from rpil.results.summary import audit_from_mixture, doubt_sentence, parts_not_judged
 
 SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
@@ -90,3 +87,17 @@ def test_a_doubt_names_demonstrations():
     assert doubt_sentence(several, IDS) == "a to c, e, d, b."
     many = replace(several, runs=(np.array([0]),) * 11)
     assert doubt_sentence(many, IDS) == f"{'a, ' * 10}...."
+
+
+def test_parts_that_rest_are_named_and_a_prefix_of_names_all_of_which_rest_once():
+    def sentences(judged, names=()):
+        actions = np.zeros((10, len(judged)))
+        box = Box(actions[0], actions[0] + 1)
+        data = FitData(np.ones((10, 1)), actions, np.array([0, 10]), box, judged=np.array(judged), action_names=names)
+        return parts_not_judged(data)
+
+    names = ("actions.left.1", "actions.left.2", "actions.right.1", "actions.right.2", "actions.right.3")
+    said = "Not judged: 3 of 5 parts of the action, which rest: actions.left.*, actions.right.2."
+    assert sentences([False, False, True, False, True], names) == (said,)
+    assert sentences([True, False]) == ("Not judged: 1 of 2 parts of the action, which rest: 1.",)
+    assert sentences([True]) == ()

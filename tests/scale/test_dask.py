@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import pickle
 import signal
-import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,14 +17,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import call
 from problems import make, make_continuous, refused
 from rpil import DaskEngine, DataError, formats, open_dataset
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
 from rpil.scale.ascent import block_statistics
-from small import SAMPLE, SMALL, small_rpil
+from small import SAMPLE, small_rpil
 
 distributed = pytest.importorskip("distributed")
 
@@ -157,27 +154,11 @@ def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
         list(placed.map(_steps))
 
 
-@pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:9", "localhost:99999", "nonsense", "tcp://host", "http://host:8786", "host:port"]
-)
-def test_connect_refuses_an_address_without_scheduler(address):
-    with pytest.raises(DataError, match=f"{address}: no Dask scheduler answers there .*; give its address as tcp://"):
-        engine.connect(address, timeout=0.5)
-
-
-def test_another_server_is_refused():
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        pytest.raises(DataError, match="no Dask scheduler answers there"),
-    ):
-        engine.connect(f"tcp://127.0.0.1:{server.getsockname()[1]}", timeout=0.5)
-
-
 def test_no_process_is_left_after_close():
     with distributed.LocalCluster(
         n_workers=1, processes=True, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
     ) as cluster:
-        client = engine.connect(cluster.scheduler_address)
+        client = distributed.Client(cluster.scheduler_address, set_as_default=False)
         pids = list(client.run(os.getpid).values())
         small_rpil(engine=DaskEngine(client)).fit(demonstrations())
         client.close()
@@ -185,17 +166,6 @@ def test_no_process_is_left_after_close():
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
-
-
-def test_audit_command_with_a_cluster(cluster, tmp_path):
-    data = demonstrations()
-    formats.write(tmp_path / "a.parquet", data)
-    arguments = ["audit", str(tmp_path / "a.parquet"), "--json", "--scheduler", cluster.scheduler.address]
-    result = call(*arguments, settings=SMALL)
-    assert result.exit_code == 0, result.output
-    found = {d["id"]: d["log_odds"] for d in json.loads(result.stdout)["demonstrations"]}
-    here = small_rpil(features="auto").fit(data)
-    np.testing.assert_allclose([found[m] for m in here.audit_.ids], here.log_odds_, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("closed", ["client", "cluster"])

@@ -7,8 +7,8 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
-    from rpil.scale.protocol import Engine
 
 
 SEVERAL_COLUMNS = "--action", "--observations", "--exclude", "--only", "--without"
@@ -161,20 +160,12 @@ def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress
 def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:
     """The recording in `file`, and that of the good demonstrations at --reference, which is read by the same columns.
 
-    With a cluster the data stay on disk, because its workers read them; with a reference they are read into memory.
+    With a reference the data are read into memory.
     """
-    stream, scheduler, reference = options.stream, options.scheduler, options.reference
-    if reference is not None and (stream or scheduler):
-        option = "--scheduler" if scheduler else "--stream"
-        raise click.UsageError(f"--reference needs all data in memory: leave out {option}")
-    if scheduler and stream is False:
-        raise click.UsageError("--scheduler and --no-stream exclude each other: leave one out")
-    if scheduler:
-        from rpil.formats.store import has_parquet
-
-        if not has_parquet(file):
-            raise DataError(f"{file}: a cluster reads Parquet files only; write one with rpil convert.")
-    stream = True if scheduler else stream if reference is None else False
+    stream, reference = options.stream, options.reference
+    if reference is not None and stream:
+        raise click.UsageError("--reference needs all data in memory: leave out --stream")
+    stream = stream if reference is None else False
     recording = open_recording(file, options.columns, progress, stream)
     if reference is None:
         return recording, None
@@ -247,26 +238,18 @@ def audit_data(
     files = options.labels, who, options.reference
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    with fitting(replace(options, features=features), recording, progress) as chosen:
-        audit = audit_recording(recording, stated, chosen, file, command, files)
+    chosen = fit_options(replace(options, features=features), progress)
+    audit = audit_recording(recording, stated, chosen, file, command, files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
 
-@contextmanager
-def fitting(options: RunOptions, recording: Recording, progress: StageProgress) -> Iterator[FitOptions]:
-    """The options of a fit to the recording, by those of the command line."""
+def fit_options(options: RunOptions, progress: StageProgress) -> FitOptions:
+    """The options of a fit, by those of the command line."""
     from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
 
     settings = CommandSettings.current().fit or Settings()
-    with ExitStack() as connection:
-        engine: Engine | None = None
-        if options.scheduler:
-            progress(f"connecting to {options.scheduler}")
-            from rpil.scale.dask import DaskEngine, connect
-
-            engine = DaskEngine(connection.enter_context(connect(options.scheduler)))
-        yield FitOptions(options.features, options.adversary, options.seed, settings, progress, engine)
+    return FitOptions(options.features, options.adversary, options.seed, settings, progress)
 
 
 def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:

@@ -4,7 +4,6 @@ is fast."""
 from __future__ import annotations
 
 import shlex
-from dataclasses import fields
 from typing import Any
 
 import click
@@ -65,9 +64,8 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
-        with commands.fitting(run, recording, progress) as chosen:
-            given = {field.name: getattr(chosen, field.name) for field in fields(chosen)}
-            model = RPIL(**given).fit(recording, labels=run.labels, demonstrators=run.operator)
+        chosen = vars(commands.fit_options(run, progress))
+        model = RPIL(**chosen).fit(recording, labels=run.labels, demonstrators=run.operator)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])

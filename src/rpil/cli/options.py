@@ -38,7 +38,6 @@ class RunOptions:
     adversary: str
     seed: int
     stream: bool | None
-    scheduler: str | None
     quiet: bool
     reference: str | None = None
     ignore: tuple[str, ...] = ()
@@ -190,7 +189,6 @@ FIT_OPTIONS = (
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
     stream_option,
-    click.option("--scheduler", metavar="ADDRESS", help="Address of a Dask cluster that does the work; Parquet only."),
     seed_option,
     quiet_option,
 )

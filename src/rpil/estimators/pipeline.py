@@ -32,9 +32,8 @@ from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
 from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
 from rpil.results.record import Audit, Interval
-from rpil.results.resting import resting_sentences
 from rpil.results.settings import AuditSettings
-from rpil.results.summary import audit_from_judgement, audit_from_mixture
+from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
@@ -189,7 +188,7 @@ def decide_trust(posed: JudgeInput, options: FitOptions, is_kept: bool) -> Trust
 
         kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
     decision = TrustDecision.of(judgement, kept, data, ids, answers, options.audit_settings)
-    return replace(decision, notes=tuple(resting_sentences(data, ids)))
+    return replace(decision, notes=parts_not_judged(data))
 
 
 def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> TrustDecision:

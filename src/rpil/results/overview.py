@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from html import escape
+
 from rpil.data.text import counted, one_line
 from rpil.inference.findings import FINDINGS
 from rpil.results.result import AuditResult
-from rpil.results.words import COLOURS, SIDES
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -47,33 +48,8 @@ def shortened(name: object) -> str:
 
 
 def overview_html(audit: AuditResult) -> str:
-    """What a notebook shows of an audit; styles are within its elements, because a notebook may drop style sheets."""
-    from rpil.results.html.page import html_environment
-
-    colours = {word: COLOURS[SIDES[word]] for word in audit.verdict_counts()}
-    rows = [
-        {
-            "id": shortened(audit.ids[m]),
-            "verdict": audit.verdicts[m],
-            "colour": colours[audit.verdicts[m]],
-            "place": audit.place(m),
-            "log_odds": f"{audit.log_odds[m]:+.1f}",
-            "n_steps": f"{audit.lengths[m]:,}",
-            "reason": audit.reasons[m],
-        }
-        for m in audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
-    ]
-    return (
-        html_environment("rpil.results", "html")
-        .get_template("overview.html")
-        .render(
-            audit=audit,
-            sentence=FINDINGS[audit.finding],
-            counts=counts(audit),
-            words=audit.verdict_counts(),
-            colours=colours,
-            question=audit.question or "",
-            rows=rows,
-            n=len(audit.ids),
-        )
-    )
+    """What a notebook shows of an audit: the text, and a table of the lowest with their reasons."""
+    lowest = audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
+    rows = ([shortened(audit.ids[m]), audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest)
+    cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
+    return f"<pre>{escape(overview_text(audit))}</pre><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

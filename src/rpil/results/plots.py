@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.errors import DataError
 from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.result import AuditResult
-from rpil.results.traces import bin_starts
 from rpil.results.words import COLOURS, SIDES
 
 if TYPE_CHECKING:
@@ -74,47 +72,6 @@ class AuditPlots:
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
         ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
-        return ax
-
-    def evidence(self, demonstration: Hashable = None, *, fps: float | None = None, ax: Axes | None = None) -> Axes:
-        """The parts of the action with most of the evidence about the demonstration with this id, by default the least
-        trusted one, beside what the typical do in the same states, and the trust in its steps below, each on axes of
-        its own within `ax` (``ax.child_axes``); in seconds where `fps`, steps a second, is given.
-
-        Raises
-        ------
-        DataError
-            If there is none, or it has no traces.
-        """
-        audit, index = self.audit, self._index(demonstration)
-        name = audit.ids[index]
-        if name not in audit.traces:
-            raise DataError(
-                f"Demonstration {printable(name)} has no traces: the {len(audit.traces)} most worth a look have them; "
-                "choose one of these."
-            )
-        traces, trust = audit.traces[name], audit.step_trust(index)
-        # The trust in steps is half as high as a part.
-        height, unit = 1 / (len(traces.parts) + 0.5), fps or 1.0
-        starts = bin_starts(len(trust)) / unit
-        ax = _axes(ax, (9.0, 1.0 + 1.7 / height))
-        ax.set_axis_off()
-        ax.set_title(f"Demonstration {printable(name)}", parse_math=False, pad=24)
-        insets = [ax.inset_axes((0, 1 - (k + 0.76) * height, 1, 0.7 * height)) for k in range(len(traces.parts))]
-        for axes, part in zip(insets, traces.parts, strict=True):
-            label = f"{traces.compared_with}, 5 to 95 %"
-            axes.fill_between(starts, part.low, part.high, color=COLOURS["open"], alpha=0.3, label=label)
-            axes.plot(starts, part.value, color="black", linewidth=1.0, label="this one")
-            what = "Probability of the action taken" if traces.taken else part.name
-            title = f"{what} ({part.share:.0%} of the evidence, {part.nats:+.1f} nats)"
-            axes.set_title(title, parse_math=False, loc="left", fontsize="medium")
-        insets[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0)
-        last = ax.inset_axes((0, 0, 1, 0.4 * height))
-        last.fill_between(np.arange(len(trust)) / unit, trust, color=COLOURS["upper"], alpha=0.4, linewidth=0)
-        last.set(ylim=(0, 1), ylabel="Trust", xlabel="Seconds" if fps else "Step")
-        for axes in (*insets, last):
-            axes.spines[["top", "right"]].set_visible(False)
-            axes.set_xlim(0, len(trust) / unit)
         return ax
 
     def sessions(self, *, ax: Axes | None = None) -> Axes:

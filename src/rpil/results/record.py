@@ -121,7 +121,7 @@ class Audit(AuditResult):
 
     @property
     def plot(self) -> AuditPlots:
-        """Pictures: ``plot.ranking()``, ``plot.steps(id)``, ``plot.evidence(id)`` and ``plot.sessions()``."""
+        """Pictures: ``plot.ranking()``, ``plot.steps(id)`` and ``plot.sessions()``."""
         from rpil.results.plots import AuditPlots
 
         return AuditPlots(self)

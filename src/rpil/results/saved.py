@@ -31,8 +31,8 @@ AGAIN = "run rpil audit --save again"
 MAX_DEMONSTRATIONS = 100_000
 """Of a saved audit: its page is made as it is read."""
 
-NOT_SHARED = ("report", "weights", "verdicts", "keep", "save", "scheduler")
-"""Options of ``rpil audit`` that no command of a page has: files to write, and an address that may send code."""
+NOT_SHARED = ("report", "weights", "verdicts", "keep", "save")
+"""Options of ``rpil audit`` that no command of a page has: files to write."""
 
 A = TypeVar("A", bound=AuditResult)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,6 +87,25 @@ def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
     shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
     sentence = doubt.sentence.replace("{members}", ", ".join(shown))
     return sentence.replace("{operators}", listed(doubt.operators)) if doubt.operators else sentence
+
+
+def parts_not_judged(data: FitData) -> tuple[str, ...]:
+    """A sentence that names the parts of the action that rest, and so are not judged; none where all are judged."""
+    if data.judged is None or data.judged.all():
+        return ()
+    names = [*map(data.action_name, range(len(data.judged)))]
+    resting, moving = ([*compress(names, which)] for which in (~data.judged, data.judged))
+    starred = dict.fromkeys(_starred(name, resting, moving) for name in resting)
+    return (f"Not judged: {len(resting)} of {len(names)} parts of the action, which rest: {', '.join(starred)}.",)
+
+
+def _starred(name: str, resting: Sequence[str], moving: Sequence[str]) -> str:
+    """The shortest prefix of a `name`, up to a dot, that two or more parts share and none that moves; or the name."""
+    for prefix in (name[: k + 1] for k, letter in enumerate(name) if letter == "."):
+        is_shared = sum(other.startswith(prefix) for other in resting) > 1
+        if is_shared and not any(other.startswith(prefix) for other in moving):
+            return f"{prefix}*"
+    return name
 
 
 def audit_from_mixture(

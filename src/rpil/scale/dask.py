@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
@@ -28,9 +28,6 @@ from rpil.scale.protocol import R, Shards, T
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-TIMEOUT = 5.0
-"""Seconds within which a scheduler answers."""
-
 _SHARDS_PER_THREAD = 2
 """More than one, so that the shards of a worker that died can be divided among the others."""
 
@@ -43,38 +40,6 @@ _MAX_TRIES = 5
 
 _WORKER_TIMEOUT = 60.0
 """Seconds without any worker after which the fit ends."""
-
-
-def connect(address: str, timeout: float = TIMEOUT) -> Client:
-    """A ``distributed.Client`` of the scheduler at `address`.
-
-    Raises
-    ------
-    DataError
-        Where no scheduler answers there within `timeout` seconds, or it has no workers.
-    MissingExtraError
-        Where ``distributed`` is not installed.
-    """
-    distributed = _distributed()
-    with ThreadPoolExecutor(1) as thread:  # the caller may be in an event loop
-        greeted = thread.submit(asyncio.run, _greet(distributed, address, timeout))
-    with guarded(address, "no Dask scheduler answers there", "give its address as tcp://HOST:8786"):
-        greeted.result()
-        client = distributed.Client(address, timeout=timeout, set_as_default=False)
-    try:
-        client.wait_for_workers(1, timeout)
-    except TimeoutError as error:
-        client.close()
-        message = f"{address}: the scheduler has no workers; start some with: dask worker {address}."
-        raise DataError(message) from error
-    return client
-
-
-async def _greet(distributed: Any, address: str, timeout: float) -> None:
-    """Exchange greetings with a Dask server, as a `distributed.Client` waits forever for those of another server."""
-    if not address.startswith(("tls://", "wss://", "ucx://", "inproc://")):  # of which Dask makes a greeting of its own
-        comm = await asyncio.wait_for(distributed.comm.connect(address, timeout=timeout), timeout)
-        await comm.close()
 
 
 class DaskEngine:
