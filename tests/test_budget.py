@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3377, 39),
     "estimators": (2321, 15),
     "faults": (2261, 81),
-    "formats": (9070, 95),
+    "formats": (9000, 95),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

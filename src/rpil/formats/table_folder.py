@@ -54,13 +54,13 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
         raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
-        for file, name in zip(files, csv.names_in_folder(files), strict=True):
+        for name, file in csv.names_in_folder(files).items():
             target = folder / file.relative_to(os.path.abspath(path))
             target.parent.mkdir(parents=True, exist_ok=True)
             if parquet_files:
                 in_file = parquet.keep_rows(file, target, wanted, options)
             else:
-                in_file = csv.keep_text_or_file(file, target, wanted, options, without_suffix(name))
+                in_file = csv.keep_text(file, target, wanted, options, without_suffix(name))
             if not in_file:
                 target.unlink(missing_ok=True)
             found |= in_file
