@@ -23,15 +23,16 @@ import json, re, resource, sys, time
 from pathlib import Path
 from pkgutil import resolve_name
 from rpil.data.errors import DataError
-from rpil.data.memory import limited
+from rpil.data import memory
 
 resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))  # a fault is to end this process, not the machine
-ends, memory = {}, sys.argv[1] if len(sys.argv) > 1 else None
+ends = {}
+if len(sys.argv) > 1:
+    memory.free_memory = lambda: memory.parse_size(sys.argv[1]) / memory.FREE_SHARE
 for path, function in json.loads(sys.stdin.read()).items():
     start = time.process_time()
     try:
-        with limited(memory):
-            end = ["read", repr(resolve_name(function)(path))]
+        end = ["read", repr(resolve_name(function)(path))]
     except DataError as error:
         end = ["refused", str(error)]
     except BaseException as error:

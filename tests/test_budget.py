@@ -15,11 +15,11 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2824, 19),
-    "data": (3377, 39),
+    "cli": (2818, 19),
+    "data": (3361, 39),
     "estimators": (2321, 15),
     "faults": (2261, 81),
-    "formats": (9000, 95),
+    "formats": (9009, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),
@@ -30,7 +30,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 2
+TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 1
 """Names of types and of files with two meanings, and context variables, at most."""
 
 FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 774, 121

@@ -49,8 +49,8 @@ from structural import mutate_structure
 
 import rpil
 from rpil import formats
+from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.memory import limited
 from rpil.faults.expected import read_expected
 from rpil.formats.dataset import Dataset
 from rpil.formats.registry import find
@@ -191,7 +191,7 @@ def hurried() -> Iterator[None]:
 def attempt(read: Reader, path: Path, output: Path) -> tuple[str, str]:
     """How a reading ends, in a word, and more about it."""
     try:
-        with hurried(), limited(MEMORY):
+        with hurried():
             read(path, output)
     except (DataError, MissingExtraError) as error:
         return ("refused" if is_sentence(str(error)) else "no sentence"), str(error)
@@ -232,6 +232,7 @@ def serve() -> None:
     code."""
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (_LIMIT, _LIMIT))
+    memory.free_memory = lambda: memory.parse_size(MEMORY) / memory.FREE_SHARE
     for library in LIBRARIES:
         import_module(library)
     for line in sys.stdin:

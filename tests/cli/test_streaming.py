@@ -14,7 +14,6 @@ from rpil import Dataset, formats, open_dataset
 from rpil.cli import commands
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.memory import limited
 from rpil.formats.columns import ColumnOptions
 from small import SMALL, small_rpil
 
@@ -44,17 +43,16 @@ def test_a_folder_is_read_block_by_block(tmp_path):
 def test_a_large_file_is_read_block_by_block(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
 
-    def read(stream):
+    def read(stream, memory=None):
         path = str(tmp_path / "a.parquet")
-        return commands.open_recording(path, ColumnOptions(), lambda _: None, stream).demonstrations
+        return commands.open_recording(path, ColumnOptions(memory=memory), lambda _: None, stream).demonstrations
 
     assert isinstance(read(None), Demonstrations)
-    with limited("100kB"):
-        assert isinstance(read(None), Dataset)
+    on_disk = read(None, "100kB")
+    assert isinstance(on_disk, Dataset)
+    for into_memory in (lambda: read(False, "100kB"), lambda: on_disk.select(slice(None))):
         with pytest.raises(DataError, match=r"more than the 0\.1 MB that it may; allow more"):
-            read(False)
-    with limited("1kB"), pytest.raises(DataError, match="to read it would take"):
-        read(None)  # the ids alone
+            into_memory()
     for size in ("300kB", "300MB"):
         command("audit", tmp_path / "a.parquet", "--memory", size, "--weights", tmp_path / f"{size}.parquet")
     one, other = (pq.read_table(tmp_path / f"{size}.parquet") for size in ("300kB", "300MB"))
@@ -67,12 +65,13 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
         (["audit", "a.parquet", "--memory", "much"], "'much' is no amount of memory; give one such as 4GB"),
         (["audit", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
         (["check", "a.csv", "--memory", "1kB", "--no-stream"], "a.csv: to read it would take"),
+        (["audit", "a.npz", "--memory", "1kB"], "a.npz: to read it would take"),
     ],
 )
 def test_options_that_exclude_each_other_are_refused(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    formats.write("a.csv", demonstrations())
-    formats.write("a.parquet", demonstrations())
+    for name in ("a.csv", "a.npz", "a.parquet"):
+        formats.write(name, demonstrations())
     result = call(*arguments)
     assert result.exit_code == 2
     *progress, error = result.stderr.splitlines()

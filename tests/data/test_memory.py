@@ -23,15 +23,13 @@ def test_what_is_no_size_is_refused(size):
         memory.parse_size(size)
 
 
-def test_the_innermost_limit_holds_and_ends_with_its_block(monkeypatch):
+def test_what_is_given_may_be_taken_or_else_half_of_what_is_free(monkeypatch):
     monkeypatch.setattr(memory, "free_memory", lambda: 1e9)
-    assert memory.budget() == 5e8
-    with memory.limited("2GB"):
-        with memory.limited("30MB"), memory.limited(None):
-            memory.check_memory(3e7, "x.npz")
-            with pytest.raises(DataError, match=r"x.npz: to read it would take 0.3 GB of memory, more than the 30.0"):
-                memory.check_memory(3e8, "x.npz")
-        memory.check_memory(2e9, "x.npz")
+    memory.check_memory(3e7, "x.npz", "30MB")
+    with pytest.raises(DataError, match=r"x.npz: to read it would take 0.3 GB of memory, more than the 30.0"):
+        memory.check_memory(3e8, "x.npz", "30MB")
+    memory.check_memory(2e9, "x.npz", 2e9)
+    memory.check_memory(5e8, "x.npz")
     with pytest.raises(DataError):
         memory.check_memory(6e8, "x.npz")
 

@@ -20,6 +20,7 @@ import rpil
 import samples
 from command_line import ok
 from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import FORMATS, find
 from samples import SAMPLES, assert_same, assert_same_on_disk
 
@@ -219,7 +220,7 @@ def test_a_missing_value_is_named_with_its_demonstration(name, holed):
         opened.demonstrations  # noqa: B018
     assert is_sentence(caught.value)
     found = [finding for finding in rpil.check(opened).findings if finding.rule == "missing values"]
-    assert [one.id for one in found] == [opened.load(True).ids[MADE_FIRST.get(name, 0)]]
+    assert [one.id for one in found] == [opened.load(ColumnOptions(allow_missing=True)).ids[MADE_FIRST.get(name, 0)]]
 
 
 @pytest.mark.parametrize("on_disk", [False, True])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.memory import TooLargeError, check_memory, limited
+from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import import_process
 from rpil.formats.import_process import in_child
 
@@ -39,8 +39,8 @@ def test_errors_are_those_of_the_work():
     with pytest.raises(DataError, match=r"^a.h5: use memory=.$") as caught:
         in_child(lambda: fail(DataError("a.h5: use <option>.", "memory")), "a.h5", 0)
     assert caught.value.in_shell == "a.h5: use --memory."
-    with limited("1MB"), pytest.raises(TooLargeError, match=r"more than the 1.0 MB"):
-        in_child(lambda: check_memory(1e9, "a.h5"), "a.h5", 0)
+    with pytest.raises(TooLargeError, match=r"more than the 1.0 MB"):
+        in_child(lambda: check_memory(1e9, "a.h5", "1MB"), "a.h5", 0)
     with pytest.raises(MissingExtraError, match=r"^This needs an optional package.*rpil\[zarr\]"):
         in_child(lambda: fail(MissingExtraError("This", "zarr")), "a.h5", 0)
     with pytest.raises(OSError, match=r"No space left") as full:
@@ -51,8 +51,9 @@ def test_errors_are_those_of_the_work():
 
 
 def test_more_memory_than_is_allowed_is_one_sentence():
-    with limited("1MB"), pytest.raises(DataError, match=r"^a.h5: more memory than is free"):
-        in_child(lambda: len(np.zeros(2**36, dtype=np.uint8)), "a.h5", 0)
+    with pytest.raises(DataError, match=r"^a.h5: more memory than is free"):
+        in_child(lambda: len(np.zeros(2**31, dtype=np.uint8)), "a.h5", 0, "1MB")
+    assert in_child(lambda: len(np.zeros(2**31, dtype=np.uint8)), "a.h5", 0, "4GB") == 2**31
 
 
 def test_an_endless_work_is_ended(monkeypatch):

@@ -11,8 +11,8 @@ from pyarrow import fs
 import lerobot_folders as folders
 import rpil
 from hostile import write_long_list
+from rpil.data import memory
 from rpil.data.errors import DataError
-from rpil.data.memory import limited
 from rpil.formats.lerobot.defects import find_defects
 from rpil.formats.parquet_pages import OpenParquet, page_sizes
 from rpil.formats.registry import find
@@ -79,8 +79,8 @@ def test_the_pages_are_believed_and_not_the_footer(tmp_path):
     write_long_list(path, 10**6, says=2)
     assert len(pq.read_table(path)["observation.x"][1]) == 10**6
     assert counted(path, "observation.x") == [10**6 + 1]
-    with limited("1MB"), pytest.raises(DataError, match=r"x\.parquet: .* 16\.0 MB of memory"):
-        rpil.read(path)
+    with pytest.raises(DataError, match=r"x\.parquet: .* 16\.0 MB of memory"):
+        rpil.read(path, memory="1MB")
 
 
 def test_damaged_files_are_refused_and_end_no_process(tmp_path):
@@ -101,23 +101,23 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
             assert all(chunk.n_values >= 0 and chunk.n_bytes >= 0 for chunks in groups for chunk in chunks)
 
 
-def test_columns_that_are_kept_and_not_read_are_checked(tmp_path):
+def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):
     path, rows = tmp_path / "x.parquet", 4 * ROWS
     data = {"episode_index": np.repeat(range(4), ROWS), "action": np.arange(rows), "observation.x": np.arange(rows)}
     table = pa.table(data | {"images": [{"bytes": bytes([k % 256]) * 1000} for k in range(rows)]})
     how = {"use_dictionary": False, "compression": "zstd"}
     pq.write_table(table, path, row_group_size=ROWS, **how)  # each row group alone fits
-    with limited("1MB"):
-        find(path).keep(tmp_path / "kept.parquet", [1])
+    monkeypatch.setattr(memory, "free_memory", lambda: 2e6)
+    find(path).keep(tmp_path / "kept.parquet", [1])
     assert len(pq.read_table(tmp_path / "kept.parquet")) == ROWS
     pq.write_table(table, path, **how)
-    with limited("1MB"), pytest.raises(DataError, match=r"x\.parquet: .* 2\.\d MB of memory"):
+    with pytest.raises(DataError, match=r"x\.parquet: .* 2\.\d MB of memory"):
         find(path).keep(tmp_path / "other.parquet", [1])
     assert not (tmp_path / "other.parquet").exists()
 
 
 @pytest.mark.parametrize("is_trim", [False, True])
-def test_columns_that_statistics_name_are_checked(tmp_path, is_trim):
+def test_columns_that_statistics_name_are_checked(tmp_path, is_trim, monkeypatch):
     root = folders.write(tmp_path / "drive", (4, 5), "v3.0", ())
     file = root / "data" / "chunk-000" / "file-000.parquet"
     table = pq.read_table(file)
@@ -125,7 +125,8 @@ def test_columns_that_statistics_name_are_checked(tmp_path, is_trim):
     pq.write_table(table.append_column("huge", values), file, compression="zstd")
     stats = json.loads((root / "meta" / "stats.json").read_text()) | {"huge": {"min": [0], "mean": [0]}}
     (root / "meta" / "stats.json").write_text(json.dumps(stats))
-    with limited("1MB"):
+    with monkeypatch.context() as little:
+        little.setattr(memory, "free_memory", lambda: 2e6)
         (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
         assert "column 'huge': to read it would take" in defect.sentence
         with pytest.raises(DataError, match="MB of memory"):

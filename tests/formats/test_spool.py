@@ -17,7 +17,6 @@ import pytest
 
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
-from rpil.data.memory import limited
 from rpil.formats import read_recording, rows
 from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
@@ -134,10 +133,10 @@ def test_a_fault_names_file_demonstration_and_row(tmp_path):
 def test_what_takes_too_much_memory_goes_to_disk(tmp_path):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
-    with limited("50kB"):
-        assert isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
-        with pytest.raises(DataError, match="of memory, more than"):
-            formats.read(tmp_path / "a.csv")
+    little = ColumnOptions(memory="50kB")
+    assert isinstance(read_recording(tmp_path / "a.csv", little, on_disk=None).demonstrations, Dataset)
+    with pytest.raises(DataError, match="of memory, more than"):
+        formats.read(tmp_path / "a.csv", memory="50kB")
 
 
 def test_a_full_disk_is_said(tmp_path, monkeypatch):

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.memory import limited
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.recording import from_tables
 from rpil.formats.step_arrays import Part, from_parts
@@ -63,5 +62,6 @@ class Declared:
 
 
 def test_declared_sizes_are_checked_before_values_are_read():
-    with limited("100MB"), pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
-        recording([part("a", 5, **{"obs/arm": Declared()})])
+    parts = [part("a", 5, **{"obs/arm": Declared()})]
+    with pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
+        from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions(memory="100MB"))

@@ -12,7 +12,6 @@ import click
 from click.core import ParameterSource
 
 from rpil.data.files import StrPath, check_extension
-from rpil.data.memory import limited
 
 if TYPE_CHECKING:
     from rpil.estimators.within_tasks import Statements
@@ -223,17 +222,12 @@ def with_options(*options: Option) -> Option:
 
 
 def pop_columns(options: dict[str, Value]) -> ColumnOptions:
-    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too.
-
-    The memory that data may take holds until the command ends.
-    """
+    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
     names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk"}
     operator = options["operator"]
-    command = click.get_current_context()
-    command.with_resource(limited(options.pop("memory")))
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         session=options.get("session"),

@@ -22,7 +22,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse
-from rpil.data.memory import check_memory
 from rpil.data.npy import new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
@@ -254,8 +253,6 @@ def _check_sizes(archive: zipfile.ZipFile, path: Path) -> None:
 
 
 def _read_header(archive: zipfile.ZipFile, path: Path) -> Parsed:
-    n_bytes = archive.getinfo(_HEADER).file_size
-    check_memory(10.0 * n_bytes, str(path))  # Python objects take more than their text
     with archive.open(_HEADER) as file:
         return parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
 

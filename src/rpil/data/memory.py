@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -25,7 +23,6 @@ MIB = 1_048_576
 """Bytes of a mebibyte."""
 
 _SIZE = re.compile(r"(\d+\.?\d*)\s*(?:([kmgt])(i?))?b?", re.IGNORECASE)
-_given: ContextVar[float | None] = ContextVar("_given", default=None)
 
 
 def parse_size(size: Size) -> float:
@@ -37,31 +34,21 @@ def parse_size(size: Size) -> float:
     return float(match[1]) * (1024.0 if match[3] else 1000.0) ** power
 
 
-@contextmanager
-def limited(size: Size | None) -> Iterator[None]:
-    """Let the data that are read in the block take `size` at most; None changes nothing."""
-    token = _given.set(_given.get() if size is None else parse_size(size))
-    try:
-        yield
-    finally:
-        _given.reset(token)
-
-
-def budget() -> float:
-    """Bytes that data may take."""
-    given = _given.get()
-    return FREE_SHARE * free_memory() if given is None else given
+def budget(given: Size | None = None) -> float:
+    """Bytes that data may take: those `given`, or else a share of what is free."""
+    return FREE_SHARE * free_memory() if given is None else parse_size(given)
 
 
 class TooLargeError(DataError):
     """Data that would take more than the `budget`."""
 
 
-def check_memory(n_bytes: float, where: str) -> None:
+def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
     """Raise a `TooLargeError` with the figures where data of `n_bytes` would take more than the `budget`."""
-    if n_bytes > budget():
+    most = budget(given)
+    if n_bytes > most:
         raise TooLargeError(
-            f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(budget())} that it "
+            f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(most)} that it "
             "may; allow more with <option>, or leave it on disk with <option>.",
             ("memory", "stream"),
         )

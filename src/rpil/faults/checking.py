@@ -119,7 +119,7 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
     try:
         return recording.demonstrations
     except DataError:
-        return recording.load(True)
+        return recording.load(replace(recording.options, allow_missing=True))
 
 
 def _measure(

@@ -25,7 +25,7 @@ from rpil.data.id_values import (
     read_id_pairs,
     read_labels,
 )
-from rpil.data.memory import Size, limited
+from rpil.data.memory import Size
 from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
@@ -68,6 +68,7 @@ class ReadOptions(TypedDict, total=False):
     only: Ids
     without: Ids
     skip_bad: bool
+    memory: Size | None
     fill_missing: bool
 
 
@@ -85,12 +86,7 @@ class OpenOptions(AuditOptions, total=False):
     outcome: str | None
 
 
-def read(
-    path: StrPath | Frame | Iterable[object],
-    *,
-    memory: Size | None = None,
-    **columns: Unpack[ReadOptions],
-) -> Demonstrations:
+def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions]) -> Demonstrations:
     """Read demonstrations into memory: from a file or folder of a known format, a data frame, or trajectories.
 
     Parameters
@@ -123,12 +119,11 @@ def read(
         where the data would take more memory.
     """
     check_options(columns)
-    with limited(memory):
-        options = ColumnOptions(**columns)
-        if not isinstance(path, str | os.PathLike | Frame):
-            return _of_trajectories(path, options)
-        recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
-        demonstrations = recording.demonstrations
+    options = ColumnOptions(**columns)
+    if not isinstance(path, str | os.PathLike | Frame):
+        return _of_trajectories(path, options)
+    recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
+    demonstrations = recording.demonstrations
     for line in set_aside_lines(recording.set_aside):
         warnings.warn(f"{recording.description.source}: {line}", stacklevel=2)
     assert isinstance(demonstrations, Demonstrations)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
-from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
@@ -55,7 +54,6 @@ def from_arrow(
     kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, head=table.select(plain).slice(0, 1))
     chosen = table.select([*columns.all, *columns.outcomes])
-    check_memory(2 * chosen.nbytes, source)
     return StepTables([chosen], columns, Origin(source, format_name, notes=notes))
 
 

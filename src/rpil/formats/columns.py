@@ -10,6 +10,7 @@ from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError
+from rpil.data.memory import Size, parse_size
 from rpil.data.recorded_facts import FILE_SESSION
 
 Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
@@ -51,6 +52,8 @@ class ColumnOptions:
         Leave demonstrations out in which a value is missing or infinite.
     allow_missing : bool
         Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
+    memory : int or str
+        Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
         Whether chunks of Zarr and HDF5 that are not there are read as the value that the file names; else they are an
         error.
@@ -73,8 +76,13 @@ class ColumnOptions:
     without: Ids = ()
     skip_bad: bool = False
     allow_missing: bool = False
+    memory: Size | None = None
     fill_missing: bool = False
     on_disk: bool = False
+
+    def __post_init__(self) -> None:
+        if self.memory is not None:
+            parse_size(self.memory)  # an error where it is none
 
 
 def check_options(given: Iterable[str]) -> None:

@@ -51,14 +51,14 @@ def claims(path: Path) -> bool:
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
-    file = find_dialect(path, options.on_disk)
+    file = find_dialect(path, options)
     note = () if file.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {file.encoding}.",)
     return _read({path.name: file}, find_text_columns(file, options), Origin(path.name, file.words, notes=note))
 
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
-    files = {name: find_dialect(path, options.on_disk) for name, path in names_in_folder(paths).items()}
+    files = {name: find_dialect(path, options) for name, path in names_in_folder(paths).items()}
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
@@ -227,7 +227,7 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions, n
 
     A file of a folder is the demonstration `name` where no column names the demonstration.
     """
-    file = find_dialect(path)
+    file = find_dialect(path, options)
     episode = find_text_columns(file, options, None if name is None else FILE).episode
     if name is not None and episode == FILE:
         if name in ids:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
-from rpil.data.memory import check_memory
+from rpil.data.memory import Size, check_memory
 from rpil.formats.layout import Layout
 from rpil.formats.rows import Rows, shifted
 from rpil.numerics.types import Array
@@ -85,6 +85,8 @@ class Dataset(DemonstrationSet):
         The distinct actions, in order; empty where they are continuous.
     low, high : (A,) arrays
         Smallest and largest continuous actions.
+    memory : int or str, optional
+        Bytes that those of them that are read into memory may take; by default half of the free memory.
     """
 
     ids: tuple[Id, ...]
@@ -95,6 +97,7 @@ class Dataset(DemonstrationSet):
     classes: Array
     low: Array
     high: Array
+    memory: Size | None = None
 
     @property
     def observation_names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -143,7 +146,7 @@ class Dataset(DemonstrationSet):
         order = np.unique(chosen)
         check_any(len(order), self.source)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
-        check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source)
+        check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
         ids = tuple(self.ids[m] for m in order.tolist())
         # Runs of consecutive demonstrations: their first rows, and those after their last.
         heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)

@@ -15,6 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
+from rpil.formats.columns import ColumnOptions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -62,10 +63,10 @@ def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
         yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream
 
 
-def find_dialect(path: Path, on_disk: bool = False) -> TextTable:
+def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
     with guarded(path.name, "a damaged or truncated compressed file", "write it again"):
-        head, encoding = _decoded(path, on_disk)
+        head, encoding = _decoded(path, options)
     lines = head.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in head or not any(line.strip() for line in lines):
         raise DataError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again.")
@@ -81,7 +82,7 @@ def find_dialect(path: Path, on_disk: bool = False) -> TextTable:
     if 2 * sum(bool(_NUMBER.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     skip = start + reader.line_num
-    return TextTable(path, tuple(names), skip, separator, encoding, _decimal(lines[skip:], separator), on_disk)
+    return TextTable(path, tuple(names), skip, separator, encoding, _decimal(lines[skip:], separator), options.on_disk)
 
 
 def without_suffix(name: str) -> str:
@@ -89,7 +90,7 @@ def without_suffix(name: str) -> str:
     return _SUFFIX.sub("", name)
 
 
-def _decoded(path: Path, on_disk: bool) -> tuple[str, str]:
+def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str]:
     """The beginning of a file, and its encoding: UTF-8 or, by its first bytes, UTF-16; else that of Western Windows.
 
     A `DataError` where its values would not fit in memory.
@@ -102,7 +103,7 @@ def _decoded(path: Path, on_disk: bool) -> tuple[str, str]:
                     encoding = "utf-16" if chunk.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else encoding
                     decoder = codecs.getincrementaldecoder(encoding)()
                 n_bytes += len(chunk)
-                check_memory(0 if on_disk else _MEMORY_PER_BYTE * n_bytes, path.name)
+                check_memory(0 if options.on_disk else _MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
                 text = decoder.decode(chunk)
                 head = head or text
             return head, encoding

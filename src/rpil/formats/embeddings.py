@@ -14,6 +14,7 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.npy import opened_npz
 from rpil.formats import table as flat
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
@@ -31,8 +32,8 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
     description = recording.description
     text = f"{len(names):,} observations are from {Path(path).name}."
 
-    def load(allows_missing: bool) -> Demonstrations:
-        found = recording.load(allows_missing)
+    def load(options: ColumnOptions) -> Demonstrations:
+        found = recording.load(options)
         demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
         own = recording.step_columns(slice(0, demonstrations.n_steps))
         if own is None or _INDEX not in own.column_names:

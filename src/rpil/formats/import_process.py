@@ -22,7 +22,7 @@ from rpil.data.errors import DataError, MissingExtraError, SentenceWithOptions
 from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.json_files import Parsed
-from rpil.data.memory import MIB, budget
+from rpil.data.memory import MIB, Size, budget
 
 _LEAST_SECONDS = 15
 """Seconds of computing that a small file may take."""
@@ -41,7 +41,7 @@ _SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _REMEDY = "it is damaged or of another form, copy or write it again"
 
 
-def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
+def in_child(work: Callable[[], Parsed], where: str, n_bytes: float, memory: Size | None = None) -> Parsed:
     """The result of `work`, done in a forked process under limits.
 
     Parameters
@@ -52,6 +52,8 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
         The file in messages.
     n_bytes : float
         Its size, by which the process has more time.
+    memory : int or str, optional
+        Bytes that the process may take; by default half of the free memory.
 
     Raises
     ------
@@ -69,7 +71,7 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
         child = os.fork()
     if not child:
         os.close(reading)
-        _answer(work, where, seconds, writing, mask)
+        _answer(work, where, seconds, memory, writing, mask)
     try:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         os.close(writing)
@@ -90,12 +92,17 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float) -> Parsed:
 
 
 def _answer(
-    work: Callable[[], Parsed], where: str, seconds: int, pipe: int, mask: Iterable[signal.Signals | int]
+    work: Callable[[], Parsed],
+    where: str,
+    seconds: int,
+    memory: Size | None,
+    pipe: int,
+    mask: Iterable[signal.Signals | int],
 ) -> NoReturn:
     """Do the work, write what comes of it to the pipe, and end this process, whose memory is a copy of another's."""
     status = 1
     try:
-        _limit(seconds)
+        _limit(seconds, memory)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         try:
             with holding(alone=True), guarded(where):
@@ -113,7 +120,7 @@ def _answer(
         os._exit(status)
 
 
-def _limit(seconds: int) -> None:
+def _limit(seconds: int, memory: Size | None) -> None:
     """Limit this process; what libraries print when they are about to end it goes nowhere."""
     import resource  # of Unix
 
@@ -127,7 +134,7 @@ def _limit(seconds: int) -> None:
     signal.setitimer(signal.ITIMER_REAL, _WAITING * seconds)
     limits = {resource.RLIMIT_CORE: 0.0, resource.RLIMIT_CPU: seconds}
     with suppress(OSError), open("/proc/self/statm") as sizes:
-        limits[resource.RLIMIT_AS] = int(sizes.read().split()[0]) * resource.getpagesize() + budget() + _RESERVED
+        limits[resource.RLIMIT_AS] = int(sizes.read().split()[0]) * resource.getpagesize() + budget(memory) + _RESERVED
     for kind, most in limits.items():
         soft, hard = resource.getrlimit(kind)
         if most < (math.inf if soft == resource.RLIM_INFINITY else soft):

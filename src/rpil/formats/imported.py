@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rpil.data.arrays import check_any
 from rpil.data.held import holding
 from rpil.data.json_files import Parsed
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.import_process import in_child
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import Rows, TableRows
@@ -23,18 +24,18 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bool) -> Recording:
+def imported(read: Callable[[], StepTables | Recording], path: Path, options: ColumnOptions) -> Recording:
     """The recording in the tables that `read` makes of the file or folder at `path`, in a process of its own.
 
-    In memory they are in a file that has no name; `on_disk` in a temporary one.
+    In memory they are in a file that has no name; on disk in a temporary one.
     """
     if sys.platform != "linux":
         with holding(alone=True):  # the tables are read later than the file is opened
             found = read()
-            return found if isinstance(found, Recording) else from_tables(found, on_disk)
+            return found if isinstance(found, Recording) else from_tables(found, options.on_disk)
     import pyarrow as pa  # once, for both processes
 
-    copy = new_copy(path.name) if on_disk else None
+    copy = new_copy(path.name) if options.on_disk else None
     file = os.memfd_create("steps")
 
     def work() -> Parsed:
@@ -48,7 +49,7 @@ def imported(read: Callable[[], StepTables | Recording], path: Path, on_disk: bo
         return tables.as_json()
 
     try:
-        found = from_facts(in_child(work, str(path), size_of(path)))
+        found = from_facts(in_child(work, str(path), size_of(path), options.memory))
         rows: Rows
         if copy is None:
             rows = TableRows(_mapped(file), found.origin.source, sizes=found.sizes)

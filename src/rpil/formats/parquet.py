@@ -52,7 +52,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     origin = Origin(source, _format_name(metadata, len(paths)), metadata)
     if options.on_disk:
         return from_rows(rows, columns, origin, layout)
-    check_memory(rows.n_bytes, source)
+    check_memory(rows.n_bytes, source, options.memory)
     tables, sizes = [], Counter[str]()
     for row, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]):
         tables.append(table)

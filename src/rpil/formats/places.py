@@ -11,7 +11,6 @@ import numpy as np
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.memory import check_memory
 from rpil.data.names import is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _FILE_ORDER = "steps in the order of the file"
-_BYTES_PER_ID = 200  # of a demonstration: its id as an object of Python, and its place
 
 
 class UnsortedError(DataError):
@@ -93,7 +91,6 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     order, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
-    check_memory(_BYTES_PER_ID * len(chosen), source)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
     runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]

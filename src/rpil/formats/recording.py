@@ -47,8 +47,8 @@ class Recording:
     Attributes
     ----------
     description : Description
-    load : function
-        Makes the demonstrations; with True those in which values may be missing.
+    load : function of options
+        Makes the demonstrations, which may have missing values if the options allow it.
     step_columns : function of a slice of the N steps
         The file's own numbers of its rows, such as ``index``, in the order of the steps.
     operators : list of pairs
@@ -74,7 +74,7 @@ class Recording:
     """
 
     description: Description
-    load: Callable[[bool], Demonstrations | Dataset]
+    load: Callable[[ColumnOptions], Demonstrations | Dataset]
     step_columns: StepColumns = lambda _: None
     operators: list[tuple[str, object]] = field(default_factory=list)
     tasks: Mapping[str, str] = field(default_factory=dict)
@@ -131,7 +131,7 @@ class Recording:
     def demonstrations(self) -> Demonstrations | Dataset:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(self.description.source):
-            return self.load(self.options.allow_missing)
+            return self.load(self.options)
 
     def with_ignored(self, names: Mapping[str, str]) -> Recording:
         """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
@@ -198,8 +198,8 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     def read_clock() -> Clock | None:
         return find_clock(read_columns(rows, clock_columns(columns)), columns, places.offsets)
 
-    def load(allows_missing: bool) -> Demonstrations | Dataset:
-        data = _dataset(rows, found, origin.source, allows_missing)
+    def load(options: ColumnOptions) -> Demonstrations | Dataset:
+        data = _dataset(rows, found, origin.source, options)
         return data.select(slice(None)) if isinstance(rows, TableRows) else data
 
     def step_columns(steps: slice) -> pa.Table | None:
@@ -240,15 +240,16 @@ def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
             yield name
 
 
-def _dataset(rows: Rows, found: Scan, source: str, allows_missing: bool) -> Dataset:
+def _dataset(rows: Rows, found: Scan, source: str, options: ColumnOptions) -> Dataset:
     """The demonstrations in the rows; a `DataError` where a value cannot be an action."""
     actions, classes, places = found.actions, found.actions.classes, found.places
-    layout = replace(found.layout, allows_missing=allows_missing)
-    if actions.fault is not None and (actions.kind == "refused" or not allows_missing):
+    layout = replace(found.layout, allows_missing=options.allow_missing)
+    if actions.fault is not None and (actions.kind == "refused" or not options.allow_missing):
         raise actions.fault
     if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
         layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-    return Dataset(places.ids, places.offsets, source, rows, layout, classes, actions.low, actions.high)
+    values = classes, actions.low, actions.high, options.memory
+    return Dataset(places.ids, places.offsets, source, rows, layout, *values)
 
 
 def _chosen(rows: Rows, columns: Columns, found: Scan, origin: Origin, mask: Array) -> Recording:

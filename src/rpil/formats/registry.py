@@ -106,7 +106,7 @@ class ClaimedPath:
         else:
             readable = check_readable(path) if path.is_file() else path
             if not self.format.reads_in_place(self.path):
-                return imported(lambda: self.format.read(readable, options), readable, options.on_disk)
+                return imported(lambda: self.format.read(readable, options), readable, options)
             found = self.format.read(readable, options)
         return found if isinstance(found, Recording) else from_tables(found, options.on_disk)
 
@@ -141,7 +141,8 @@ class ClaimedPath:
             self.format.keep(path, output, ids, options)
         else:
             try:
-                in_child(lambda: self.format.keep(path, output, ids, options), str(path), 4 * size_of(path))
+                n_bytes = 4 * size_of(path)
+                in_child(lambda: self.format.keep(path, output, ids, options), str(path), n_bytes, options.memory)
             finally:
                 remove_abandoned(output)  # what a process that was ended had begun
 

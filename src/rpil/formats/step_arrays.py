@@ -127,7 +127,9 @@ def from_parts(
     for part in parts:
         _check(part, parts[0], columns.all, _place(part, id_column, source))
     if not options.on_disk:
-        _check_size(parts, columns.all, source)
+        arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
+        n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
+        check_memory(n_bytes, source, options.memory)
     types = {name: _type_of_all(parts, name) for name in columns.all}
     batches = _batches(parts, BATCH_ROWS if options.on_disk else sum(part.n_steps for part in parts))
     tables = (
@@ -189,12 +191,6 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
         if _kind(array) == "nested" or (name in first.arrays and shape[1:] != first.arrays[name].shape[1:]):
             fault = f"the shape {shape} and the type {array.dtype}"
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each step; exclude it.")
-
-
-def _check_size(parts: Sequence[Part], names: Sequence[str], source: str) -> None:
-    """A `DataError` where the arrays `names` would not fit in memory, before any is read."""
-    arrays = [part.arrays[name] for part in parts for name in names if name in part.arrays]
-    check_memory(sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays), source)
 
 
 def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
