@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,22 +47,11 @@ class Shard:
                 rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
                 layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
                 row = until
-            if not layout.allows_missing:
-                self._check_values(block, start)
             yield block
 
     def demonstration_of(self, row: int) -> str:
         """The demonstration of a row of the data set, for messages."""
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
-
-    def _check_values(self, block: Block, row: int) -> None:
-        observations = block.observations, [f"observation {name!r}" for name in self.layout.observation_names]
-        actions = block.actions, [f"action {a}" for a in range(self.layout.n_parts)]
-        for values, names in (observations, actions) if self.layout.n_parts else (observations,):
-            finite = np.isfinite(values)
-            if not finite.all():
-                source = self.rows.file_of(row + int(np.argwhere(~finite)[0, 0]))
-                check_finite(values, tuple(names), block.offsets, self.ids[block.first - self.bounds[0] :], source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,6 +125,17 @@ class Dataset(DemonstrationSet):
         offsets = self.offsets[bounds[0] : bounds[-1] + 1]
         rows = self.rows.between(int(offsets[0]), int(offsets[-1]))
         return Shard(rows, self.layout, tuple(bounds), offsets, self.ids[bounds[0] : bounds[-1]])
+
+    def refuse_faulty(self, numbers: Iterable[int]) -> None:
+        """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
+        for m in sorted(numbers):
+            (block,) = self._shard((m, m + 1))
+            source = self.rows.file_of(int(self.offsets[m]))
+            names = [f"observation {name!r}" for name in self.observation_names]
+            parts = [f"action {a}" for a in range(self.n_actions)]
+            for values, what in ((block.observations, names), (block.actions, parts)):
+                if what:
+                    check_finite(values, tuple(what), block.offsets, self.ids[m : m + 1], source)
 
     def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory.

@@ -118,11 +118,7 @@ class Layout:
         """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(at(0)):
             self._fill(observations, table, self.observations, at)
-            self.fill_actions(actions, table, at)
-
-    def fill_actions(self, actions: Array, table: pa.Table, at: Place) -> None:
-        """Write the actions of `table`, which needs no other columns, to the array."""
-        self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
 
     def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place) -> None:
         start = 0

@@ -241,15 +241,18 @@ def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
 
 
 def _dataset(rows: Rows, found: Scan, source: str, options: ColumnOptions) -> Dataset:
-    """The demonstrations in the rows; a `DataError` where a value cannot be an action."""
+    """The demonstrations in the rows; a `DataError` where a value is missing, infinite, or cannot be an action."""
     actions, classes, places = found.actions, found.actions.classes, found.places
     layout = replace(found.layout, allows_missing=options.allow_missing)
     if actions.fault is not None and (actions.kind == "refused" or not options.allow_missing):
         raise actions.fault
     if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
         layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-    values = classes, actions.low, actions.high, options.memory
-    return Dataset(places.ids, places.offsets, source, rows, layout, *values)
+    values = classes, *found.action_range, options.memory
+    data = Dataset(places.ids, places.offsets, source, rows, layout, *values)
+    if not options.allow_missing:
+        data.refuse_faulty(found.statistics.faulty)
+    return data
 
 
 def _chosen(rows: Rows, columns: Columns, found: Scan, origin: Origin, mask: Array) -> Recording:

@@ -25,13 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class ScannedActions:
-    """The distinct actions and the range of continuous ones, collected table by table.
+    """The distinct actions of one column of numbers or texts, collected table by table.
 
     Attributes
     ----------
     classes : (K,) array
         The distinct actions, in order; empty where they are continuous.
-    low, high : (A,) arrays
     fault : DataError, optional
         The first value that cannot be an action.
     kind, reason : str
@@ -41,8 +40,6 @@ class ScannedActions:
     layout: Layout
     wanted: ActionKind
     classes: Array = field(default_factory=lambda: np.empty(0))
-    low: Array = field(default_factory=lambda: np.array([np.inf]))
-    high: Array = field(default_factory=lambda: np.array([-np.inf]))
     fault: DataError | None = None
     kind: str = "continuous"
     reason: str = ""
@@ -58,35 +55,24 @@ class ScannedActions:
         name = self.layout.actions[0][0]
         self._n_steps += len(table)
         try:
-            self._add(table, at)
+            self._add(flat.column_values(table, name, at, self.layout.allows_missing), at)
         except DataError as error:
             self.fault = self.fault or error
-            if not self.layout.n_parts and table[name].null_count < len(table):
-                self._add(table.select([name]).drop_null(), at)
+            if table[name].null_count < len(table):
+                self._add(flat.column_values(table.select([name]).drop_null(), name, at), at)
 
-    def _add(self, table: pa.Table, at: Place) -> None:
-        if self.layout.n_parts:
-            numbers = np.empty((len(table), self.layout.n_parts), self.layout.action)
-            self.layout.fill_actions(numbers, table, at)
-            self._add_numbers(numbers)
-            return
-        values = flat.column_values(table, self.layout.actions[0][0], at, self.layout.allows_missing).reshape(-1)
-        if not self._is_text:
+    def _add(self, values: Array, at: Place) -> None:
+        values = values.reshape(-1)
+        if values.dtype.kind == "f":
             finite = np.isfinite(values)
             if not finite.all():
                 fault = f"{at(int(np.argmin(finite)))}: an action is not finite"
                 self.fault = self.fault or DataError(f"{fault}; repair it, or read with <option>.", "skip_bad")
-            values = self._add_numbers(values)
-            self._whole = self._whole and (values.dtype.kind != "f" or are_whole(values))
+            values = values[~np.isnan(values)]
+            self._whole = self._whole and are_whole(values)
         if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
             classes = np.unique(as_actions(values, at(0), "discrete"))
             self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
-
-    def _add_numbers(self, values: Array) -> Array:
-        """Add numbers, (N,) or (N, A); those that are there."""
-        self.low = np.fmin(self.low, np.fmin.reduce(values, axis=0))
-        self.high = np.fmax(self.high, np.fmax.reduce(values, axis=0))
-        return values if values.dtype.kind != "f" or values.ndim > 1 else values[~np.isnan(values)]
 
     def finish(self, source: str) -> Layout:
         """Decide what the actions are; the layout with their type."""
@@ -229,6 +215,13 @@ class Scan:
     last_actions: Set[str]
     """Columns that were to be observations, and repeat the last action."""
 
+    @property
+    def action_range(self) -> tuple[Array, Array]:
+        """Smallest and largest continuous actions, (A,) each."""
+        names, columns = [name for name, _ in self.layout.actions], self.statistics
+        low, high = ([ends.get(name, np.full(1, np.nan)) for name in names] for ends in (columns.low, columns.high))
+        return np.concatenate(low, dtype=float), np.concatenate(high, dtype=float)
+
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
     """Read all rows once."""
@@ -239,7 +232,8 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
-        actions.add(table, at)
+        if not layout.n_parts:
+            actions.add(table, at)
         statistics.add(table, places.begins(row, len(table)))
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
