@@ -19,6 +19,6 @@ def test_all_but_the_tables_is_json():
     assert again.columns == columns
     assert again.columns.ignored == columns.ignored
     assert again.columns.chosen_parts == {"x": ("x.a",)}
-    assert again.origin == origin
+    assert again.origin == tables.origin
     assert again.origin.metadata.lengths == {3: 5, "c": 7}
-    assert (again.sizes, again.ignored) == ({"a.h5": 4}, {"q": "video"})
+    assert (again.sizes, again.origin.ignored) == ({"a.h5": 4}, {"q": "video"})

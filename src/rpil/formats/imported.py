@@ -57,7 +57,7 @@ def imported(read: Callable[[], StepTables | Recording], path: Path, options: Co
             rows = copied_rows(copy, found.sizes)
     finally:
         os.close(file)
-    return from_rows(rows, found.columns, found.origin).with_ignored(found.ignored)
+    return from_rows(rows, found.columns, found.origin)
 
 
 def size_of(path: Path) -> float:

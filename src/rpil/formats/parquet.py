@@ -46,10 +46,16 @@ def read(path: Path, options: ColumnOptions) -> Recording:
     return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
-def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> Recording:
+def read_files(
+    filesystem: fs.FileSystem,
+    paths: Sequence[str],
+    options: ColumnOptions,
+    source: str,
+    ignored: Mapping[str, str] = {},
+) -> Recording:
     """Read files with the same columns into memory, or leave them where they are, as the options say."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
-    origin = Origin(source, _format_name(metadata, len(paths)), metadata)
+    origin = Origin(source, _format_name(metadata, len(paths)), metadata, ignored=ignored)
     if options.on_disk:
         return from_rows(rows, columns, origin, layout)
     check_memory(rows.n_bytes, source, options.memory)

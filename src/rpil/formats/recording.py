@@ -133,13 +133,6 @@ class Recording:
         with guarded(self.description.source):
             return self.load(self.options)
 
-    def with_ignored(self, names: Mapping[str, str]) -> Recording:
-        """The same, where parts of the file that are no columns are not read for the reasons in `names`."""
-        description = replace(self.description, ignored={**self.description.ignored, **names})
-        some = self.chosen
-        chosen = None if some is None else (lambda mask: some(mask).with_ignored(names))
-        return replace(self, description=description, chosen=chosen)
-
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables; `on_disk` they never are in memory all."""
@@ -147,13 +140,11 @@ def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
 
     columns, origin = found.columns, found.origin
     if on_disk:
-        recording = from_rows(copied_rows(spool(found.tables, origin.source), found.sizes), columns, origin)
-    else:
-        whole = list(found.tables)
-        check_any(len(whole), origin.source)
-        table = pa.concat_tables(whole, promote_options="permissive")
-        recording = from_rows(TableRows(table, origin.source, sizes=found.sizes), columns, origin)
-    return recording.with_ignored(found.ignored)
+        return from_rows(copied_rows(spool(found.tables, origin.source), found.sizes), columns, origin)
+    whole = list(found.tables)
+    check_any(len(whole), origin.source)
+    table = pa.concat_tables(whole, promote_options="permissive")
+    return from_rows(TableRows(table, origin.source, sizes=found.sizes), columns, origin)
 
 
 def from_rows(rows: Rows, columns: Columns, origin: Origin, layout: Layout | None = None) -> Recording:
@@ -286,7 +277,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         operators=different(found.operators),
         task_column=columns.task,
         tasks=different(found.tasks, metadata.tasks),
-        ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out},
+        ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
         ranges=ranges,
         outcomes=outcome_options(columns.outcomes),

@@ -27,31 +27,22 @@ class StepTables:
     origin : Origin
     sizes : mapping of str to int
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    ignored : mapping of str to str
-        Parts of the file that are no columns, and why they are not read.
     """
 
     tables: Iterable[pa.Table]
     columns: Columns
     origin: Origin
     sizes: Mapping[str, int] = field(default_factory=dict)
-    ignored: Mapping[str, str] = field(default_factory=dict)
 
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""
-        return replace(self, ignored={**self.ignored, **names})
+        return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
 
     def as_json(self) -> Parsed:
         """All but the tables, as a value of JSON."""
         origin = {**asdict(self.origin), "metadata": asdict(self.origin.metadata)}
         lengths = [*self.origin.metadata.lengths.items()]
-        return {
-            "columns": asdict(self.columns),
-            "origin": origin,
-            "lengths": lengths,
-            "sizes": self.sizes,
-            "ignored": self.ignored,
-        }
+        return {"columns": asdict(self.columns), "origin": origin, "lengths": lengths, "sizes": self.sizes}
 
 
 def from_facts(facts: Parsed, tables: Iterable[pa.Table] = ()) -> StepTables:
@@ -59,7 +50,7 @@ def from_facts(facts: Parsed, tables: Iterable[pa.Table] = ()) -> StepTables:
     lengths = {name: int(length) for name, length in facts["lengths"]}
     metadata = Metadata(**_tuples(facts["origin"]["metadata"]) | {"lengths": lengths})
     origin = Origin(**_tuples(facts["origin"]) | {"metadata": metadata})
-    return StepTables(tables, Columns(**_tuples(facts["columns"])), origin, facts["sizes"], facts["ignored"])
+    return StepTables(tables, Columns(**_tuples(facts["columns"])), origin, facts["sizes"])
 
 
 def _tuples(value: Parsed) -> Parsed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -44,6 +44,8 @@ class Origin:
         What a user should know, in sentences.
     files : sequence of M str
         The file of each; empty for formats in which files say nothing of order and sessions.
+    ignored : mapping of str to str
+        Parts of the file that are no columns, and why they are not read.
     """
 
     source: str
@@ -51,6 +53,7 @@ class Origin:
     metadata: Metadata = Metadata()
     notes: tuple[str, ...] = ()
     files: Sequence[str] = ()
+    ignored: Mapping[str, str] = field(default_factory=dict)
 
     def only(self, ids: Sequence[Id]) -> Origin:
         """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""

@@ -27,7 +27,7 @@ def read(path: StrPath, options: ColumnOptions) -> Recording | StepTables:
     if not parquet_files:
         return csv.read_folder([Path(file) for file in text_files], options, source)
     beside = {Path(file).name: "a text table beside Parquet files" for file in text_files}
-    return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
+    return parquet.read_files(filesystem, parquet_files, options, source, beside)
 
 
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:
