@@ -40,3 +40,10 @@ def test_actions_of_umi_are_moves(tmp_path):
         assert (after.inv() * turns[row if is_last else row + 1]).magnitude() == pytest.approx(0, abs=1e-7)
     asked = formats.read_recording(tmp_path / "umi.zarr", formats.ColumnOptions(action="robot0_eef_pos"))
     np.testing.assert_array_equal(asked.demonstrations.actions, arrays["robot0_eef_pos"])
+
+
+def test_whole_numbers_may_fall(tmp_path):
+    root = zarr.create_group(tmp_path / "umi.zarr", zarr_format=2)
+    root.create_array("data/robot0_gripper_width", data=np.array([[3], [1], [4]], np.uint16))
+    root.create_array("meta/episode_ends", data=np.array([3]))
+    assert formats.read(tmp_path / "umi.zarr").actions.tolist() == [[-2], [3], [0]]

@@ -202,3 +202,22 @@ def test_names_in_a_zip_file_that_lead_out_of_it_are_not_read(tmp_path):
             archive.writestr(name, "{}")
     find(path).keep(tmp_path / "kept.zarr.zip", [0])
     assert set(rpil.open(tmp_path / "kept.zarr.zip").description.ignored) == {"img", "keypoint"}
+
+
+@pytest.mark.parametrize("zarr_format", [2, 3])
+def test_groups_within_groups_are_read_and_all_that_is_said_is_kept(tmp_path, zarr_format):
+    path, output = write_buffer(tmp_path, zarr_format)[0], tmp_path / "kept.zarr"
+    root = zarr.open_group(path)
+    root.create_array("data/obs/force", data=np.arange(11.0)[:, None])
+    root.create_array("meta/task", data=np.arange(3) + 7)
+    root.create_array("meta/zeros", data=np.zeros(3))  # of which zarr writes no chunk
+    root.create_array("meta/hz", data=np.array([10.0, 20.0]))
+    root.attrs["made by"], root["data/obs"].attrs["unit"] = "us", "N"
+    assert formats.read_recording(path).description.observations == ("force",)
+    find(path).keep(output, [1, 2])
+    kept = zarr.open_group(output)
+    assert (kept.attrs["made by"], kept["data/obs"].attrs["unit"]) == ("us", "N")
+    np.testing.assert_array_equal(kept["data/obs/force"][:, 0], np.arange(ENDS[0], 11))
+    np.testing.assert_array_equal(kept["meta/task"], [8, 9])
+    np.testing.assert_array_equal(kept["meta/zeros"], [0, 0])
+    np.testing.assert_array_equal(kept["meta/hz"], [10, 20])

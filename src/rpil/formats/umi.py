@@ -27,6 +27,7 @@ def moves(arrays: Mapping[str, StoredArray], ends: Array) -> dict[str, Array]:
     found = {}
     for name, array in poses.items():
         now = np.asarray(array[: int(ends[-1])])
+        now = now if now.dtype.kind == "f" else now.astype(np.float64)  # differences of whole numbers may not be whole
         then = np.concatenate([now[1:], now[-1:]])
         then[ends[ends > 0] - 1] = now[ends[ends > 0] - 1]
         found[f"action.{name}"] = _turn(now, then) if name.endswith("axis_angle") else then - now

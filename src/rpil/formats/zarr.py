@@ -55,7 +55,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     A `DataError` where there are none, or where they do not end where the demonstrations do.
     """
     with opened(path) as store:
-        headers = _headers(store)
+        headers = _headers(store, "data")
         ends = _ends(store, headers)[1]
         arrays = {array.name.removeprefix("data/"): array for array in _data(store, headers, ends, options)}
         closed = [name for name, array in arrays.items() if array.is_closed]
@@ -81,26 +81,35 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
     """
     with opened(path) as store:
-        headers = _headers(store)
+        headers = _headers(store, "data", "meta")
         old_ends, ends = _ends(store, headers)
         chosen = kept_of(range(len(ends)), ids, path)
         lengths = np.diff(ends, prepend=0)
         rows = np.concatenate([np.arange(0), *(np.arange(ends[m] - lengths[m], ends[m]) for m in chosen)])
         new_ends = np.cumsum(lengths[chosen])
         arrays = _data(store, headers, ends, options, is_outcome)  # zarr leaves out chunks of zeros, as rewards have
+        others = [name for name in headers if name.startswith("meta/") and name != _ENDS]
+        about = [array for name in others if (array := ZarrArray(store, name, headers[name], fills=True)).shape]
         with _new_store(path, output) as new:
-            for old in arrays:
-                created = _create(store, old, new, len(rows))
+            for old in (*arrays, *about):
+                every = np.array(chosen) if old.shape[:1] == ends.shape else np.arange(old.shape[0])
+                old_rows = every if old in about else rows
+                created = _create(store, old, new, len(old_rows))
                 if old.stored.shards is None and old.chunks[0] == 1:
-                    _copy_chunks(store, old, new, rows)
+                    _copy_chunks(store, old, new, old_rows)
                 else:
-                    _copy(old, created, rows)
+                    _copy(old, created, old_rows)
             _create(store, old_ends, new, len(new_ends)).stored[:] = new_ends.astype(old_ends.dtype)
 
 
-def _headers(store: Store) -> dict[str, ArrayHeader]:
-    """The headers of all arrays by name, which are checked before any array is opened."""
-    return store.headers([_ENDS, *(f"data/{name}" for name in store.folders("data"))])
+def _headers(store: Store, *groups: str) -> dict[str, ArrayHeader]:
+    """The headers of the ends and of all arrays in `groups` by name, which are checked before any array is opened."""
+    headers, waiting = store.headers([_ENDS]), [*groups]
+    while waiting:
+        names = [f"{group}/{name}" for group in waiting for name in store.folders(group)]
+        found = store.headers([name for name in names if name != _ENDS])
+        headers, waiting = {**headers, **found}, [name for name in names if name not in (*found, _ENDS)]
+    return headers
 
 
 def _ends(store: Store, headers: Mapping[str, ArrayHeader]) -> tuple[ZarrArray, Array]:
@@ -126,7 +135,7 @@ def _data(
     arrays = [
         ZarrArray(store, name, header, ends, options.fill_missing or is_filled(name.rpartition("/")[2]))
         for name, header in headers.items()
-        if name != _ENDS
+        if name.startswith("data/")
     ]
     for array in arrays:
         if array.shape[:1] != (ends[-1],):
@@ -157,12 +166,16 @@ def _create(store: Store, old: ZarrArray, new: Store, n_rows: int) -> ZarrArray:
     is_2 = header["zarr_format"] == 2
     folder = new.path / old.name
     folder.mkdir(parents=True)
-    for group in (folder.parent, new.path):
-        content = {"zarr_format": 2} if is_2 else {"zarr_format": 3, "node_type": "group", "attributes": {}}
-        (group / (".zgroup" if is_2 else "zarr.json")).write_text(json.dumps(content))
     (folder / HEADERS[not is_2]).write_text(json.dumps(header))
-    if (attributes := store.root / old.name / _ATTRIBUTES).is_file():
-        (folder / _ATTRIBUTES).write_bytes(attributes.read_bytes())
+    for place in (folder, *folder.parents[: old.name.count("/") + 1]):
+        name, file = place.relative_to(new.path).as_posix(), place / (".zgroup" if is_2 else HEADERS[1])
+        if place != folder and file.exists():
+            break  # with all groups above, of an array before
+        if place != folder:
+            about = {} if is_2 else {"node_type": "group", "attributes": store.attributes_3(name)}
+            file.write_text(json.dumps({"zarr_format": header["zarr_format"], **about}))
+        if (attributes := store.root / name / _ATTRIBUTES).is_file():
+            (place / _ATTRIBUTES).write_bytes(attributes.read_bytes())
     return ZarrArray(new, old.name, header)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.data.held import held
-from rpil.data.json_files import parse
+from rpil.data.json_files import Parsed, parse
 from rpil.formats.description import commas
 from rpil.formats.zarr_header import HEADERS, ArrayHeader, check_header, for_library, has_images
 from rpil.numerics.types import Array
@@ -56,6 +56,12 @@ class Store:
                         check_header(header, where)
                         headers[name] = header
         return headers
+
+    def attributes_3(self, name: str) -> Parsed:
+        """The attributes of a group in format 3."""
+        file, where = self.root / name / HEADERS[1], f"{self.path.name}: {name}"
+        with guarded(where, *_DAMAGED_HEADER):
+            return parse(file.read_bytes(), where).get("attributes", {}) if file.is_file() else {}
 
     def folders(self, name: str) -> list[str]:
         """The names of the folders in a folder, in order."""
