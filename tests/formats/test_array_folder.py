@@ -155,3 +155,24 @@ def test_npz_files_beside_tables_are_not_read(tmp_path, folder):
     shutil.copyfile(samples.parquet_lists(tmp_path), folder / "data" / "lists.parquet")
     shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
     assert rpil.open(folder).describe().format == "Parquet"
+
+
+def test_a_reward_of_each_step_is_one_also_where_there_is_one_step(tmp_path):
+    for first, lengths in (("long", (4, 1, 3)), ("short", (1, 4, 3))):
+        folder = tmp_path / first
+        folder.mkdir()
+        for k, n in enumerate(lengths):
+            arrays = {"observations": np.ones((n, 2)), "actions": np.ones((n, 1)), "rewards": np.full(n, k + 1.0)}
+            np.savez(folder / f"{k}.npz", **arrays)
+        found = formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
+        assert found.facts.outcome.tolist() == [n * (k + 1) for k, n in enumerate(lengths)]
+    np.savez(folder / "2.npz", observations=np.ones((3, 2)), actions=np.ones((3, 1)), rewards=2.0)
+    with pytest.raises(DataError, match="demonstration '2': it has one 'rewards', and not every other has"):
+        formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
+
+
+def test_two_files_of_one_name_are_refused(tmp_path):
+    folder = aloha(tmp_path / "cube")
+    shutil.copy(folder / "episode_1.hdf5", folder / "episode_1.h5")
+    with pytest.raises(DataError, match=r"episode_1.h5: another file of the folder has this name"):
+        formats.read(folder)

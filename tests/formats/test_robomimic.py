@@ -11,7 +11,6 @@ from rpil.data.errors import DataError
 from rpil.formats import hdf5
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
-from rpil.formats.robomimic import write_mask
 from rpil.formats.step_arrays import NO_STEPS
 
 
@@ -109,28 +108,11 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
     assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in unlike}
 
 
-def test_a_filter_key_is_added_and_everything_else_stays(tmp_path):
-    path = robomimic(tmp_path / "all.hdf5")
-    before = contents(path)
-    write_mask(path, tmp_path / "new.hdf5", ["demo_10", "demo_0"])
-    assert contents(path) == before
-    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_0", b"demo_10"]}
-    write_mask(path, path, ["demo_2"])
-    write_mask(path, path, ["demo_0"])
-    assert contents(path) == before | {"mask/rpil_kept": [b"demo_0"]}
-    write_mask(str(path), str(tmp_path / "new.hdf5"), ["demo_2"])
-    assert contents(tmp_path / "new.hdf5") == before | {"mask/rpil_kept": [b"demo_2"]}
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["all.hdf5", "new.hdf5"]
-
-
 def test_wrong_requests_leave_no_file(tmp_path):
     path, output = robomimic(tmp_path / "all.hdf5"), tmp_path / "new.hdf5"
     content = path.read_bytes()
     with pytest.raises(DataError, match="no demonstration is called 'demo_7'"):
-        write_mask(path, output, ["demo_7"])
-    at_top = robomimic(tmp_path / "top.hdf5", parent="/")
-    with pytest.raises(DataError, match=r"top.hdf5: only demonstrations in data"):
-        write_mask(at_top, output, ["demo_0"])
+        find(path).keep(output, ["demo_7"])
     assert not output.exists()
     assert path.read_bytes() == content
 
@@ -162,11 +144,10 @@ def test_filter_keys_in_other_files_are_not_read(tmp_path):
         }
 
 
-@pytest.mark.parametrize("write", [lambda path, *given: find(path).keep(*given), write_mask])
-def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, write):
+def test_a_full_disk_is_not_blamed_on_the_data(tmp_path):
     path, output = robomimic(tmp_path / "lift.hdf5"), tmp_path / "kept.hdf5"
     with full_disk(20_000), pytest.raises(DataError, match=r"kept\.hdf5: it cannot be written") as caught:
-        write(path, output, ["demo_0", "demo_10"])
+        find(path).keep(output, ["demo_0", "demo_10"])
     assert len(str(caught.value)) < len(str(output)) + 100  # and no text of the library
     assert [file.name for file in tmp_path.iterdir()] == ["lift.hdf5"]
 
@@ -210,3 +191,21 @@ def test_of_very_many_groups_each_is_opened_seldom(tmp_path, monkeypatch):
     formats.read_recording(path).describe()
     assert opened.count("demo_7") <= 1
     assert len(opened) < 6 * 60  # it was 10 * 60
+
+
+def test_what_is_not_read_is_named(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        file["data/demo_2/obs/force"] = np.ones((11, 3))
+        file["data/demo_0/about"] = h5py.Empty("f")
+        file["data/version"] = 3
+        file["data/demo_4"] = h5py.SoftLink("/data/demo_0")
+        for k, demo in enumerate(("demo_0", "demo_2", "demo_10")):
+            file[f"data/{demo}/operator"] = np.array(["Ann" if k else "Bo"] * (10 + k), object)
+    recording = formats.read_recording(path)
+    about = recording.description
+    assert about.ignored["obs/force"] == "not in the first demonstration"
+    assert about.ignored["about"] == "not one value for each step"
+    assert "Left out, because they are links, or hold no actions: demo_4, version." in about.notes
+    names = [("demo_0", "Bo"), ("demo_2", "Ann"), ("demo_10", "Ann")]
+    assert recording.operators == names  # texts of any length, as h5py writes them

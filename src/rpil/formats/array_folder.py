@@ -111,7 +111,11 @@ def _files(path: Path) -> dict[str, Path]:
     """
     if path.is_file():
         return {path.stem: path}
-    found = {file.stem: file for file in _in_folder(path, hdf5.SUFFIXES) or _in_folder(path, (_NPZ_FILE,))}
+    files = _in_folder(path, hdf5.SUFFIXES) or _in_folder(path, (_NPZ_FILE,))
+    found = {file.stem: file for file in files}
+    if len(found) < len(files):
+        again = next(file for file in files if file not in found.values())
+        raise DataError(f"{again}: another file of the folder has this name and another extension; move one of them.")
     for folder in path.iterdir() if not found else ():
         inside = _in_folder(folder, (_NPZ_FILE,)) if folder.is_dir() and not is_hidden(folder.name) else []
         if len(inside) > 1:
@@ -148,17 +152,14 @@ def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[st
                 f"{where}: in a folder each file is one demonstration, and here {several} tells of several "
                 "demonstrations; give the path of the file alone."
             )
-        whole = [one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf"]
+        numbers = [one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf"]
+        whole = {one: arrays[one] for one in numbers if may_be_outcome(one)}
         about = _text_beside(file.parent / _TEXT_BESIDE) if file.parent not in (top, top.parent) else {}
-        about |= {
-            one: np.asarray(arrays[one][...]).item()  # type: ignore[index]
-            for one in whole
-            if may_be_outcome(one)
-        }
+        about |= {one: np.asarray(array[...]).item() for one, array in whole.items()}  # type: ignore[index]
         closed = {
             one: Closed(array.shape, array.dtype, partial(_rows, file, one, fills))
             for one, array in arrays.items()
-            if one not in about
+            if one not in about or array.shape == (n_steps,)  # of one step
         }
         return Part(n_steps, closed, {_FILE_NAME: name, **about}), notes
 

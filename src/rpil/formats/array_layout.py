@@ -16,7 +16,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.names import EPISODE
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, read_once
+from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
@@ -66,8 +66,9 @@ class ArrayLayout:
 
     def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
-        if array.shape[:1] == self.ids.shape:
-            return np.flatnonzero(np.isin(self.ids, ids))
+        n, n_rows = len(self.ids), array.shape[0] if array.shape else 0
+        if n_rows == n or (n_rows == n + 1 and self.is_step is None):  # one more comes after the last action
+            return np.flatnonzero(np.isin(self.ids[np.minimum(np.arange(n_rows), n - 1)], ids))
         each = self.by_demonstration and array.shape[:1] == (len(self.names),)
         return np.flatnonzero(np.isin(self.names, ids)) if each else None
 
@@ -114,16 +115,15 @@ def read_arrays(
 
 def layout_of(arrays: Tree, source: str) -> ArrayLayout:
     """The layout of arrays that `tells` knows, or that have ids; a `DataError` where they do not fit together."""
-    n_steps, named = n_actions(arrays), first(arrays, EPISODE)
-    own_ids = None if named is None else arrays[named]
+    n_steps = n_actions(arrays)
+    own = {name: arrays[name] for name in EPISODE if name in arrays and arrays[name].shape == (n_steps,)}
+    named = next((name for name, ids in own.items() if ids.dtype.kind in "iuf" or is_text(ids.dtype)), None)
+    column, ids = (named, _values(own[named])) if named else (NUMBERED, np.arange(n_steps))
     if is_stacked(arrays):
-        shape = arrays[str(first(arrays, ACTIONS))].shape[:2]
-        is_step, note = _is_step(arrays, shape, source)
-        if named is not None and own_ids is not None and own_ids.shape == shape[:1] and own_ids.dtype.kind in "iuSU":
-            return ArrayLayout(named, _values(own_ids), note, is_step)
-        return ArrayLayout(NUMBERED, np.arange(shape[0]), note, is_step)
-    if named is not None and own_ids is not None and own_ids.shape == (n_steps,) and own_ids.dtype.kind in "iuSU":
-        return ArrayLayout(named, _values(own_ids), f"Demonstrations by the array {named}.")
+        is_step, note = _is_step(arrays, arrays[str(first(arrays, ACTIONS))].shape[:2], source)
+        return ArrayLayout(column, ids, note, is_step)
+    if named:
+        return ArrayLayout(column, ids, f"Demonstrations by the array {named}.")
     if (name := _lengths(arrays, n_steps)) is not None:
         lengths = _values(arrays[name])
         ids, note = np.repeat(np.arange(len(lengths)), lengths), f"Demonstrations are as long as {name} says."
@@ -255,7 +255,7 @@ def _jumps(arrays: Tree, following: str, n_steps: int, source: str) -> Array | N
             f"{n_steps:,} actions; write both for every step."
         )
     differs = _values(arrays[following])[:-1] != _values(arrays[seen])[1:]
-    jumps = np.append(differs.reshape(n_steps - 1, -1).any(axis=1), False)
+    jumps = np.append(differs.any(axis=tuple(range(1, differs.ndim))), False)
     if 2 * jumps.sum() > n_steps:
         raise DataError(
             f"{source}: after {jumps.sum():,} of {n_steps:,} steps, {following} is not the following observation, so "
@@ -267,4 +267,4 @@ def _jumps(arrays: Tree, following: str, n_steps: int, source: str) -> Array | N
 def _values(array: StoredArray) -> Array:
     """All values of an array; text as text."""
     values = np.asarray(array[:])
-    return np.char.decode(values) if values.dtype.kind == "S" else values
+    return np.char.decode(values.astype("S")) if values.dtype.kind in "SO" else values

@@ -45,13 +45,12 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     Where it has no timeouts they are added, so that each demonstration ends where it does here.
     """
     with hdf5.copying(path, output) as (source, new):
-        arrays = hdf5.contents(source, options.fill_missing).arrays
-        layout = array_layout.layout_of(arrays, path.name)
+        found = hdf5.contents(source, options.fill_missing)
+        arrays, layout = found.arrays, array_layout.layout_of(found.arrays, path.name)
         kept = kept_of(layout.names, ids, path)
+        for name, group in found.groups.items():
+            hdf5.copy_attributes(group, new.create_group(name))
         for name, array in arrays.items():
-            folder = name.rpartition("/")[0]
-            if folder and folder not in new:
-                hdf5.copy_attributes(source[folder], new.create_group(folder))
             if (rows := layout.kept_rows(array, kept)) is not None:
                 # Rewards may be left out as zeros.
                 _copy_rows(source[name] if is_outcome(name) else array, new, name, rows)

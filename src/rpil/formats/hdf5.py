@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -63,12 +63,12 @@ def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
 
 
 @contextmanager
-def writing(path: Path, output: Path, mode: Literal["w", "r+"] = "w") -> Iterator[h5py.File]:
+def writing(path: Path, output: Path) -> Iterator[h5py.File]:
     """The file at `path`, to be written; a `DataError` that names the `output` where the system fails to write it."""
     import h5py
 
     try:
-        with h5py.File(path, mode) as file:
+        with h5py.File(path, "w") as file:
             yield file
     except (OSError, RuntimeError) as error:  # of h5py, for the same cause
         failed = _WRITE_FAILED.search(str(error))
@@ -134,6 +134,13 @@ class Arrays(Mapping[str, Any]):
             raise KeyError(path)
         return self._found[path]
 
+    def paths(self) -> set[str]:
+        """The paths of all that is no group with something in it; nothing is opened."""
+        paths: list[bytes] = []
+        self.group.id.links.visit(paths.append)
+        groups = {path.rpartition(b"/")[0] for path in paths}
+        return {path.decode("utf-8", "surrogateescape") for path in paths if path not in groups}
+
     def __iter__(self) -> Iterator[str]:
         return iter(contents(self.group).arrays)
 
@@ -143,9 +150,10 @@ class Arrays(Mapping[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The arrays in a group and in the groups in it, by path, and the paths of what lies in other files."""
+    """The arrays in a group, and the groups in it, by path, and the paths of what lies in other files."""
 
     arrays: dict[str, h5py.Dataset]
+    groups: dict[str, h5py.Group]
     links: tuple[str, ...]
 
     @property
@@ -159,6 +167,7 @@ def contents(group: h5py.Group, fills: bool = False) -> Contents:
     import h5py
 
     arrays: dict[str, h5py.Dataset] = {}
+    inside: dict[str, h5py.Group] = {}
     links: list[str] = []
     waiting, seen = [("", group)], set()
     while waiting:
@@ -172,8 +181,9 @@ def contents(group: h5py.Group, fills: bool = False) -> Contents:
                 arrays[prefix + name] = _checked(one, fills)
             elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
                 seen.add(address)
+                inside[prefix + name] = one
                 waiting.append((f"{prefix}{name}/", one))
-    return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, tuple(links))
+    return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, inside, tuple(links))
 
 
 def _is_elsewhere(array: h5py.Dataset) -> bool:
@@ -196,7 +206,7 @@ def _checked_class() -> Any:
         @cached_property
         def shape(self) -> tuple[int, ...]:
             """As the file says, which is asked once."""
-            return super().shape  # type: ignore[no-any-return]
+            return super().shape or ()  # of an array that holds nothing there is none
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
             if not self._is_whole:

@@ -53,7 +53,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     others: dict[str, str] = {}
     if path.is_dir():
         table = _table(path)
-        others = dict.fromkeys({*table.column_names} - {*_STEPS}, NO_STEPS)
+        others = {name: NO_STEPS for name in table.column_names if name not in _STEPS}
         arrays = {name: _lists(table, name, path.name) for name in _STEPS if name in table.column_names}
     else:
         arrays = _arrays(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
-from rpil.data.files import StrPath, replacing
 from rpil.data.json_files import object_in
 from rpil.data.names import is_observation, natural_key
 from rpil.formats import hdf5
@@ -21,14 +18,11 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import kept_of
 from rpil.formats.metadata import Metadata
-from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
+from rpil.formats.step_arrays import NOT_IN_FIRST, Closed, Part, StoredArray, from_parts
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py
-
-MASK = "rpil_kept"
-"""The filter key in ``mask`` under which `write_mask` lists demonstrations."""
 
 _STEPS_OF_TIME = 10
 _GROUP_NAME = "name of the group"
@@ -53,17 +47,19 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
             for name, arrays in found.items()
         ]
         in_data = _parent(file) != file
-        notes, names, ignored = contents.notes, {}, {}
+        first_paths, *more = (arrays.paths() for arrays in found.values())
+        ignored = dict.fromkeys(sorted(set().union(*more) - first_paths, key=natural_key), NOT_IN_FIRST)
+        notes, names = contents.notes, {}
         if "states" in contents.arrays and not options.observations and not any(map(is_observation, contents.arrays)):
             notes = (*notes, _STATES)
             if _begins_with_time(contents.arrays["states"]):
                 names = {"states": tuple(map(str, range(1, contents.arrays["states"].shape[1])))}
-                ignored = {"states.0": "simulation time"}
+                ignored["states.0"] = "simulation time"
                 for arrays in found.values():
                     arrays.replace("states", _without_time)
         if in_data and len(found) < len(_parent(file)):
-            without = commas([name for name in hdf5.groups(_parent(file)) if name not in found])
-            notes = (*notes, f"Left out, because they hold no actions: {without}.")
+            without = commas([name for name in sorted(_parent(file), key=natural_key) if name not in found])
+            notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
         format_name = "HDF5 of robomimic's layout" if in_data else "HDF5, a group for each demonstration"
         metadata = Metadata(fps=_steps_a_second(settings), names=names, lengths=_stated_lengths(found))
         return from_parts(parts, _GROUP_NAME, path.name, format_name, options, metadata, notes).with_ignored(ignored)
@@ -94,7 +90,7 @@ def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):
-        parent, found = _parent(source), _demonstrations(source)
+        parent, found = _parent(source), {name: n_actions(arrays) for name, arrays in _with_actions(source)}
         names = kept_of(found, ids, path)
         dropped = found.keys() - names
         for name, member in hdf5.members(source).items():
@@ -120,38 +116,12 @@ def _copy_without(dropped: Container[str], group: h5py.Group, new: h5py.Group) -
             group.copy(member, new, name)
 
 
-def write_mask(path: StrPath, output: StrPath, ids: Sequence[Id]) -> None:
-    """Write the file with one more filter key, ``mask/rpil_kept``, that lists `ids`, to `output`.
-
-    `output` may be `path`: then the file is replaced by the copy, once that is whole. A `DataError` where an id is
-    unknown, or the demonstrations are not in ``data``, where robomimic looks for them.
-    """
-    path, output = Path(path), Path(output)
-    with hdf5.opened(path) as file:
-        names = kept_of(_demonstrations(file), ids, path)
-        is_free = "mask" not in list(file) or "mask" in hdf5.groups(file)
-        if _parent(file) == file or not is_free:
-            raise DataError(f"{path.name}: only demonstrations in data have filter keys, in mask; use keep.")
-    with replacing(output) as temporary:
-        shutil.copyfile(path, temporary)
-        with hdf5.writing(temporary, output, "r+") as new:
-            mask = new.require_group("mask")
-            if MASK in list(mask):
-                del mask[MASK]
-            mask[MASK] = np.array(names, dtype="S")
-
-
 def _parent(file: h5py.File) -> h5py.Group:
     """The group of the demonstrations."""
     import h5py
 
     data = hdf5.member(file, "data") if "data" in list(file) else None
     return data if isinstance(data, h5py.Group) else file
-
-
-def _demonstrations(file: h5py.File) -> dict[str, int]:
-    """The number of actions of each demonstration, by the name of its group, with the numbers in names in order."""
-    return {name: n_actions(arrays) for name, arrays in _with_actions(file)}
 
 
 def _with_actions(file: h5py.File, fills: bool = False) -> Iterator[tuple[str, hdf5.Arrays]]:

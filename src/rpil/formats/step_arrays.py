@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-NO_STEPS = "not one value for each step"
+NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demonstration"
 
 NUMBERED = "episode"
 """The column of the id where demonstrations have no names but their numbers."""
@@ -123,19 +124,24 @@ def from_parts(
     kinds = _kinds(parts[0])
     columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column))
     without = {name: NO_STEPS for name in columns.ignored if name in parts[0].arrays and not parts[0].has_steps(name)}
-    columns = replace(columns, ignored={**columns.ignored, **without})
-    for part in parts:
-        _check(part, parts[0], columns.all, _place(part, id_column, source))
+    named = (names for part in parts[1:] for names in (part.arrays, part.about) if isinstance(names, dict))
+    more = dict.fromkeys((name for names in named for name in names if name not in kinds), NOT_IN_FIRST)
+    columns = replace(columns, ignored={**columns.ignored, **without, **more})
+    whole = {name for name in columns.all if all(name in part.about for part in parts)}
+    steps = [name for name in columns.all if name not in whole]
+    for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
+        _check(part, parts[0], steps, _place(part, id_column, source))  # those that lack a column first
     if not options.on_disk:
         arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
         check_memory(n_bytes, source, options.memory)
-    types = {name: _type_of_all(parts, name) for name in columns.all}
+    types = {name: None if name in whole else _type_of_all(parts, name) for name in columns.all}
     batches = _batches(parts, BATCH_ROWS if options.on_disk else sum(part.n_steps for part in parts))
     tables = (
-        pa.table({name: _column(pieces, name, source, dtype) for name, dtype in types.items()}) for pieces in batches
+        pa.table({name: _column(pieces, name, source, dtype, name in whole) for name, dtype in types.items()})
+        for pieces in batches
     )
-    shapes = [(name, part.arrays[name].shape, part) for name in columns.all for part in parts if name in part.arrays]
+    shapes = [(name, part.arrays[name].shape, part) for name in steps for part in parts]
     longer = list(dict.fromkeys(name for name, shape, part in shapes if shape[0] > part.n_steps))
     if longer:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
@@ -158,14 +164,20 @@ def _kinds(part: Part) -> dict[str, Kind]:
     head = {}
     for name in numbers:  # of columns that are not read, chunks may be missing or damaged; of others it is said later
         with suppress(DataError, OSError):
-            head[name] = _native(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
+            values = np.asarray(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
+            head[name] = values.astype(_native_type(values.dtype), copy=False)
     kinds |= flat.kinds_of(pa.table(head)) if head else {}
     return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
 
 
+def is_text(dtype: np.dtype[Any]) -> bool:
+    """Whether values are texts: of one length, or of any, as Zarr and h5py have them."""
+    return dtype.kind in "SUT" or (dtype.metadata is not None and dtype.metadata.get("vlen") in (str, bytes))
+
+
 def _kind(array: StoredArray) -> Kind:
     kind, shape = array.dtype.kind, array.shape
-    if kind in "SUT":
+    if is_text(array.dtype):
         return "text" if len(shape) == 1 else "nested"
     is_image = (len(shape) > 1 and array.dtype == np.uint8) or (len(shape) > 2 and math.prod(shape[1:]) > MAX_MATRIX)
     if kind not in "biuf" or is_image:
@@ -180,11 +192,10 @@ def _place(part: Part, id_column: str, source: str) -> str:
 def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
     """A `DataError` where a column is missing, is not of one value for each step, or differs from the first part's."""
     for name in columns:
-        if name in part.about:
-            continue
         array = part.arrays.get(name)
         if array is None:
-            raise DataError(f"{place}: it has no {name!r}, as others have; leave it out, or leave {name!r} out.")
+            fault = f"one {name!r}, and not every other has" if name in part.about else f"no {name!r}, as others have"
+            raise DataError(f"{place}: it has {fault}; leave it out, or leave {name!r} out.")
         shape = array.shape
         if not part.has_steps(name):
             raise DataError(f"{place}: {name!r} has the shape {shape} for {part.n_steps:,} actions; leave it out.")
@@ -195,33 +206,27 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
 
 def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
     """Pieces of parts in their order, `size` steps together."""
-    batch: list[Piece] = []
-    room = size
-    for part in parts:
-        first = 0
-        while first < part.n_steps:
-            last = min(part.n_steps, first + room)
-            batch.append(Piece(part, first, last))
-            first, room = last, room - (last - first)
-            if not room:
-                yield batch
-                batch, room = [], size
-    if batch:
-        yield batch
+    begins = np.cumsum([0, *(part.n_steps for part in parts)]).tolist()
+    for first in range(0, begins[-1], size):
+        last = min(first + size, begins[-1])
+        among = range(bisect_right(begins, first) - 1, bisect_left(begins, last))
+        yield [Piece(parts[k], max(first - begins[k], 0), min(last - begins[k], parts[k].n_steps)) for k in among]
 
 
 def _type_of_all(parts: Sequence[Part], name: str) -> np.dtype[np.generic] | None:
-    """The type that holds a column of all parts; None for texts, and for what is said of a part as a whole."""
-    if name not in parts[0].arrays or parts[0].arrays[name].dtype.kind in "SUT":
+    """The type that holds a column of all parts; None for texts."""
+    if is_text(parts[0].arrays[name].dtype):
         return None
     return np.result_type(*{_native_type(part.arrays[name].dtype) for part in parts})
 
 
-def _column(pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.generic] | None) -> pa.Array:
-    """One column of some steps, lists of numbers where it has several a step."""
+def _column(
+    pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.generic] | None, is_whole: bool
+) -> pa.Array:
+    """One column of some steps, lists of numbers where it has several a step; what `is_whole` holds for a part."""
     import pyarrow as pa
 
-    if name not in pieces[0].part.arrays:
+    if is_whole:
         return pa.concat_arrays([pa.repeat(piece.part.about[name], piece.last - piece.first) for piece in pieces])
     if dtype is None:
         texts = (np.asarray(piece.part.arrays[name][piece.first : piece.last]).tolist() for piece in pieces)
@@ -242,11 +247,6 @@ def _text(value: object, name: str, source: str) -> str:
         return value.decode() if isinstance(value, bytes) else str(value)
     except UnicodeDecodeError as error:
         raise DataError(f"{source}: {name!r} holds text that is not Unicode; write it again.") from error
-
-
-def _native(values: object) -> Array:
-    array = np.asarray(values)
-    return array.astype(_native_type(array.dtype), copy=False)
 
 
 def _native_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
