@@ -3,40 +3,54 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import InitVar, dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from rpil.data import names as spellings
 from rpil.data.errors import DataError
-from rpil.data.names import (
-    ABOUT_ACTION,
-    ACTION,
-    ACTION_COLUMNS,
-    EPISODE,
-    EPISODE_COLUMNS,
-    NEXT_STEP,
-    NOT_SEEN,
-    OBSERVATION,
-    OF_EPISODE,
-    OPERATOR,
-    ORDER_COLUMNS,
-    OUTCOME,
-    ROW_INDEX,
-    STATE,
-    TASK,
-    TIMESTAMP,
-    may_be_outcome,
-    plain_name,
-    quoted,
-    short_name,
-)
+from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, check_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+_IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
+_ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
+    ("id", spellings.EPISODE_COLUMNS[:-1], (*_IDS, "counter")),
+    ("id", spellings.EPISODE_COLUMNS[-1:], _IDS),
+    ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
+    ("operator", [spellings.OPERATOR], ("number", "text")),
+    ("task", [spellings.TASK], ("number", "text")),
+)
+"""The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
+
+_TIME = "time or number of the step"
+_REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
+    ("text", "text"),
+    ("written list", "written list"),
+    ("nested", "images or nested values"),
+    *spellings.NOT_SEEN,
+    (spellings.OBSERVATION, ""),
+    ("empty", "no values"),
+    ("counter", "number of the row"),
+    (spellings.ROW_INDEX, "number of the row"),
+    ("time", _TIME),
+    *((pattern, _TIME) for pattern in spellings.ORDER_COLUMNS),
+    (spellings.OUTCOME, "reward, end or verdict"),
+    (spellings.NEXT_STEP, "what follows the step"),
+    (spellings.OF_EPISODE, "describes a demonstration as a whole"),
+    (spellings.OPERATOR, "who demonstrated"),
+    (spellings.TASK, "task"),
+    *((pattern, "another spelling of the action") for pair in spellings.ACTION_COLUMNS[:2] for pattern in pair),
+)
+"""Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
+
+_NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
+_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/-][^\d]*")
 
 
 def find_columns(
@@ -52,37 +66,36 @@ def find_columns(
     By the first row of `head` a column of numbers with a unit is named among those that are not read.
     """
     check_names(names, source)
-    return _Search(names, kinds, source, options, default_id, head).columns()
+    return _Search(names, kinds, source, options, head).columns(default_id)
 
 
+@dataclass(eq=False)
 class _Search:
     """The search for the columns of one table; every column that is given a role leaves `free`."""
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        kinds: Mapping[str, Kind],
-        source: str,
-        options: ColumnOptions,
-        default_id: str | None = None,
-        head: pa.Table | None = None,
-    ) -> None:
-        self.head = head
-        self.names, self.kinds, self.source, self.options, self.default_id = names, kinds, source, options, default_id
-        self.plain = {name: plain_name(name) for name in names}
-        self.chosen_parts: dict[str, list[str]] = {}
-        self.excluded_parts: dict[str, bool] = {}
-        self.ignored = dict.fromkeys(self.matching(options.exclude, "exclude"), "excluded as asked")
-        self.free = {name: plain for name, plain in self.plain.items() if name not in self.ignored}
+    names: Sequence[str]
+    given_kinds: InitVar[Mapping[str, Kind]]
+    source: str
+    options: ColumnOptions
+    head: pa.Table | None
+    chosen_parts: dict[str, list[str]] = field(default_factory=dict)
+    excluded_parts: dict[str, bool] = field(default_factory=dict)
 
-    def columns(self) -> Columns:
+    def __post_init__(self, given_kinds: Mapping[str, Kind]) -> None:
+        self.kinds: dict[str, Kind] = {name: given_kinds.get(name, "number") for name in self.names}
+        self.plain = {name: plain_name(name) for name in self.names}
+        self.excluded = {*self.matching(self.options.exclude, "exclude")}
+        self.ignored = dict.fromkeys(self.excluded, "excluded as asked")
+        self.free = {name: None for name in self.names if name not in self.ignored}
+
+    def columns(self, default_id: str | None) -> Columns:
         """All roles."""
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
         order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
         given: set[str | None] = {*asked, *actions, order, operator, task}
-        episode, other_ids = self.episode(given)
+        episode, other_ids = self.episode(given, default_id)
         self.refuse_two_roles(episode, actions, asked)
         self.take(episode, *actions)
         self.refuse_written_lists({*asked, *actions})
@@ -90,43 +103,110 @@ class _Search:
         if not actions:
             actions, one_action = self.actions(given)
         self.take(*actions)
-        orders = [order] if order else self.first_named(ORDER_COLUMNS, ("number", "time", "counter", "text"))
-        operator = operator or next(iter(self.first_named([OPERATOR], ("number", "text"))), None)
-        task = task or next(iter(self.first_named([TASK], ("number", "text"))), None)
-        index = tuple(name for name, plain in self.free.items() if plain in ("index", "frame_index"))
+        orders = [order] if order else self.named_as("order")
+        operator = operator or next(iter(self.named_as("operator")), None)
+        task = task or next(iter(self.named_as("task")), None)
+        index = tuple(name for name in self.free if self.plain[name] in ("index", "frame_index"))
         self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
         session, outcome = self.session(), self.outcome({*asked, *actions, episode})
         observations = asked or self.observations()
-        parts = () if options.id else tuple(name for name in (*other_ids, operator, task) if name)
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        excluded, numbers = {*self.matching(options.exclude, "exclude")}, ("number", "time", "counter")
-        times = (name for name in ignored.keys() - excluded if self.plain[name] in TIMESTAMP)
+        times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
         found = Columns(
-            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts),
-            *(operator, task, ignored, options.action_kind, order is not None),
-            tuple(name for name in times if self.kinds.get(name) in numbers),
-            *(session, outcome),
+            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index),
+            parts=() if options.id else tuple(name for name in (*other_ids, operator, task) if name),
+            operator=operator,
+            task=task,
+            ignored=ignored,
+            action_kind=options.action_kind,
+            order_given=order is not None,
+            times=tuple(name for name in times if self.kinds[name] in ("number", "time", "counter")),
+            session=session,
+            outcome=outcome,
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
             observations_given=bool(asked),
             allows_missing=options.allow_missing or options.skip_bad,
         )
-        return replace(found, outcomes=self.outcomes({*found.all}))
+        read = {*found.all}
+        others = (name for name in self.names if name not in read and may_be_outcome(name))
+        return replace(found, outcomes=tuple(name for name in others if self.kinds[name] in ("number", "list")))
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""
         for name in names:
             self.free.pop(name, None)
 
-    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation."""
-        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
-            for name in (name for name in names if name in others):
-                role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of {option}=.")
+    def named_as(self, role: str, without: Collection[str | None] = ()) -> list[str]:
+        """The free columns that have a `role` by their names, in the order of the patterns."""
+        for patterns, kinds in ((patterns, kinds) for one, patterns, kinds in _ROLES if one == role):
+            free = [name for name in self.free if self.kinds[name] in kinds and name not in without]
+            if found := [name for pattern in patterns for name in free if pattern.fullmatch(self.plain[name])]:
+                return found
+        return []
+
+    def episode(self, given: Collection[str | None], default_id: str | None) -> tuple[str, list[str]]:
+        """The column of the demonstration, and others that are called so."""
+        found = self.named_as("id", given)
+        found.sort(
+            key=lambda name: (
+                spellings.EPISODE.index(plain)
+                if (plain := self.plain[name]) in spellings.EPISODE
+                else len(spellings.EPISODE)
+            )
+        )
+        wanted = self.one(self.options.id, "id") or (found[0] if found else default_id)
+        if wanted is None:
+            what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
+            raise self.no_column(what, "id")
+        others = [name for name in found if name != wanted]
+        self.ignored |= dict.fromkeys(others, "another id")
+        return wanted, [name for name in others if self.kinds[name] != "list"]
+
+    def actions(self, given: Collection[str | None]) -> tuple[list[str], bool]:
+        """The columns of the action, and whether it is one column."""
+        free = [(name, self.plain[name]) for name in self.free if name not in given]
+        for whole, part in spellings.ACTION_COLUMNS:
+            found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds[name] != "nested"]
+            if found:  # `action` comes before `action_id`, which comes before `action_name`
+                return [
+                    min(found, key=lambda name: (self.plain[name] not in spellings.ACTION, self.kinds[name] == "text"))
+                ], True
+            parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
+            numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in _NUMBERS]
+            if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
+                return found, False
+        raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
+
+    def observations(self) -> list[str]:
+        """The columns called obs or observation, else those called state, else all numbers without another role."""
+        for name in self.free:
+            if why := self.reason(name):
+                self.ignored.setdefault(name, why)
+        free = [name for name in self.free if name not in self.ignored]
+        if not free:
+            what = "holds observations: name them observation.*, or name the columns"
+            raise self.no_column(what, "observations")
+        named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
+        if not named:
+            named = [name for name in free if spellings.STATE.fullmatch(self.plain[name])]
+            named = [] if len(named) == 1 and self.kinds[named[0]] != "list" else named
+        for name in {*free} - {*(named or free)}:
+            self.ignored[name] = f"not named as an observation, as {named[0]} is"
+        return named or free
+
+    def reason(self, name: str) -> str:
+        """Why a column without another role is no observation; empty where it is one."""
+        kind, plain, head = self.kinds[name], self.plain[name], self.head
+        if kind == "text" and head is not None and head.num_rows and name in head.column_names:
+            text = head[name][0].as_py()
+            if isinstance(text, str) and _QUANTITY.fullmatch(text.strip()):
+                return f"text, as {text!r}; to observe it, write its numbers alone"
+        fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
+        return next(fits, "")
 
     def session(self) -> str | None:
         """The column of the session, which is no observation; a column called "file" comes before the file itself."""
@@ -136,7 +216,7 @@ class _Search:
         self.ignored |= {session: "session"} if session in self.free else {}
         return session
 
-    def outcome(self, data: set[str]) -> str | None:
+    def outcome(self, data: Collection[str]) -> str | None:
         """The outcome, which is no observation; a `DataError` where the user names it among the `data` as well."""
         wanted = self.options.outcome
         name = (wanted or "").removeprefix("-")
@@ -150,192 +230,78 @@ class _Search:
         self.ignored[column] = "outcome"
         return wanted.removesuffix(name) + column
 
-    def outcomes(self, read: set[str]) -> tuple[str, ...]:
-        """Columns of numbers that are not `read` for another role and may be an outcome by their names."""
-        named = (name for name in self.names if name not in read and may_be_outcome(name))
-        return tuple(name for name in named if self.kinds.get(name, "number") in ("number", "list"))
+    def one(self, wanted: str | None, option: str) -> str | None:
+        """The one column that the user names for a role, if any."""
+        found = [] if wanted is None else self.matching([wanted], option)
+        if len(found) > 1:
+            raise DataError(f"{self.source}: {option} needs one column, but {quoted(found)} are called {wanted!r}.")
+        return next(iter(found), None)
 
     def matching(self, wanted: Names, option: str) -> list[str]:
         """The columns that the user names; a `DataError` naming the closest ones where there is none."""
         found: dict[str, None] = {}
-        for text in [wanted] if isinstance(wanted, str) else wanted:
-            for pattern in [text] if text in self.plain else text.split(","):
-                hits = list(self.named(pattern.strip()))
-                if option == "exclude":
-                    self.excluded_parts[pattern.strip()] = bool(hits)
-                elif not hits:
-                    hits = self.with_part(pattern.strip(), option)
-                if not hits and not (option == "exclude" and "list" in self.kinds.values()):
-                    close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                    raise DataError(
-                        f"{self.source}: no column is called {pattern.strip()!r}; correct <option> "
-                        f"(found {quoted(close)}).",
-                        option,
-                    )
-                found |= dict.fromkeys(hits)
+        texts = [wanted] if isinstance(wanted, str) else wanted
+        for pattern in (p.strip() for text in texts for p in ([text] if text in self.plain else text.split(","))):
+            hits = self.named(pattern)
+            if option == "exclude":
+                self.excluded_parts[pattern] = bool(hits)
+            elif not hits:
+                hits = self.with_part(pattern, option)
+            if not hits and not (option == "exclude" and "list" in self.kinds.values()):
+                close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
+                said = f"no column is called {pattern!r}; correct <option> (found {quoted(close)})"
+                raise DataError(f"{self.source}: {said}.", option)
+            found |= dict.fromkeys(hits)
         return list(found)
 
-    def named(self, pattern: str) -> Iterator[str]:
+    def named(self, pattern: str) -> list[str]:
+        """The columns of this name, or with the same words or the pattern, else as `rpil info` prints them."""
         if pattern in self.plain:
-            yield pattern
-            return
+            return [pattern]
         lower, plain = pattern.lower(), plain_name(pattern)
-        is_pattern, found = any(sign in pattern for sign in "*?["), False
-        for name in self.names:
-            if fnmatchcase(name.strip().lower(), lower) if is_pattern else self.plain[name] == plain:
-                found = True
-                yield name
-        # As `rpil info` prints it, without the word observation.
-        yield from (name for name in self.names if not found and fnmatchcase(short_name(name).lower(), lower))
+        if any(sign in pattern for sign in "*?["):
+            found = [name for name in self.names if fnmatchcase(name.strip().lower(), lower)]
+        else:
+            found = [name for name in self.names if self.plain[name] == plain]
+        return found or [name for name in self.names if fnmatchcase(short_name(name).lower(), lower)]
 
     def with_part(self, pattern: str, option: str) -> list[str]:
         """The columns of lists of which `pattern` may name a number; numbers have names when they are read."""
         start, *more = re.split(r"[*?\[]", pattern.lower())
-        own = {name for pair in ACTION_COLUMNS for p in pair for name, plain in self.free.items() if p.fullmatch(plain)}
-        lists = ((name, f"{short_name(name)}.".lower().lstrip(".")) for name in self.free if self.is_list(name))
-        found = [
-            name
-            for name, prefix in lists
-            if start.startswith((prefix, f"{name.lower()}."))
-            or (more and prefix.startswith(start) and (option == "action") == (name in own))
-        ]
-        for name in found:
-            self.chosen_parts.setdefault(name, []).append(pattern)
+        found = []
+        for name in self.free:
+            prefix, plain = f"{short_name(name)}.".lower().lstrip("."), self.plain[name]
+            is_action = any(one.fullmatch(plain) for pair in spellings.ACTION_COLUMNS for one in pair)
+            may_begin = more and prefix.startswith(start) and (option == "action") == is_action
+            if self.kinds[name] == "list" and (may_begin or start.startswith((prefix, f"{name.lower()}."))):
+                self.chosen_parts.setdefault(name, []).append(pattern)
+                found.append(name)
         return found
 
-    def is_list(self, name: str) -> bool:
-        return self.kinds.get(name) == "list"
+    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
+        """A `DataError` where the user names the id as an action, or either of them as an observation."""
+        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
+            for name in (name for name in names if name in others):
+                role = "the id" if name == episode else "part of the action"
+                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of {option}=.")
 
-    def one(self, wanted: str | None, option: str) -> str | None:
-        """The one column that the user names for a role, if any."""
-        if wanted is None:
-            return None
-        found = self.matching([wanted], option)
-        if len(found) > 1:
-            raise DataError(f"{self.source}: {option} needs one column, but {quoted(found)} are called {wanted!r}.")
-        return found[0]
-
-    def first_named(self, patterns: Sequence[re.Pattern[str]], kinds: Iterable[Kind]) -> list[str]:
-        """The free columns of one of the `kinds` whose names match, in the order of the patterns."""
-        free = [(name, plain) for name, plain in self.free.items() if self.kinds.get(name, "number") in kinds]
-        return [name for pattern in patterns for name, plain in free if pattern.fullmatch(plain)]
-
-    def episode(self, given: set[str | None]) -> tuple[str, list[str]]:
-        """The column of the demonstration, and others that are called so."""
-        kinds: list[Kind] = ["number", "text", "mixed", "time", "list"]
-        found = [name for name in self.first_named(EPISODE_COLUMNS[:-1], [*kinds, "counter"]) if name not in given]
-        found = found or [name for name in self.first_named(EPISODE_COLUMNS[-1:], kinds) if name not in given]
-        found.sort(key=lambda name: EPISODE.index(plain) if (plain := self.plain[name]) in EPISODE else len(EPISODE))
-        wanted = self.one(self.options.id, "id") or (found[0] if found else self.default_id)
-        if wanted is None:
-            raise DataError(
-                f"{self.source}: no column says which demonstration a row is from: name it {EPISODE[0]}, or name the "
-                f"column with <option> (found {self.listed()}).",
-                "id",
-            )
-        others = [name for name in found if name != wanted]
-        self.ignored |= dict.fromkeys(others, "another id")
-        return wanted, [name for name in others if self.kinds.get(name) != "list"]
-
-    def actions(self, given: set[str | None]) -> tuple[list[str], bool]:
-        """The columns of the action, and whether it is one column."""
-        free = [(name, plain) for name, plain in self.free.items() if name not in given]
-        for whole, part in ACTION_COLUMNS:
-            found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds.get(name) != "nested"]
-            # `action` comes before `action_id`, which comes before `action_name`.
-            found.sort(key=lambda name: (self.plain[name] not in ACTION, self.kinds.get(name) == "text"))
-            parts = [name for name, plain in free if part.fullmatch(plain)]
-            numbers = [name for name in parts if self.plain[name][-1].isdigit() or self.is_number(name)]
-            numbers = [name for name in numbers if not ABOUT_ACTION.fullmatch(self.plain[name])]
-            if found:
-                return found[:1], True
-            if numbers:
-                return numbers, False
-        raise DataError(
-            f"{self.source}: no column holds the action: name it {ACTION[0]}, or name the columns with <option> "
-            f"(found {self.listed()}).",
-            "action",
-        )
-
-    def refuse_written_lists(self, given: set[str]) -> None:
+    def refuse_written_lists(self, given: Collection[str]) -> None:
         """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""
-        for name, plain in self.free.items() | {(name, "") for name in given}:
-            is_data = name in given or any(pattern.fullmatch(plain) for pattern in (OBSERVATION, ACTION_COLUMNS[0][0]))
-            if is_data and self.kinds.get(name) == "written list":
+        for name in (name for name in self.names if self.kinds[name] == "written list"):
+            called_so = any(
+                one.fullmatch(self.plain[name]) for one in (spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0])
+            )
+            if name in given or (name in self.free and called_so):
                 raise DataError(
                     f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
                     "number, or leave it out with <option>.",
                     "exclude",
                 )
 
-    def listed(self) -> str:
-        """The columns for a message, with the kind of those that cannot be read."""
+    def no_column(self, what: str, option: str) -> DataError:
+        """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
         unread = ("nested", "text", "written list", "empty")
-        kinds = {name: f" ({self.kinds[name]})" if self.kinds.get(name) in unread else "" for name in self.names[:12]}
-        texts = [quoted([name]) + kind for name, kind in kinds.items()]
-        return ", ".join(texts) + (", ..." if len(self.names) > 12 else "")
-
-    def is_number(self, name: str) -> bool:
-        return self.kinds.get(name, "number") in ("number", "list", "mixed", "counter")
-
-    def observations(self) -> list[str]:
-        """The columns called obs or observation, else those called state, else all numbers without another role."""
-        for name, plain in self.free.items():
-            reason = self.reason(name, plain)
-            if reason:
-                self.ignored.setdefault(name, reason)
-        free = {name: plain for name, plain in self.free.items() if name not in self.ignored}
-        named = [name for name, plain in free.items() if OBSERVATION.fullmatch(plain)]
-        if not named:
-            named = [name for name, plain in free.items() if STATE.fullmatch(plain)]
-            named = [] if len(named) == 1 and self.kinds.get(named[0]) != "list" else named
-        for name in free.keys() - set(named or free):
-            self.ignored[name] = f"not named as an observation, as {named[0]} is"
-        if not free:
-            raise DataError(
-                f"{self.source}: no column holds observations: name them observation.*, or name the columns with "
-                f"<option> (found {self.listed()}).",
-                "observations",
-            )
-        return named or list(free)
-
-    def reason(self, name: str, plain: str) -> str:
-        """Why a column without another role is no observation; empty where it is one."""
-        kind, prefixed = self.kinds.get(name, "number"), OBSERVATION.fullmatch(plain)
-        if kind == "text" and (text := _quantity(self.head, name)):
-            return f"text, as {text!r}; to observe it, write its numbers alone"
-        if kind in ("text", "written list"):
-            return kind
-        if kind == "nested":
-            return "images or nested values"
-        if unseen := next((why for pattern, why in NOT_SEEN if pattern.fullmatch(plain)), ""):
-            return unseen
-        if prefixed:
-            return ""
-        if kind == "empty":
-            return "no values"
-        if kind == "counter" or ROW_INDEX.fullmatch(plain):
-            return "number of the row"
-        if kind == "time" or any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS):
-            return "time or number of the step"
-        for pattern, why in _REASONS:
-            if pattern.fullmatch(plain):
-                return why
-        return ""
-
-
-def _quantity(head: pa.Table | None, name: str) -> str:
-    """The first value of a column of text, where it is a number with a unit; else nothing."""
-    first = head[name][0].as_py() if head is not None and head.num_rows and name in head.column_names else None
-    return first if isinstance(first, str) and _QUANTITY.fullmatch(first.strip()) else ""
-
-
-_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/-][^\d]*")
-_REASONS = (
-    (OUTCOME, "reward, end or verdict"),
-    (NEXT_STEP, "what follows the step"),
-    (OF_EPISODE, "describes a demonstration as a whole"),
-    (OPERATOR, "who demonstrated"),
-    (TASK, "task"),
-    *((pattern, "another spelling of the action") for pair in ACTION_COLUMNS[:2] for pattern in pair),
-)
+        shown = [(quoted([name]), self.kinds[name]) for name in self.names[:12]]
+        listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
+        more = ", ..." if len(self.names) > 12 else ""
+        return DataError(f"{self.source}: no column {what} with <option> (found {listed}{more}).", option)
