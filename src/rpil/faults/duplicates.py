@@ -31,7 +31,7 @@ class Duplicate(Rule):
         length."""
         offsets, lengths, spread = block.offsets, np.diff(block.offsets), block.columns.spread
         directions = np.random.default_rng(0).normal(size=(DIRECTIONS, len(spread)))
-        directions /= np.where(spread > 0, spread, 1.0)
+        directions /= spread
         firsts = offsets[:-1, None] + (np.arange(PARTS) * lengths[:, None]) // PARTS
         widths = np.diff(firsts, append=offsets[1:, None]).ravel()
         means = np.add.reduceat(directions @ block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)

@@ -165,8 +165,9 @@ def _at_lags(driver: Array, series: Array, offsets: Array, max_lag: int) -> tupl
     padded = [np.zeros((*values.shape[:-1], offsets[-1] + max_lag * (len(lengths) + 1))) for values in (driver, series)]
     for out, values in zip(padded, (driver, series), strict=True):
         out[..., rows] = values
-    middle, n = padded[0][..., max_lag:-max_lag], padded[0].shape[-1] - 2 * max_lag
-    return middle, [padded[1][..., k : k + n] for k in range(2 * max_lag + 1)], offsets[:-1] + gaps - max_lag
+    middle = padded[0][..., max_lag:-max_lag]
+    later = [padded[1][..., k : k + middle.shape[-1]] for k in range(2 * max_lag + 1)]
+    return middle, later, offsets[:-1] + gaps - max_lag
 
 
 def _correlations(driver: Array, change: Array, offsets: Array, max_lag: int) -> Array:

@@ -119,7 +119,7 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Win
         own = [others(fold, f, usual) for f in range(n_folds)]
         maps = np.stack([maps_of(moments[rows].mean(axis=0), window, s.map_ridge) for rows in own])
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
-        off = (left - np.median(left, axis=0)).mean(axis=1)
+        off = left.mean(axis=1)
         usual = off <= np.quantile(off, s.map_trim)
     mean, n = moments[usual].mean(axis=0), window.n_states
     _, now, after = window.places().T

@@ -86,10 +86,10 @@ class Namer:
     screen: float
 
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
-        """The fault tried that a demonstration has, or -1, and what undoing it gains."""
+        """The fault tried that a demonstration has, and what undoing it gains; 0 where it has none."""
         maps, moments = self.maps[number % len(self.maps)], self.window.moments(values)
         if moments is None:
-            return -1, 0.0
+            return 0, 0.0
         gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.window.column)
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
         within = self._within(moments, self.reach[number % len(self.maps)])
@@ -101,7 +101,7 @@ class Namer:
             off = self.level.gains(level, per_column(maps, self.window))
             gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
         best = int(np.argmax(gain))
-        return (best, float(gain[best])) if gain[best] > 0 else (-1, 0.0)
+        return best, float(gain[best])
 
     def _within(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> Array:
         """Whether no column, once a fault is undone, moves farther than where the maps are known, (H,)."""
@@ -127,7 +127,7 @@ def learn_maps(sample: MovingBlock, lag: Lag, n_all: int) -> Namer | None:
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):
-        window = Window(own, len(state), steps, centre, np.where(spread > 0, spread, 1.0), s.map_rows)
+        window = Window(own, len(state), steps, centre, spread, s.map_rows)
         namer = _namer(rows, numbers, window, n_all, s)
         found += [] if namer is None else [namer]
     return max(found, key=lambda pair: pair[0])[1] if found else None

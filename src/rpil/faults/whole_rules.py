@@ -75,8 +75,8 @@ class Undone(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The fault that `Namer` names, or -1, and the gain of undoing it."""
-        namer, named = learned.namer, np.tile([-1.0, 0.0], (len(block.numbers), 1))
+        """The fault that `Namer` names, and the gain of undoing it, 0 where there is none."""
+        namer, named = learned.namer, np.zeros((len(block.numbers), 2))
         if namer is not None:
             rows, bounds = block.values[namer.window.column].T, itertools.pairwise(block.offsets)
             for m, (number, (first, end)) in enumerate(zip(block.numbers.tolist(), bounds, strict=True)):
@@ -185,5 +185,4 @@ class TwoEpisodes(ComparingRule):
         ends, (unlike, self.last) = self.data.learned.ends, self.measured
         self.first = self.last - 1
         limit = np.nan if ends is None else ends.limit
-        severity = np.where(unlike < limit, np.minimum(1.0 + (limit - unlike), 100.0), 0.0)
-        return unlike, limit, severity if np.isfinite(limit) else np.full(len(unlike), np.nan)
+        return unlike, limit, 1.0 + (limit - unlike)

@@ -1,0 +1,266 @@
+"""What rules make of what was measured, by hand: where each limit lies, and what is not a fault yet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rpil.faults.checking import without_consequences
+from rpil.faults.measured_columns import MeasuredColumns
+from rpil.faults.motion import FrozenSensor, HeldValue, IdleEnd, IdleHead, IdleTail, Jump, NeverMoves, Saturation
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import ComparingRule, Fault, Measurements, above
+from rpil.faults.settings import FaultSettings
+from rpil.faults.whole_rules import Length, OtherLag
+
+M = 8
+
+
+def columns(n=1, moving=1.0, is_action=False):
+    ones = np.ones(n)
+    return MeasuredColumns(
+        tuple(f"c{k}" for k in range(n)), np.arange(n), np.full(n, is_action), ones, ones, np.full(n, moving)
+    )
+
+
+def applied(rule, *measured, lengths=None, of=None, **settings):
+    """A rule, of arrays (M,) or (M, C) of what its measure gave."""
+    n = len(measured[0]) if measured else len(lengths)
+    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings))
+    lengths = np.full(n, 100) if lengths is None else lengths
+    return rule(Measurements(learned, {rule.measure: measured}, tuple(range(n)), lengths, None))
+
+
+def found(rule):
+    return [(fault.id, fault.first, fault.last) for fault in rule.findings()]
+
+
+@pytest.mark.parametrize(
+    ("values", "factor", "least", "expected"),
+    [
+        ([1, 1, 1, 1, 1], 3.0, 0.0, 3.0),
+        ([1, 1, 1, 1.5, 9], 3.0, 0.0, 1.5 * 1.5**3),
+        ([1, 1, 1, 1.5, 9], 4.0, 0.0, 1.5 * 4),
+        ([0, 0, 0, 1, 9], 3.0, 1.0, 2 * 8),
+        ([0, 0, 0, 1.01, 9], 3.0, 1.0, np.inf),
+        ([0, 0, 0, 0, 9], 3.0, 0.0, 0.0),
+    ],
+)
+def test_unusual_is_what_is_beyond_the_upper_quartile_and_how_far_the_quartiles_lie_apart(
+    values, factor, least, expected
+):
+    rule = applied(Length, lengths=np.full(5, 100))
+    assert rule.fence(np.array(values, float), factor, least) == pytest.approx(expected)
+
+
+def test_a_value_counts_in_limits_and_nothing_is_known_without_one():
+    value, threshold, severity = above(np.array([3.0, 3.0, 3.0, 3.0]), np.array([2.0, 0.0, np.inf, np.nan]))
+    np.testing.assert_array_equal(severity, [1.5, 3.0, np.nan, np.nan])
+    np.testing.assert_array_equal((value[0], threshold[0]), (3.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("lengths", "expected"),
+    [
+        ([100, 100, 100, 100, 100, 250], [(1.25, 200)]),
+        ([100, 100, 100, 100, 100, 40], [(1.25, 50)]),
+        ([100, 100, 100, 100, 100, 200], []),  # as long as the limit
+        ([50, 60, 60, 100, 200, 200], "unknown"),  # it is known what is too long, and not what is too short
+    ],
+)
+def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
+    rule = applied(Length, lengths=np.array(lengths))
+    assert rule.silent == (("",) if expected == "unknown" else ())
+    worst = [(fault.severity, fault.threshold) for fault in rule.findings()]
+    assert worst == ([] if expected == "unknown" else expected)
+
+
+@pytest.mark.parametrize(
+    ("shift", "gain", "expected"),
+    [
+        ([3], [0.5], 0.5 / 0.09),
+        ([-2], [0.5], 0.5 / 0.09),
+        ([1], [0.5], None),  # one step is no fault
+        ([3], [0.05], None),
+        ([3, -5], [0.5, 0.3], 0.5 / 0.09),
+        ([3, 3, 3], [0.5, 0.5, 0.5], "unknown"),  # only five of eight have the usual lag
+        ([3, 3, 3], [0.5, 0.02, 0.02], 0.5 / (0.05 * (5 / 3) ** 3)),  # what hardly gains has it
+        ([1, 1, 1], [0.02, 0.02, 0.02], None),
+    ],
+)
+def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
+    rule = applied(OtherLag, np.array(shift + [0] * (M - len(shift))), np.array(gain + [0.0] * (M - len(gain))))
+    assert rule.silent == (("",) if expected == "unknown" else ())
+    worst = max((fault.severity for fault in rule.findings()), default=None)
+    assert worst == (None if expected in ("unknown", None) else pytest.approx(expected))
+
+
+def held(still, at, first=5, reached=(), moving=1.0, shift=100.0):
+    """Eight demonstrations between 0 and 10, of which number 3 has one value for long; others reach an end as well."""
+    low, high = np.full((M, 1), 2.0), np.full((M, 1), 8.0)
+    low[0], high[0] = (0.0, 10.0) if at not in (0.0, 10.0) else (2.0, 8.0)
+    low[3], high[3] = min(at, 2.0), max(at, 8.0)
+    for k, value in enumerate(reached, start=4):
+        low[k], high[k] = min(value, 2.0), max(value, 8.0)
+    if at == 0.0:
+        high[0] = 10.0
+    if at == 10.0:
+        low[0] = 0.0
+    runs = np.where(np.arange(M) == 3, still, 1)[:, None]
+    measured = runs, np.full((M, 1), first), runs + 1, np.full((M, 1), at + shift), low + shift, high + shift
+    return [(rule, applied(rule, *measured, of=columns(moving=moving))) for rule in (FrozenSensor, Saturation)]
+
+
+@pytest.mark.parametrize(
+    ("case", "frozen", "saturated"),
+    [
+        ({"still": 30, "at": 5.0}, 2.5, None),
+        ({"still": 12, "at": 5.0}, None, None),
+        ({"still": 30, "at": 5.0, "first": 1}, 2.5, None),
+        ({"still": 30, "at": 5.0, "first": 0}, None, None),
+        ({"still": 30, "at": 0.0}, None, 2.5),
+        ({"still": 30, "at": 10.0}, None, 2.5),
+        ({"still": 30, "at": 0.0, "reached": [0.05]}, None, None),  # two of eight: a limit of the robot
+        ({"still": 30, "at": 10.0, "reached": [9.95]}, None, None),
+        ({"still": 30, "at": 0.0, "reached": [0.15]}, None, 2.5),
+        ({"still": 30, "at": 10.0, "reached": [9.85]}, None, 2.5),
+        ({"still": 30, "at": 0.05, "reached": [0.05]}, None, None),  # near the limit of two
+        ({"still": 30, "at": 9.95, "reached": [9.95]}, None, None),
+        ({"still": 30, "at": 0.15, "reached": [0.05]}, 2.5, None),
+        ({"still": 30, "at": 9.85, "reached": [9.95]}, 2.5, None),
+        ({"still": 30, "at": 5.0, "moving": 0.5}, 2.5, None),
+        ({"still": 30, "at": 5.0, "moving": 0.49}, "unknown", "unknown"),
+    ],
+)
+def test_one_value_for_long_is_no_fault_at_a_limit_of_the_robot_or_at_first(case, frozen, saturated):
+    for (_, rule), expected in zip(held(**case), (frozen, saturated), strict=True):
+        assert rule.silent == (("c0",) if expected == "unknown" else ())
+        assert found(rule) == ([(3, case.get("first", 5), case.get("first", 5) + 30)] if expected == 2.5 else [])
+        assert [fault.severity for fault in rule.findings()] == ([2.5] if expected == 2.5 else [])
+
+
+def test_other_columns_with_the_fault_are_counted():
+    still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
+    ends = np.full((M, 3), 0.0), np.full((M, 3), 10.0)
+    rule = applied(FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, of=columns(3))
+    (fault,) = rule.findings()
+    assert fault.sentence.endswith("(12 at most are usual), and 1 more column")
+
+
+@pytest.mark.parametrize(
+    ("ranges", "expected"),
+    [
+        ([0.0] + [1.0] * 7, [0]),
+        ([0.0] * 2 + [1.0] * 6, [0, 1]),
+        ([0.0] * 3 + [1.0] * 5, "unknown"),  # more than a quarter
+        ([0.0] * 4 + [1.0] * 16, [0, 1, 2, 3]),
+        ([0.0] * 5 + [1.0] * 15, "unknown"),  # more than four, and than a tenth
+        ([0.0] * 6 + [1.0] * 54, [0, 1, 2, 3, 4, 5]),
+        ([0.0] * 7 + [1.0] * 53, "unknown"),
+        ([0.005] + [1.0] * 7, [0]),
+        ([0.006] + [1.0] * 7, "unknown"),
+        ([0.0, 0.25] + [1.0] * 6, [0]),
+        ([0.0, 0.24] + [1.0] * 6, "unknown"),  # some move far less than others
+        ([0.0, 4.0] + [1.0] * 6, [0]),
+        ([0.0, 4.1] + [1.0] * 6, "unknown"),
+        ([0.0] * 8, "unknown"),
+    ],
+)
+def test_a_column_never_moves_where_few_do_not_and_the_others_move_alike(ranges, expected):
+    low, high = np.zeros((len(ranges), 1)), np.array(ranges)[:, None]
+    rule = applied(NeverMoves, *[np.zeros((len(ranges), 1))] * 4, low, high)
+    assert rule.silent == (("c0",) if expected == "unknown" else ())
+    assert [fault.id for fault in rule.findings()] == ([] if expected == "unknown" else expected)
+    assert NeverMoves.measure is HeldValue.measure
+
+
+def idle(inner=0.01, outer=0.01, middle=0.01, first=0.01, last=0.01, n=12):
+    """Motion at a tail of n idle steps: two thirds of it count, without the first, the last and the middle."""
+    third = (n - 1) // 3
+    return np.array([first, *[inner] * third, *[middle] * (n - 2 - 2 * third), *[outer] * third, last])
+
+
+@pytest.mark.parametrize(
+    ("motion", "is_idle"),
+    [
+        (idle(), True),
+        (idle(inner=0.0124), True),
+        (idle(inner=0.0126), False),  # it decays: a controller settles
+        (idle(inner=0.0126, outer=0.0), True),
+        (idle(inner=0.0126, middle=0.04), False),
+        (idle(middle=0.04, first=0.04), True),
+        (idle(inner=0.0126, last=0.04), False),
+        (idle(n=9), False),  # too short
+        (idle(n=10), True),
+        (idle(inner=0.0126, n=10), False),
+        (idle(inner=0.0126, n=9), False),
+        (idle(inner=0.0126, n=14), False),
+        (idle(inner=0.0124, middle=0.04, first=0.04, n=14), True),
+    ],
+)
+def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
+    before, moving = np.ones(5), np.ones(6)
+    for at_head in (True, False):
+        # The step before the first that moves counts as moving: it begins there.
+        own = np.concatenate([[0.04], motion[::-1], moving] if at_head else [moving, motion])
+        every = np.concatenate([before, own, before])
+        offsets = np.cumsum([0, 5, len(own), 5])
+        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, settings=FaultSettings(), motion=every)
+        head, tail = IdleEnd.measure(block, None)
+        n = len(motion)
+        assert (head if at_head else tail)[1] == (n if is_idle or n < 10 else 0)
+        assert (tail if at_head else head).tolist() == [0, 0, 0]
+
+
+def test_idle_ends_are_faults_beyond_the_usual_and_the_steps_to_trim():
+    lengths = np.arange(40, 48)
+    measured = np.array([0, 0, 0, 0, 0, 0, 10, 30]), np.array([0, 0, 0, 0, 20, 0, 10, 0])
+    for rule, expected in ((IdleHead, [(7, 0, 29)]), (IdleTail, [(4, 24, 43)])):
+        assert found(applied(rule, *measured, lengths=lengths)) == expected
+
+
+def test_what_has_no_number_is_written_as_none():
+    fault = Fault("missing values", 3, 0, 2, "x", 1.0, 0.0, np.inf, "it is nan")
+    assert fault.to_dict()["severity"] is None
+    assert fault.to_dict()["sentence"] == "it is nan"
+    report = FaultReport((fault,), {}, {}, {}, {}, 5, 50)
+    assert (report.counts, report.absent) == ({"missing values": 1}, set())
+
+
+def test_steps_are_told_with_their_time_where_it_is_known():
+    data = Measurements(None, {}, (), np.array([3]), 1.0)
+    assert data.duration(2) == "2 steps (2000 ms)"
+    assert Measurements(None, {}, (), np.array([3]), None).duration(1) == "1 step"
+    assert issubclass(Length, ComparingRule)
+
+
+def fault(rule, column="x", first=5, last=6, value=1.0, threshold=2.0):
+    return Fault(rule, 3, first, last, column, value, threshold, 2.0, "")
+
+
+@pytest.mark.parametrize(
+    ("cause", "follows"),
+    [
+        (fault("length", value=300), True),  # what is too long holds more
+        (fault("length", value=1), False),
+        (fault("two episodes", last=6), True),
+        (fault("two episodes", last=7), False),
+        (fault("frozen sensor", first=6), True),  # it freezes there
+        (fault("frozen sensor", first=1, last=5), True),  # or moves on
+        (fault("frozen sensor", first=5, last=6), False),
+        (fault("frozen sensor", "y", first=6), False),
+    ],
+)
+def test_a_jump_follows_from_what_begins_or_ends_there(cause, follows):
+    assert Jump.follows(fault("jump"), cause) is follows
+
+
+def test_the_worst_finding_of_each_rule_stays_without_those_that_follow_from_another():
+    jump, frozen = fault("jump"), fault("frozen sensor", first=6)
+    lighter = replace(jump, severity=1.5, column="y")
+    assert without_consequences([lighter, jump]) == [jump]
+    assert without_consequences([lighter, jump, frozen]) == [frozen]
+    assert without_consequences([jump, replace(frozen, id=4)]) == [jump, replace(frozen, id=4)]

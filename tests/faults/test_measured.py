@@ -1,0 +1,231 @@
+"""What rules measure of each demonstration, against loops over its steps; and what is learned of sound recordings."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from recordings import changed, demonstrations, recording
+from rpil.data.demonstrations import Block
+from rpil.faults import lag
+from rpil.faults.checking import check
+from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
+from rpil.faults.recorded import find_frame_times
+from rpil.faults.rule import Learned
+from rpil.faults.segments import changes
+from rpil.faults.settings import FaultSettings
+from rpil.faults.whole_rules import NextState
+from rpil.formats.times import Times
+
+RNG = np.random.default_rng(0)
+LENGTHS = (9, 1, 2, 3, 4, 12)
+OFFSETS = np.cumsum([0, *LENGTHS])
+CLEAN = recording()
+S = FaultSettings()
+
+
+def block_of(values, offsets=OFFSETS, **more):
+    """Columns (C, T) with their changes."""
+    change = changes(values, offsets)
+    largest = np.maximum.reduceat(np.abs(change), offsets[:-1], axis=1).T
+    given = {"values": values, "offsets": offsets, "change": change, "size": np.abs(change), "largest": largest}
+    return SimpleNamespace(**given, numbers=np.arange(len(offsets) - 1), settings=S, **more)
+
+
+def each(values):
+    return [values[:, a:b] for a, b in itertools.pairwise(OFFSETS)]
+
+
+def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
+    values = RNG.normal(size=(3, OFFSETS[-1])).round(1)
+    values[:, -1] = values[:, -2]
+    spikes, _, step, largest = Spike.measure(block_of(values), None)
+    jumps, before, after, _ = Jump.measure(block_of(values), None)
+    np.testing.assert_array_equal(before, after - 1)
+    for m, part in enumerate(each(values)):
+        n = part.shape[1]
+        for c, x in enumerate(part):
+            d = np.pad(np.abs(np.diff(x)), 2)  # d[t + 1] leads to step t
+            spike, jump = [0.0] * n, [0.0] * n
+            for t in range(1, n - 1):
+                if (x[t] - x[t - 1]) * (x[t + 1] - x[t]) < 0:
+                    spike[t] = max(min(d[t + 1], d[t + 2]) - max(d[t], d[t + 3] if t < n - 2 else 0), 0)
+            for t in range(2, n - 1):
+                around = max(d[t], d[t + 2])
+                jump[t] = d[t + 1] - around if d[t + 1] > 2 * around else 0
+            assert spikes[m, c] == pytest.approx(max(spike))
+            assert jumps[m, c] == pytest.approx(max(jump))
+            assert largest[m, c] == d.max()
+            assert spike[step[m, c]] == max(spike)
+            assert jump[after[m, c]] == max(jump)
+
+
+def test_levels_and_changes_are_means_of_sizes():
+    values = RNG.normal(size=(2, OFFSETS[-1]))
+    level, change = Scale.measure(block_of(values), None)
+    for m, part in enumerate(each(values)):
+        np.testing.assert_allclose(level[m], np.abs(part).mean(axis=1))
+        np.testing.assert_allclose(change[m], np.abs(np.diff(part, axis=1)).sum(axis=1) / part.shape[1])
+
+
+@pytest.mark.parametrize(
+    ("steps", "motion", "expected"),
+    [
+        ([0, 1, 2, 2, 2, 3, 4], [1] * 7, (2, 3, 2)),
+        ([0, 1, 1, 2, 3, 3, 3, 4, 5], [1] * 9, (3, 5, 2)),
+        ([0, 0, 0, 1, 2, 3], [1] * 6, (0, 1, 0)),  # before the first change
+        ([0, 1, 2, 3, 3, 3], [1] * 6, (0, 1, 0)),  # after the last
+        ([0, 1, 2, 2, 2, 3, 4], [1, 1, 0.5, 0, 0, 1, 1], (0, 1, 0)),  # it comes to rest
+        ([0, 1, 2, 2, 2, 3, 4], [1, 1, 1, 0, 0, 0.5, 1], (0, 1, 0)),  # or begins to move
+        ([0, 1, 2, 2, 2, 3, 4], [0, 0, 0.51, 0, 0, 0.51, 0], (2, 3, 2)),
+    ],
+)
+def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
+    own = np.array([steps, np.arange(len(steps))], float)  # the action moves all the while
+    values = np.concatenate([np.tile([0.0, 1, 2], (2, 1)), own, np.tile([7.0, 8, 9], (2, 1))], axis=1)
+    columns = SimpleNamespace(is_action=np.array([False, True]), motion=2.0)
+    every = 2 * np.concatenate([np.ones(3), motion, np.ones(3)])
+    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, motion=every)
+    repeats, first, length = RepeatedFrames.measure(block, None)
+    assert (repeats[1], length[1]) == (expected[0], expected[2])
+    assert first[1] == expected[1] or not length[1]
+    assert repeats.tolist()[::2] == [0, 0]
+
+
+def share_of_next_states(observations, actions, before=4):
+    """Of a demonstration that comes after another one."""
+    rows = [np.concatenate([RNG.normal(size=(before, given.shape[1])), given]) for given in (observations, actions)]
+    offsets = np.array([0, before, before + len(actions)])
+    block = SimpleNamespace(block=Block(0, *rows, offsets), offsets=offsets, numbers=np.arange(2))
+    return NextState.measure(block, None)[0][1]
+
+
+def test_actions_are_the_next_state_at_sixteen_steps():
+    x = RNG.normal(size=(100, 3))
+    following = np.roll(x, -1, axis=0)
+    assert share_of_next_states(x, following) == 1.0
+    assert share_of_next_states(x, x) == 0.0
+    assert share_of_next_states(x, np.roll(x, -2, axis=0)) == 0.0
+    assert share_of_next_states(x, following[:, [2, 0, 1]]) == 1.0  # in whatever order
+    assert share_of_next_states(x, np.column_stack([following[:, :2], x[:, 2]])) == pytest.approx(2 / 3)
+    assert share_of_next_states(x, np.column_stack([following[:, :2], 0 * x[:, 2]])) == 1.0  # one never moves
+    assert share_of_next_states(x, 0 * x) == 0.0
+    seen = np.unique(np.linspace(0, 98, 16).astype(int))
+    for t in range(99):
+        other = following.copy()
+        other[t] += 1
+        assert share_of_next_states(x, other) == float(t not in seen)
+    wide = np.ptp(following[seen], axis=0)
+    assert share_of_next_states(x, following + 0.9e-6 * wide) == 1.0
+    assert share_of_next_states(x, following + 1.1e-6 * wide) == 0.0
+    for n in (1, 2):
+        assert share_of_next_states(x[:n], following[:n]) == 0.0
+    for n in (3, 4, 5):
+        assert share_of_next_states(x[:n], following[:n]) == 1.0
+
+
+@pytest.mark.parametrize("step", [1, 2, 30])
+def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
+    d = demonstrations(CLEAN)
+    stamps = np.concatenate([np.arange(n) / 50 for n in d.lengths])
+    stamps[d.offsets[3] + step : d.offsets[4]] += 3 / 50
+    stamps[d.offsets[5] + step : d.offsets[6]] += 0.4 / 50  # within the limit
+    (fault,) = check(d, times=Times(stamps, 50.0)).findings
+    assert (fault.rule, fault.id, fault.first, fault.last) == ("dropped frames", 3, step - 1, step)
+    assert list(find_frame_times(Times(stamps), d, None, S)) == []
+
+
+def test_the_time_that_is_declared_is_told_where_it_is_another():
+    d = demonstrations(CLEAN)
+    stamps = np.concatenate([np.arange(n) / 50 for n in d.lengths])
+    assert check(d, times=Times(stamps, 50.4)).usual["dropped frames"] == "a frame every 20 ms"
+    other = check(d, times=Times(stamps, 51.0)).usual["dropped frames"]
+    assert other == "a frame every 20 ms, where 19.61 ms are declared"
+
+
+def test_series_are_whitened_by_what_an_action_remembers():
+    values, memory = RNG.normal(size=OFFSETS[-1]), np.array([0.5, -0.25])
+    white = lag.whitened(values, memory, OFFSETS)
+    for a, b in itertools.pairwise(OFFSETS):
+        x = values[a:b] - values[a:b].mean()
+        own = [x[t] - 0.5 * x[t - 1] + 0.25 * x[t - 2] if t > 1 else 0.0 for t in range(b - a)]
+        np.testing.assert_allclose(white[a:b], own, atol=1e-12)
+    x = np.zeros(400)
+    for t in range(2, 400):
+        x[t] = 0.5 * x[t - 1] - 0.25 * x[t - 2] + RNG.normal()
+    np.testing.assert_allclose(lag._memory(x, np.array([0, 400]), 2), memory, atol=0.1)
+    assert lag._memory(values[:3], np.array([0, 1, 3]), 2).tolist() == [0, 0]
+    rows = lag._memory(values, OFFSETS, 2)
+    past, now = [], []
+    for a, b in itertools.pairwise(OFFSETS):
+        x = values[a:b] - values[a:b].mean()
+        past += [[x[t - 1], x[t - 2]] for t in range(2, b - a)]
+        now += [x[t] for t in range(2, b - a)]
+    np.testing.assert_allclose(rows, np.linalg.lstsq(np.array(past), np.array(now), rcond=None)[0])
+
+
+def test_correlations_are_those_within_demonstrations():
+    driver, change, most = RNG.normal(size=OFFSETS[-1]), RNG.normal(size=(2, OFFSETS[-1])), 3
+    found, own = lag._correlations(driver, change, OFFSETS, most), []
+    for c in range(2):
+        own.append(lag._own_correlations(driver, change[c], OFFSETS, most))
+    norms = np.sqrt((driver**2).sum() * (change**2).sum(axis=1))
+    for k in range(-most, most + 1):
+        total = np.zeros(2)
+        for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
+            pairs = [(t, t + k) for t in range(a, b) if a <= t + k < b]
+            sums = [sum(driver[t] * change[c, s] for t, s in pairs) for c in range(2)]
+            power = np.sqrt((driver[a:b] ** 2).sum() * (change[:, a:b] ** 2).sum(axis=1))
+            np.testing.assert_allclose([own[c][m, k + most] for c in range(2)], sums / power, atol=1e-12)
+            total += sums
+        np.testing.assert_allclose(found[:, k + most], total / norms, atol=1e-12)
+
+
+def test_what_is_learned_of_sound_recordings():
+    """The numbers are those of today: whatever changes one of them changes what is found."""
+    rng = np.random.default_rng(1)
+    noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
+    few = FaultSettings(least_gain=-1e3, offset_gain=0.0, map_tested=3, map_columns=2, map_sample=7, map_folds=3)
+    learned = Learned.of(demonstrations(noisy), few)
+    pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.lag.pairs]
+    assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
+    correlations = [pair.correlation for pair in learned.lag.pairs]
+    np.testing.assert_allclose(correlations, [0.9865782, 0.5068785, 0.3330825], rtol=1e-5)
+    related = [
+        [0.3328708, 0.1046817, 0.1583162],
+        [0.03284762, 0.9881349, 0.1614088],
+        [0.07525565, 0.1750798, 0.8587367],
+    ]
+    np.testing.assert_allclose(learned.lag.related, related, rtol=1e-5)
+    action, state = learned.lag.most_related
+    assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
+
+    namer, ends = learned.namer, learned.ends
+    assert (namer.window.lag, namer.window.n_states, namer.window.column.tolist()) == (1, 2, [1, 2, 4, 5])
+    signs, exchanged = [-11.17752, -8.154924, -11.46119, -7.968883], [-15.25036, -15.26411]
+    of_rows, offsets = [-10.67954, -6.394593, -8.750023, -5.738756, -5.282155], [23.2608, 8.471821, 23.24741, 8.475189]
+    np.testing.assert_allclose(namer.limit, [*signs, *exchanged, *of_rows, *offsets], rtol=1e-4)
+    np.testing.assert_allclose(namer.usual, [7.015096e-6, 7.347783e-4, 9.689544e-6, 8.78671e-4], rtol=1e-4)
+    np.testing.assert_allclose(namer.reach.sum(axis=1), [31.37547, 30.17072, 30.8976], rtol=1e-5)
+    np.testing.assert_allclose([namer.rest, namer.screen, namer.level.rest], [0.51709, 0.1113831, 4.889641], rtol=1e-4)
+
+    lengths = np.quantile([len(x) for x, _ in CLEAN], [0.02, 0.98]) * [0.9, 1.1]
+    np.testing.assert_allclose(ends.lengths, lengths)
+    np.testing.assert_allclose([ends.leap, ends.limit, ends.spread.sum()], [0.3022705, 1.961951, 4.482859], rtol=1e-5)
+
+
+def test_the_action_may_follow_the_state():
+    report = check(demonstrations([(a, x) for x, a in CLEAN]))
+    assert report.usual == {"lag": "action 0 follows observation '0' after 2 steps"}
+
+
+def test_a_demonstration_that_never_moves_is_not_cut():
+    x, a = CLEAN[2]
+    report = check(demonstrations(changed(CLEAN, 2, observations=0 * x + x[:1], actions=0 * a + a[:1])))
+    assert report.trims == {}
+    rows = np.pad(np.arange(len(x)), (0, 10), mode="edge")
+    report = check(demonstrations(changed(CLEAN, 2, observations=x[rows], actions=a[rows])))
+    assert (report.counts, report.trims) == ({}, {2: (0, len(x))})
