@@ -18,10 +18,11 @@ from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, ch
 if TYPE_CHECKING:
     import pyarrow as pa
 
+*_EPISODES, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
-    ("id", spellings.EPISODE_COLUMNS[:-1], (*_IDS, "counter")),
-    ("id", spellings.EPISODE_COLUMNS[-1:], _IDS),
+    ("id", _EPISODES, (*_IDS, "counter")),
+    ("id", [_ID_ALONE], _IDS),
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
