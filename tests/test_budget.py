@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3361, 39),
     "estimators": (2321, 15),
     "faults": (2261, 81),
-    "formats": (8959, 96),
+    "formats": (8960, 94),
     "inference": (2707, 88),
     "mixture": (808, 20),
     "numerics": (590, 14),

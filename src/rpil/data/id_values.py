@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar, cast, get_args
@@ -116,23 +117,31 @@ def write_answers(
     `DataError` where it cannot be written; a file that was there is then as it was.
     """
     is_csv = Path(path).suffix.lower() == ".csv"
-    old = (before or (b"id,label\n" if is_csv else b"{}")).decode()
-    text = _csv_with(old, answers, {*map(str, ids)}) if is_csv else _json_with(old, answers)
+    old = before or (b"id,label\n" if is_csv else b"{}")
+    encoding = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8"
+    text = old.decode(encoding)
+    text = _csv_with(text, answers, {*map(str, ids)}) if is_csv else _json_with(text, answers)
     with replacing(path) as temporary:
-        temporary.write_bytes(text.encode())
+        temporary.write_bytes(text.encode(encoding))
 
 
 def _csv_with(before: str, answers: Sequence[tuple[str, str]], ids: Collection[str]) -> str:
-    comma = _delimiter(before)
-    header = csv.DictReader(_lines(before), skipinitialspace=True, delimiter=comma).fieldnames or ()
-    id_column = _id_column(header)
+    """The text of a CSV file with the answers below its rows, and without the labels that they replace."""
+    rows, lines = _csv_rows(before)
+    names, replaced = rows.fieldnames or (), {m for m, word in answers if _compared(word) is None}
+    id_column, first = _id_column(names) or "", rows.line_num
+    kept = lines[:first]
+    for row in rows:
+        if _id_in(row[id_column], ids) not in replaced or _compared(row["label"]):
+            kept += lines[first : rows.line_num]
+        first = rows.line_num
+    kept += lines[first:]
     end = "\r\n" if "\r\n" in before else "\n"
-    before = _without_labels(before, {m for m, word in answers if _compared(word) is None}, ids)
-    added = [end * (not before.endswith("\n"))]
+    added = [] if kept[-1].endswith("\n") else [end]
     for m, word in answers:
-        row = {id_column: to_cell(m), "label": word}
-        added += [csv_row([row.get(name.removeprefix("\ufeff"), "") for name in header], comma), end]
-    return before + "".join(added)
+        cells = {id_column: to_cell(m), "label": word}
+        added += [csv_row([cells.get(name, "") for name in names], rows.reader.dialect.delimiter), end]
+    return "".join([*kept, *added])
 
 
 def csv_row(cells: Iterable[object], comma: str = ",") -> str:
@@ -143,20 +152,7 @@ def csv_row(cells: Iterable[object], comma: str = ",") -> str:
     return line.getvalue().removesuffix("\r\n")
 
 
-def _without_labels(text: str, labelled: Collection[str], ids: Collection[str]) -> str:
-    """The lines of a CSV file without the labels of demonstrations that are `labelled` anew."""
-    rows = csv.DictReader(_lines(text.removeprefix("\ufeff")), skipinitialspace=True, delimiter=_delimiter(text))
-    id_column, lines = _id_column(rows.fieldnames or ()) or "", _lines(text)
-    kept, first = lines[: rows.line_num], rows.line_num
-    for row in rows:
-        if _id_in(row[id_column], ids) not in labelled or _compared(row["label"]):
-            kept += lines[first : rows.line_num]
-        first = rows.line_num
-    return "".join([*kept, *lines[first:]])
-
-
 def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
-    before = before.removeprefix("\ufeff")
     words: dict[str, list[str]] = {}
     labelled = {m for m, word in answers if _compared(word) is None}
     for m, given in parse(before, "", LARGEST_TABLE, list):
@@ -276,23 +272,19 @@ def read_id_pairs(path: StrPath, column: str, example: str, ids: Iterable[object
 
 
 def _id_column(header: Sequence[str]) -> str | None:
-    plain = [name.removeprefix("\ufeff") for name in header]
-    return next((name for name in ("id", *EPISODE) if name in plain), None)
+    return next((name for name in ("id", *EPISODE) if name in header), None)
 
 
-def _delimiter(text: str) -> str:
-    """A comma, or the semicolon that Excel writes where numbers have commas."""
+def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str]]:
+    """The rows of a CSV file, and its lines with their ends, of which a quoted cell may hold some."""
     header = text.partition("\n")[0]
-    return ";" if ";" in header and "," not in header else ","
-
-
-def _lines(text: str) -> list[str]:
-    """The lines with their ends, of which a quoted cell may hold some; ``splitlines`` knows more ends than CSV."""
-    return list(io.StringIO(text, newline=""))
+    comma = ";" if ";" in header and "," not in header else ","  # Excel writes the first where numbers have commas
+    lines = list(io.StringIO(text, newline=""))  # ``splitlines`` knows more ends than CSV
+    return csv.DictReader(lines, skipinitialspace=True, strict=True, delimiter=comma), lines
 
 
 def _csv_pairs(text: str, column: str, source: str, ids: Collection[str]) -> list[tuple[str, object]]:
-    rows = csv.DictReader(_lines(text), skipinitialspace=True, strict=True, delimiter=_delimiter(text))
+    rows, _ = _csv_rows(text)
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:
