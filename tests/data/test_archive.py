@@ -217,9 +217,11 @@ def test_load_refuses_headers_beyond_all_limits(saved, before, more, match):
     refused(saved, match)
 
 
-def test_an_unknown_member_is_not_read(saved):
-    rewrite(saved, {"more.npy": b"no array"})
+def test_an_unknown_member_is_refused(saved):
+    rewrite(saved, {"more.npy": npy(np.zeros(2))})
     refused(saved, LOST)
+    rewrite(saved, {"more.npy": b"no array"})
+    refused(saved, "damaged or truncated")
 
 
 def test_load_refuses_a_mixture_without_its_policy(saved_mixture):

@@ -21,8 +21,8 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, Parsed, parse
-from rpil.data.npy import new_member, read_arrays, write_arrays
+from rpil.data.json_files import LARGEST_TABLE, parse
+from rpil.data.npy import ARRAY, new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
 VERSION = 9
@@ -214,18 +214,19 @@ def read_archive(
     """The header and all arrays of an archive.
 
     A `DataError` where the file is damaged, of another version, compressed, too large for the memory, or, saying
-    `otherwise`, of another `schema`; the `remedy` is to write it again. Arrays that the header does not name are
-    refused, and never decoded.
+    `otherwise`, of another `schema`; the `remedy` is to write it again. Who decodes the header refuses arrays that it
+    does not name.
     """
     foreign = f"{path}: {otherwise}."
     with check_exists(path).open("rb") as file:
         if file.read(2) != b"PK" and not zipfile.is_zipfile(file):
             raise DataError(foreign)
     with guarded(path, "it is damaged or truncated", remedy), zipfile.ZipFile(path) as archive:
-        members = archive.namelist()
+        members, header = archive.namelist(), None
         if _HEADER in members:
             _check_sizes(archive, path)
-        header = _read_header(archive, path) if _HEADER in members else None
+            with archive.open(_HEADER) as file:
+                header = parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
         if not isinstance(header, dict) or header.get("schema") != schema:
             raise DataError(foreign)
         if header.get("version") != VERSION:
@@ -233,12 +234,11 @@ def read_archive(
             made = f"rpil {who} saved it in version {saved} of the format"
             here = f"rpil {rpil_version()} reads version {VERSION}"
             raise DataError(f"{path}: {made}, but {here}; use that rpil, or {remedy}.")
-        named = {f"{name}.npy": name for name in _array_names(header)}
-        if not set(members) <= {_HEADER, *named} or len(set(members)) < len(members):
-            raise DataError(f"{path}: its parts do not belong together; {remedy}.")
         members.remove(_HEADER)
-        names = [named[member] for member in members]
+        names = [member.removesuffix(ARRAY) for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
+        if len(arrays) < len(members):
+            raise DataError(f"{path}: its parts do not belong together; {remedy}.")
     return header, arrays
 
 
@@ -250,23 +250,3 @@ def _check_sizes(archive: zipfile.ZipFile, path: Path) -> None:
         raise DataError(
             f"{path}: its parts are compressed, or hold more than the file, as rpil saves none; save it again."
         )
-
-
-def _read_header(archive: zipfile.ZipFile, path: Path) -> Parsed:
-    with archive.open(_HEADER) as file:
-        return parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
-
-
-def _array_names(header: Header) -> list[str]:
-    """Names of the arrays that a header refers to, each once."""
-    names: dict[str, None] = {}
-    nodes: list[Json] = [header]
-    while nodes:  # not by recursion, because a header may be nested deeper than Python's stack
-        node = nodes.pop()
-        if isinstance(node, dict):
-            name = node.get("array")
-            names |= {name: None} if isinstance(name, str) else {}
-            nodes += node.values()
-        elif isinstance(node, list):
-            nodes += node
-    return list(names)
