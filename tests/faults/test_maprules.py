@@ -33,7 +33,7 @@ def test_the_sign_of_a_column_is_named_where_that_of_another_cannot_be_known():
 def test_each_action_goes_with_the_state_that_follows_it_whatever_its_unit():
     units = np.array([1, 1e3, 1e-3])
     learned = Learned.of(demonstrations([(x * units, a) for x, a in CLEAN]), FaultSettings(max_partners=1))
-    assert sorted((pair.action, pair.state, pair.lag) for pair in learned.lag.pairs) == [
+    assert sorted((pair.action, pair.state, pair.lag) for pair in learned.pairs) == [
         (3, 0, 2),
         (4, 1, 2),
         (5, 2, 2),

@@ -12,6 +12,7 @@ from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Block
 from rpil.faults import lag
 from rpil.faults.checking import check
+from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
@@ -190,18 +191,10 @@ def test_what_is_learned_of_sound_recordings():
     noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
     few = FaultSettings(least_gain=-1e3, offset_gain=0.0, map_tested=3, map_columns=2, map_sample=7, map_folds=3)
     learned = Learned.of(demonstrations(noisy), few)
-    pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.lag.pairs]
+    pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.pairs]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
-    correlations = [pair.correlation for pair in learned.lag.pairs]
+    correlations = [pair.correlation for pair in learned.pairs]
     np.testing.assert_allclose(correlations, [0.9865782, 0.5068785, 0.3330825], rtol=1e-5)
-    related = [
-        [0.3328708, 0.1046817, 0.1583162],
-        [0.03284762, 0.9881349, 0.1614088],
-        [0.07525565, 0.1750798, 0.8587367],
-    ]
-    np.testing.assert_allclose(learned.lag.related, related, rtol=1e-5)
-    action, state = learned.lag.most_related
-    assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
 
     namer, ends = learned.namer, learned.ends
     assert (namer.window.lag, namer.window.n_states, namer.window.column.tolist()) == (1, 2, [1, 2, 4, 5])
@@ -215,6 +208,20 @@ def test_what_is_learned_of_sound_recordings():
     lengths = np.quantile([len(x) for x, _ in CLEAN], [0.02, 0.98]) * [0.9, 1.1]
     np.testing.assert_allclose(ends.lengths, lengths)
     np.testing.assert_allclose([ends.leap, ends.limit, ends.spread.sum()], [0.3022705, 1.961951, 4.482859], rtol=1e-5)
+
+
+def test_those_most_correlated_come_first():
+    rng = np.random.default_rng(1)
+    d = demonstrations([(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN])
+    sample = learn_columns(*pilot(d, S), column_labels(d), S)
+    related = [
+        [0.3328708, 0.1046817, 0.1583162],
+        [0.03284762, 0.9881349, 0.1614088],
+        [0.07525565, 0.1750798, 0.8587367],
+    ]
+    np.testing.assert_allclose(lag._related(sample, np.arange(3, 6), np.arange(3)), related, rtol=1e-5)
+    action, state = lag.find_lag(sample)[1]
+    assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
 
 
 def test_the_action_may_follow_the_state():

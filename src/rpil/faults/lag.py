@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.faults.measured_columns import MeasuredColumns, MovingBlock
+from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
 
@@ -43,24 +43,9 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-@dataclass(frozen=True, eq=False)
-class Lag:
-    """The pairs, the most correlated first, and the largest correlation of each action with each state, (A, S)."""
-
-    pairs: tuple[Pair, ...]
-    columns: MeasuredColumns
-    related: Float[Array, "A S"]
-
-    @property
-    def most_related(self) -> tuple[Int[Array, " A"], Int[Array, " S"]]:
-        """Numbers of the actions and of the states, those most correlated with a state, or action, first."""
-        of_action, of_state = (-self.related.max(axis=axis, initial=0.0) for axis in (1, 0))
-        action, state = np.flatnonzero(self.columns.is_action), np.flatnonzero(~self.columns.is_action)
-        return action[np.argsort(of_action, kind="stable")], state[np.argsort(of_state, kind="stable")]
-
-
-def find_lag(sample: MovingBlock) -> Lag:
-    """The state column that is best aligned with each action, for the actions that have one.
+def find_lag(sample: MovingBlock) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
+    """The state column that is best aligned with each action that has one, the most correlated pair first; and the
+    numbers of all actions and states, those most correlated with a state, or an action, first.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
@@ -68,7 +53,7 @@ def find_lag(sample: MovingBlock) -> Lag:
     columns, values, settings = sample.columns, sample.values, sample.settings
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
     if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
-        return Lag((), columns, np.zeros((len(action), len(state))))
+        return (), (action, state)
     related, pairs = _related(sample, action, state), []
     for row, own in zip(related, action.tolist(), strict=True):
         near = state[np.sort(np.argsort(-row, kind="stable")[: settings.max_partners])]
@@ -77,7 +62,8 @@ def find_lag(sample: MovingBlock) -> Lag:
             if pair.correlation >= settings.min_correlation:
                 pairs.append(pair)
                 break
-    return Lag(tuple(sorted(pairs, key=lambda pair: -pair.correlation)), columns, related)
+    first_action, first_state = (np.argsort(-related.max(axis=axis), kind="stable") for axis in (1, 0))
+    return tuple(sorted(pairs, key=lambda pair: -pair.correlation)), (action[first_action], state[first_state])
 
 
 def _related(sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"]) -> Float[Array, "A S"]:

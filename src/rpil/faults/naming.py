@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpil.faults.lag import Lag
+from rpil.faults.lag import Pair
 from rpil.faults.maps import FLOOR, OF_ROWS, Tried, Window, fit_maps, gains, levels, misfit, others, per_column
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.settings import FaultSettings
@@ -113,10 +113,12 @@ class Namer:
         return np.asarray(np.where(first < 0, ~far.any(), (far.sum() == own) & ~after))
 
 
-def learn_maps(sample: MovingBlock, lag: Lag, n_all: int) -> Namer | None:
-    """The maps of a sample, and the limits of the gains in it; None where no map tells anything."""
+def learn_maps(
+    sample: MovingBlock, pairs: tuple[Pair, ...], most_related: tuple[Array, Array], n_all: int
+) -> Namer | None:
+    """The maps of a sample, and the limits of the gains in it; None where no map tells anything. See `find_lag`."""
     s, numbers, offsets = sample.settings, sample.numbers, sample.offsets
-    action, state = (chosen[: s.map_columns] for chosen in lag.most_related)
+    action, state = (chosen[: s.map_columns] for chosen in most_related)
     if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
@@ -126,7 +128,7 @@ def learn_maps(sample: MovingBlock, lag: Lag, n_all: int) -> Namer | None:
     rows = [values[:, a:b].T for a, b in itertools.pairwise(offsets)]
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
-    for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in lag.pairs[:1]]]):
+    for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in pairs[:1]]]):
         window = Window(own, len(state), steps, centre, spread, s.map_rows)
         namer = _namer(rows, numbers, window, n_all, s)
         found += [] if namer is None else [namer]

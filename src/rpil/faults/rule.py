@@ -18,7 +18,7 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted
 from rpil.faults.ends import Ends, learn_ends
-from rpil.faults.lag import Lag, find_lag
+from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.naming import Namer, learn_maps
 from rpil.faults.settings import FaultSettings
@@ -69,7 +69,7 @@ class Learned:
     """What a sample of the demonstrations tells, and the settings."""
 
     columns: MeasuredColumns
-    lag: Lag
+    pairs: tuple[Pair, ...]
     namer: Namer | None
     ends: Ends | None
     settings: FaultSettings
@@ -78,9 +78,9 @@ class Learned:
     def of(cls, demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Learned:
         """From demonstrations spread evenly over the data."""
         sample = learn_columns(*pilot(demonstrations, settings), column_labels(demonstrations), settings)
-        lag = find_lag(sample)
-        namer = learn_maps(sample, lag, len(demonstrations))
-        return cls(sample.columns, lag, namer, learn_ends(sample), settings)
+        pairs, most_related = find_lag(sample)
+        namer = learn_maps(sample, pairs, most_related, len(demonstrations))
+        return cls(sample.columns, pairs, namer, learn_ends(sample), settings)
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
@@ -107,7 +107,7 @@ class Measurements:
             "actions": (not columns.is_action.any(), codes.format("action")),
             "columns": (not columns.names, codes.format("observation or action")),
             "map": (self.learned.namer is None, "no state corresponds to an action"),
-            "lag": (not self.learned.lag.pairs, "no observation goes with an action"),
+            "lag": (not self.learned.pairs, "no observation goes with an action"),
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}

@@ -41,7 +41,7 @@ class OtherLag(ComparingRule):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Steps by which the lag is shifted from the usual one, and what that shift adds to the agreement of the
         cross-correlations, relative to the usual one."""
-        return shifts(block, learned.lag.pairs)
+        return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
         s, (self.shift, gain) = self.settings, self.measured
@@ -58,7 +58,7 @@ class OtherLag(ComparingRule):
         """The usual lag in words, where most demonstrations have the same."""
         if self.silent:
             return {}
-        best = self.data.learned.lag.pairs[0]
+        best = self.data.learned.pairs[0]
         names = [self.columns.names[c] for c in (best.action, best.state)]
         first, second = names if best.lag >= 0 else names[::-1]
         return {self.name: f"{second} follows {first} after {self.data.duration(abs(best.lag))}"}
