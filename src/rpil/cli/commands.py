@@ -24,7 +24,6 @@ from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
-    from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
     from rpil.faults.report import FaultReport
     from rpil.formats.columns import ColumnOptions
@@ -231,6 +230,8 @@ def audit_data(
     progress(LOADING)
     from rpil.data.id_values import is_id_file
     from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
+    from rpil.estimators.pipeline import FitOptions
+    from rpil.estimators.settings import Settings
 
     stated = options.stated(recording, reference)
     features = JUDGE_FEATURES if options.features == "auto" else options.features  # no policy is kept
@@ -238,18 +239,10 @@ def audit_data(
     files = options.labels, who, options.reference
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = fit_options(replace(options, features=features), progress)
+    settings = CommandSettings.current().fit or Settings()
+    chosen = FitOptions(features, options.adversary, options.seed, settings, progress)
     audit = audit_recording(recording, stated, chosen, file, command, files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
-
-
-def fit_options(options: RunOptions, progress: StageProgress) -> FitOptions:
-    """The options of a fit, by those of the command line."""
-    from rpil.estimators.pipeline import FitOptions
-    from rpil.estimators.settings import Settings
-
-    settings = CommandSettings.current().fit or Settings()
-    return FitOptions(options.features, options.adversary, options.seed, settings, progress)
 
 
 def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:

@@ -11,7 +11,7 @@ import click
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, print_next_steps, report
 from rpil.cli.check import check
-from rpil.cli.commands import Commands, check_paths, show_stages
+from rpil.cli.commands import Commands, CommandSettings, check_paths, show_stages
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
@@ -64,8 +64,9 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
-        chosen = vars(commands.fit_options(run, progress))
-        model = RPIL(**chosen).fit(recording, labels=run.labels, demonstrators=run.operator)
+        settings = CommandSettings.current().fit
+        model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=settings, progress=progress)
+        model.fit(recording, labels=run.labels, demonstrators=run.operator)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])

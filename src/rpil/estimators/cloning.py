@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -14,12 +16,14 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
-from rpil.estimators.task import Features, FinalPolicy
 from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each, source_of
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import LinearPolicy
 from rpil.policies.settings import SelectionSettings
+
+if TYPE_CHECKING:
+    from rpil.estimators.task import Features, FinalPolicy
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import FitOptions, JudgeInput, TrustDecision
-from rpil.estimators.task import Features, FinalPolicy, Task
+from rpil.estimators.pipeline import FullFit, JudgeInput, TrustDecision
 from rpil.inference.answers import Answers
-from rpil.numerics.types import Array
+from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
+from rpil.inference.settings import HeldOutSettings
+from rpil.inference.trust import Judgement
+from rpil.numerics.blocks import linear
+from rpil.numerics.types import Array, Int
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.results.evidence import by_policy_of_sample, traces, worth_a_look
+from rpil.results.evidence import StepEvidence, traces, typical_members, worth_a_look
 from rpil.results.record import Audit
 from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
@@ -25,17 +29,16 @@ from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, 
 from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Engine, Shards
 
+if TYPE_CHECKING:
+    from rpil.estimators.task import Features, FinalPolicy
+
 MAX_DRAWN_STEPS = 100_000
 """Steps that are read again for traces."""
 
 
 @dataclass(frozen=True, eq=False)
-class SampledFit:
+class SampledFit(FullFit):
     """The stages of a fit whose decision reads a sample, and which passes of an engine extend to everything."""
-
-    task: Task
-    options: FitOptions
-    keeps_policy: bool = True
 
     @property
     def engine(self) -> Engine:
@@ -127,6 +130,21 @@ class SampledFit:
         read = np.union1d(sample.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
         return traces(audit, by_policy_of_sample(sample.judgement, sample.judge.ratio, data, read, settings), drawn)
+
+
+def by_policy_of_sample(
+    judgement: Judgement,
+    ratio: SoftmaxRatio | StudentRatio,
+    data: FitData,
+    members: Int[Array, " K"],
+    settings: HeldOutSettings,
+) -> StepEvidence:
+    """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
+    if isinstance(ratio, SoftmaxRatio):
+        expected = ratio.step_ratios(data.features, data.actions, settings)[0]
+    else:
+        expected = ratio.scaling.back(linear(data.features, ratio.weights))
+    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
 
 
 def _sample(posed: JudgeInput, decision: TrustDecision) -> JudgedSample:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,14 +21,13 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, FinalPolicy, Task
+from rpil.estimators.task import Task
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
-from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.deviations import deviations
 from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
 from rpil.results.record import Audit, Interval
@@ -37,9 +36,11 @@ from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
+    from rpil.estimators.task import ActionBox, Features, FinalPolicy
     from rpil.inference.fitted_judge import FittedJudge
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
+    from rpil.policies.protocol import CrossFittedPolicy
     from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
@@ -227,36 +228,6 @@ class FitResult:
     policy: FinalPolicy | None
 
 
-class Stages(Protocol):
-    """The stages of a fit that depend on where the demonstrations are."""
-
-    @property
-    def keeps_policy(self) -> bool:
-        """Whether a final policy is fitted; an audit keeps none."""
-
-    def pose(self) -> JudgeInput:
-        """The demonstrations that the decision reads, and their features."""
-
-    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
-        """The decision about all demonstrations."""
-
-    def fit_policy(
-        self, posed: JudgeInput, decision: TrustDecision
-    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
-        """The features and the final policy, if it is kept, and the decision with the weights of all steps."""
-
-
-def fit(stages: Stages, options: FitOptions) -> FitResult:
-    """Pose, decide, and fit the final policy, if it is kept."""
-    posed = stages.pose()
-    is_kept = stages.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
-    decision = decide_trust(posed, options, is_kept) if options.judges else decide_by_mixture(posed, options)
-    decision = stages.extend(posed, decision)
-    options.progress("the policy" if stages.keeps_policy else "the weights of the steps")
-    features, policy, decision = stages.fit_policy(posed, decision)
-    return FitResult(decision, posed.features, features, policy)
-
-
 @dataclass(frozen=True, eq=False)
 class FullFit:
     """The stages of a fit whose decision reads all demonstrations, in memory."""
@@ -264,8 +235,20 @@ class FullFit:
     task: Task
     options: FitOptions
     keeps_policy: bool = True
+    """Whether a final policy is fitted; an audit keeps none."""
+
+    def run(self) -> FitResult:
+        """Pose, decide, and fit the final policy, if it is kept."""
+        posed, options = self.pose(), self.options
+        is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
+        decision = decide_trust(posed, options, is_kept) if options.judges else decide_by_mixture(posed, options)
+        decision = self.extend(posed, decision)
+        options.progress("the policy" if self.keeps_policy else "the weights of the steps")
+        features, policy, decision = self.fit_policy(posed, decision)
+        return FitResult(decision, posed.features, features, policy)
 
     def pose(self) -> JudgeInput:
+        """The demonstrations that the decision reads, and their features."""
         task, options = self.task, self.options
         demonstrations = self.task.demonstrations
         copies = copies_among(demonstrations) if options.judges else None
@@ -283,6 +266,7 @@ class FullFit:
         return JudgeInput(different, data, features, Answers.none(len(different)), order, copies=copies)
 
     def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
+        """The decision about all demonstrations."""
         if posed.copies is None:
             return decision
         assert decision.judgement is not None
@@ -307,6 +291,7 @@ class FullFit:
     def fit_policy(
         self, posed: JudgeInput, decision: TrustDecision
     ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
+        """The features and the final policy, if it is kept, and the decision with the weights of all steps."""
         audit, judged = decision.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
             every = self.task.demonstrations

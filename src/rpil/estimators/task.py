@@ -7,7 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,11 +25,14 @@ from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 from rpil.policies.features import FeatureMap, IdentityMap
-from rpil.policies.protocol import CrossFittedPolicy, Policy
+
+if TYPE_CHECKING:
+    from rpil.policies.protocol import CrossFittedPolicy, Policy
+
+    FinalPolicy = Policy | CrossFittedPolicy
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Features = FeatureMap | IdentityMap
-FinalPolicy = Policy | CrossFittedPolicy
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 

@@ -16,8 +16,8 @@ from rpil.data.errors import DataWarning, user_stack_level
 from rpil.data.files import StrPath
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order
 from rpil.data.reference import with_reference
-from rpil.estimators.pipeline import FitOptions, FitResult, FullFit, Stages, fit
-from rpil.estimators.task import ActionBox, Labels, Task, answers_of
+from rpil.estimators.pipeline import FitOptions, FitResult, FullFit
+from rpil.estimators.task import Labels, Task, answers_of
 from rpil.formats import read_demonstrators
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -75,10 +75,6 @@ class Statements:
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         return cls(answers, names, order, facts.sessions, where, reference)
 
-    def task(self, demonstrations: Demonstrations | Dataset, action_box: ActionBox | None) -> Task:
-        """The task to judge these demonstrations, all that the statements are about."""
-        return Task.of(demonstrations, action_box, self.answers, self.demonstrators or None, self.order)
-
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
         order = None if self.order is None else self.order[rows]
@@ -114,11 +110,11 @@ def fit_within_tasks(
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        audit, n = _with_facts(audit, stated), len(demonstrations)
+        n, notes = len(demonstrations), audit.notes
         if stated.reference is None and n < MIN_DEMONSTRATIONS:
             few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
-            audit = replace(audit, notes=(few, *audit.notes))
-        return audit, [fitted]
+            notes = (few, *notes)
+        return replace(audit, sessions=stated.sessions, order=stated.order, notes=notes), [fitted]
     options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
@@ -135,7 +131,8 @@ def fit_within_tasks(
     _warn_of_pairs(stated.answers_source, len(stated.answers.compared) - n_pairs, what)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    return _with_facts(with_labels_alone(joined, alone, stated.answers), stated), fits
+    audit = with_labels_alone(joined, alone, stated.answers)
+    return replace(audit, sessions=stated.sessions, order=stated.order), fits
 
 
 def _fit_group(
@@ -147,7 +144,8 @@ def _fit_group(
         first = demonstrations.select(slice(None))  # in memory
         demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
         stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
-    task = stated.task(demonstrations, options.action_box)
+    names, order = stated.demonstrators or None, stated.order
+    task = Task.of(demonstrations, options.action_box, stated.answers, names, order)
     result = fit_task(task, options, keeps_policy)
     audit = result.decision.audit
     return audit if len(audit.ids) == n else select(audit, range(n), ids), (task, result)
@@ -157,14 +155,14 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
     assumptions."""
     options.check(task)
-    stages: Stages = FullFit(task, options, keeps_policy)
+    stages = FullFit(task, options, keeps_policy)
     may_sample, sample = options.judges and options.policy is None, options.settings.sample
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
         from rpil.estimators.passes import SampledFit
 
         stages = SampledFit(task, options, keeps_policy)
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-        result = fit(stages, options)
+        result = stages.run()
     decision, prior = result.decision, options.settings.mixture.prior
     audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
     own = type(options.policy).__name__
@@ -183,11 +181,6 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
     return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
-
-
-def _with_facts(audit: Audit, stated: Statements) -> Audit:
-    """The audit with the sessions and the order of its demonstrations."""
-    return replace(audit, sessions=stated.sessions, order=stated.order)
 
 
 def _warn_of_pairs(source: str, n: int, what: str) -> None:

@@ -11,7 +11,7 @@ and again, each time with other weights of the steps.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,8 +31,10 @@ from rpil.numerics.regression import (
 )
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
-from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.softmax import one_hot
+
+if TYPE_CHECKING:
+    from rpil.policies.protocol import CrossFittedPolicy
 
 WarmStart = tuple[Array, Preconditioner | None]
 """Weights (D, K) of a softmax policy, and the preconditioner of its fit."""

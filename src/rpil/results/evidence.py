@@ -22,12 +22,10 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.data.text import printable
 from rpil.inference.contrast import evidence_by_part
-from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
-from rpil.numerics.blocks import linear
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.softmax import at_actions
@@ -112,21 +110,6 @@ def by_held_out_policies(
         assert isinstance(model, HeldOutRidge)
         errors = model.errors(data.per_step(judgement.training_group.astype(float)), fit.ridge)
         expected = ActionScale.of(data).back(model.actions - errors)
-    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
-
-
-def by_policy_of_sample(
-    judgement: Judgement,
-    ratio: SoftmaxRatio | StudentRatio,
-    data: FitData,
-    members: Int[Array, " K"],
-    settings: HeldOutSettings,
-) -> StepEvidence:
-    """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
-    if isinstance(ratio, SoftmaxRatio):
-        expected = ratio.step_ratios(data.features, data.actions, settings)[0]
-    else:
-        expected = ratio.scaling.back(linear(data.features, ratio.weights))
     return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
 
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
-from rpil.results.choice import Choice
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import overview_html, overview_text
 from rpil.results.result import AuditResult
-from rpil.results.verdict_table import choice_of, verdict_columns
 
 if TYPE_CHECKING:
+    from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
@@ -130,6 +129,8 @@ class Audit(AuditResult):
     def choice(self) -> Choice:
         """Which demonstrations ``rpil keep`` keeps, and by which rule each other one is rejected: ``choice.kept``,
         ``choice.rejected`` and ``choice.undecided``."""
+        from rpil.results.verdict_table import choice_of
+
         return choice_of(self)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
@@ -150,6 +151,8 @@ class Audit(AuditResult):
         DataError
             If the backend is unknown or not installed.
         """
+        from rpil.results.verdict_table import verdict_columns
+
         who = {str(name): str(one.name) for one in self.demonstrators for name in one.demonstrations}
         columns = verdict_columns(self, who)
         for name in ("faults", "task", "run") if who else ("faults", "task", "run", "demonstrator"):
