@@ -15,8 +15,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.settings import HeldOutSettings
-from rpil.results.deviations import MAX_STEPS, deviations
-from rpil.results.evidence import StepEvidence, by_final_policy
+from rpil.results.evidence import MAX_STEPS, StepEvidence, by_final_policy, deviations
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.drawings import LEVELS, NO_VALUE, drawings, packed
 from rpil.results.traces import TracedPart, Traces
+from rpil.results.view import LEVELS, NO_VALUE, drawings, packed
 
 
 def unpacked(curves, name):

@@ -28,8 +28,7 @@ from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
-from rpil.results.deviations import deviations
-from rpil.results.evidence import by_final_policy, by_held_out_policies, traces, worth_a_look
+from rpil.results.evidence import by_final_policy, by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged

@@ -23,10 +23,9 @@ from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal
-from rpil.results.assumptions import IN_SAMPLE_POLICY, assumption_sentences
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
-from rpil.results.summary import audit_from_judgement
+from rpil.results.summary import IN_SAMPLE_POLICY, assumption_sentences, audit_from_judgement
 
 P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]

@@ -23,9 +23,9 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.assumptions import assumption_sentences
 from rpil.results.evidence import with_fewer_traces
 from rpil.results.record import Audit
+from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
 from rpil.results.traces import MAX_DRAWN
 

@@ -95,7 +95,7 @@ class Audit(AuditResult):
         Index of the first of the copies of each demonstration, which may be itself.
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
-        are not in memory (`rpil.results.deviations`).
+        are not in memory (`rpil.results.evidence`).
     anchor : {"none", "answers", "named adversary"}
         What says who is good; see `rpil.results.words`.
     sessions : tuple of str

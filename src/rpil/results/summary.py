@@ -1,4 +1,4 @@
-"""The audit that a user reads, from a judgement or from EM with a named adversary."""
+"""The audit that a user reads, from a judgement or from EM with a named adversary, and what it assumed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,17 @@ from rpil.data.names import spans
 from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
+from rpil.inference.findings import FINDINGS
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.answering import doubts_of_answers, rank_demonstrators, shown_proba, verdicts_of
+from rpil.results.answering import (
+    NOT_USED,
+    doubts_of_answers,
+    rank_demonstrators,
+    sentence_of,
+    shown_proba,
+    verdicts_of,
+)
 from rpil.results.judged import Interval
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
@@ -28,6 +36,10 @@ from rpil.results.words import WORDS, Anchor
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
+
+IN_SAMPLE_POLICY = (
+    "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
+)
 
 MAX_RUNS = 10
 """Runs of demonstrations that a sentence names, at most."""
@@ -153,3 +165,34 @@ def certain(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: Au
     log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
     labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
     return np.where(labels == 0, log_odds, labelled)
+
+
+def assumption_sentences(
+    audit: Audit,
+    policy: str = "",
+    *,
+    p_two_groups: float | None = None,
+    expert_share: float | None = None,
+    demonstrators: str = "",
+) -> tuple[str, ...]:
+    """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
+
+    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
+    groups of scores; `expert_share` is the prior probability of an expert, where the user fixed it.
+    """
+    sentences = (
+        FINDINGS[audit.finding],
+        audit.words.explanation,
+        "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
+        policy,
+        *audit.doubts,
+        *audit.notes,
+        sentence_of(audit, audit.answers) if audit.anchor == "answers" else NOT_USED,
+        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
+        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
+        f"{len(audit.labelled)} labels were taken as certain."
+        if audit.labelled and audit.anchor == "named adversary"
+        else "",
+        demonstrators,
+    )
+    return tuple(filter(None, sentences))

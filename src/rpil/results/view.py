@@ -55,11 +55,13 @@ drawings
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
     with most of the evidence (name, share of the evidence, nats, value, low and high of what is typical there), and of
     discrete actions taken (names, codes); compared_with, see `rpil.results.traces`. Curves are packed by
-    `rpil.results.drawings.packed`.
+    `packed`.
 """
 
 from __future__ import annotations
 
+import base64
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
@@ -68,11 +70,11 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED, FINDINGS
-from rpil.numerics.types import Array
+from rpil.inference.step_trust import step_proba
+from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
-from rpil.results.drawings import drawings, significant
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.traces import MAX_DRAWN
+from rpil.results.traces import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
 from rpil.results.words import SIDES
@@ -82,6 +84,11 @@ MAX_FOUND = 20_000
 
 DECIMALS_SHOWN = 9
 """Of probabilities and shares."""
+
+LEVELS = 254
+"""Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
+
+NO_VALUE = 255
 
 View = dict[str, object]
 
@@ -262,3 +269,56 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         ],
         "usual": list(report.usual.values()),
     }
+
+
+def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
+    """The drawings of some demonstrations by their numbers, see above; trust is `Audit.step_trust`."""
+    if not members:
+        return {}
+    chosen = list(members)
+    ratios = [audit.log_ratio(m) for m in chosen]
+    lengths = audit.lengths[chosen]
+    # At once for all: a pass goes from step to step.
+    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.judge.steps)
+    parts = zip(chosen, ratios, np.split(trust, np.cumsum(lengths)[:-1]), strict=True)
+    return {str(m): _drawn(audit, m, ratio, own) for m, ratio, own in parts}
+
+
+def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[Array, " n"]) -> dict[str, object]:
+    starts = bin_starts(len(ratio))
+    extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
+    traces = audit.traces.get(audit.ids[m])
+    taken = traces.taken if traces else ()
+    names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
+    codes = dict(zip(names, range(len(names)), strict=True))
+    return {
+        "ratio": packed({**extremes, "mean": bin_means(ratio)}),
+        "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
+        "compared_with": traces.compared_with if traces else "typical",
+        "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
+        "parts": [
+            {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}
+            | packed({"value": part.value, "low": part.low, "high": part.high})
+            for part in (traces.parts if traces else ())
+        ],
+    }
+
+
+def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:
+    """Curves on one scale: each as base64 of bytes, where 0 is "from" and 254 is "to"; 255 is no value."""
+    values = np.array([*curves.values()], dtype=float)
+    known = values[np.isfinite(values)]
+    low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
+    scaled = LEVELS * (values - low) / (high - low or 1.0)
+    codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
+    return {"from": significant(low), "to": significant(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
+
+
+def _as_text(codes: Int[Array, " P"]) -> str:
+    """Base64 of bytes."""
+    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
+
+
+def significant(value: float) -> float:
+    """A number with six significant digits."""
+    return float(f"{value:.6g}")

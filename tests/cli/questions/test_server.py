@@ -19,8 +19,7 @@ from rpil.cli.questions.server import listen, load_server
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answers
-from rpil.results.drawings import drawings
-from rpil.results.view import make_view
+from rpil.results.view import drawings, make_view
 from served import need_server, review_of, serving
 
 need_server()

@@ -14,8 +14,7 @@ from rpil.cli.questions.session import Session, choices, fact_lines, question_se
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
-from rpil.results.drawings import drawings
-from rpil.results.view import About, View, make_view
+from rpil.results.view import About, View, drawings, make_view
 
 if TYPE_CHECKING:
     from starlette.requests import Request
