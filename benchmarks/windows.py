@@ -31,10 +31,9 @@ from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array
-from rpil.simulation.corruptions import window
-from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import record
+from rpil.simulation.rollouts import actions_of, make, record
+from rpil.simulation.simulate import window
 from tables import table
 from value.learners import LEARNERS
 from value.operators import GOOD, INTERLUDES, TYPICAL, Kind, Operator

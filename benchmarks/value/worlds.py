@@ -17,7 +17,7 @@ import numpy as np
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array
-from rpil.simulation.corruptions import KINDS
+from rpil.simulation.simulate import KINDS
 from value import pushing
 from value.operators import BAD, GOOD, Operator
 

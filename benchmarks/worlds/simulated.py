@@ -8,8 +8,7 @@ from itertools import product
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.simulation.corruptions import KINDS
-from rpil.simulation.simulate import simulate
+from rpil.simulation.simulate import KINDS, simulate
 from worlds import World
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")

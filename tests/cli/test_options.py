@@ -5,7 +5,7 @@ from __future__ import annotations
 from rpil.cli import main as cli
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.policies.features import FEATURES
-from rpil.simulation.corruptions import KINDS
+from rpil.simulation.simulate import KINDS
 
 
 def test_choices_are_those_of_the_library():

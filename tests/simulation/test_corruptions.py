@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.data.spaces import Box, Discrete
-from rpil.simulation.corruptions import CORRUPTIONS, KINDS, RANDOM
+from rpil.simulation.simulate import CORRUPTIONS, KINDS, RANDOM
 
 N, D, K = 2001, 3, 4
 NUMBERED = Discrete(K)

@@ -8,7 +8,7 @@ import pytest
 
 from rpil.data.errors import DataError
 from rpil.data.spaces import Box, Discrete
-from rpil.simulation.environments import actions_of, make
+from rpil.simulation.rollouts import actions_of, make
 
 
 def test_discrete_observations_are_one_hot_rows():

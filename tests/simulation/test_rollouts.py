@@ -13,9 +13,8 @@ from scipy import stats
 from problems import refused
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
-from rpil.simulation.environments import make
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
+from rpil.simulation.rollouts import RandomPolicy, Returns, make, record, rollout
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from problems import refused
-from rpil.simulation.corruptions import KINDS
-from rpil.simulation.environments import actions_of, make
 from rpil.simulation.experts import expert
-from rpil.simulation.simulate import simulate
+from rpil.simulation.rollouts import actions_of, make
+from rpil.simulation.simulate import KINDS, simulate
 
 CAR = "MountainCar-v0"
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]

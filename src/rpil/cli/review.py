@@ -68,8 +68,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 def _review(ctx: click.Context, run: AuditRun, answers: str, before: bytes | None, quiet: bool) -> Review:
     """What the page shows and changes."""
-    from rpil.cli.questions.review_page import page_of
-    from rpil.cli.questions.server import Review
+    from rpil.cli.questions.server import Review, page_of
     from rpil.cli.questions.session import Session
     from rpil.cli.questions.videos import EpisodeVideos
 

@@ -5,18 +5,22 @@ All episodes run in lockstep, so the policy sees one batch per time step instead
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data.errors import DataError
-from rpil.data.spaces import Space
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.intervals import mean_interval, wilson
 from rpil.numerics.types import Array
-from rpil.simulation.environments import actions_of, make, success_of
+
+Untyped = Any
+"""What Gymnasium has no types for."""
 
 
 @runtime_checkable
@@ -106,7 +110,7 @@ def rollout(
         Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
         the box of the environment; or (n,) where A is 1.
     env_id : str
-        An id for `rpil.simulation.environments.make`, such as "LunarLander-v3", with flat or discrete observations, and
+        An id for `rpil.simulation.rollouts.make`, such as "LunarLander-v3", with flat or discrete observations, and
         actions that are discrete or a flat box. A discrete observation is passed to the policy as a one-hot row.
     n_episodes : int
         At least 1.
@@ -181,7 +185,7 @@ def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_
     if n_episodes < 1:
         return
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
-    envs: list[Any] = []
+    envs: list[Untyped] = []
     try:
         # One environment per episode, never reused: a physics engine may keep state beyond a reset.
         envs = [make(env_id) for _ in seeds]
@@ -207,12 +211,12 @@ def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_
             env.close()
 
 
-def _actions_that_fit(policy: Player, env_id: str, env: Any) -> Space:
+def _actions_that_fit(policy: Player, env_id: str, env: Untyped) -> Space:
     """The actions of `env`; a `DataError` if its spaces are not supported or do not fit the policy."""
-    from gymnasium.spaces import Box
+    from gymnasium import spaces
 
     observed, actions = env.observation_space, actions_of(env)
-    if not isinstance(observed, Box) or len(observed.shape) != 1 or actions is None:
+    if not isinstance(observed, spaces.Box) or len(observed.shape) != 1 or actions is None:
         raise DataError(
             f"{env_id} has {type(observed).__name__} observations of shape {observed.shape} and "
             f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
@@ -243,3 +247,50 @@ def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> 
             f"{answer.shape}: predict must return {space.expected} for each."
         )
     return actions
+
+
+def make(env_id: str) -> Untyped:
+    """Make a `gymnasium.Env` by its id with a version, or by "module:id" where another module registers it.
+
+    Its observations are one-hot rows (n,) where Gymnasium's own are one of n numbers. A `DataError` where Gymnasium
+    does not know the id; a `MissingExtraError` where it, or a package that the environment needs, is not installed.
+    """
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "hide")  # else the import of some environments prints a line
+    with warnings.catch_warnings():  # Gymnasium changes the filters when it is imported
+        try:
+            import gymnasium
+        except ImportError as error:
+            raise MissingExtraError("Playing a policy", "gym") from error
+        try:
+            # The checker slows each step, and registered environments have passed it before.
+            env = gymnasium.make(env_id, disable_env_checker=True)
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise MissingExtraError(f"The environment {env_id}", "gym") from error
+        except (gymnasium.error.Error, ModuleNotFoundError) as error:
+            missing = getattr(error.__cause__, "name", None)
+            if missing and not f"{env_id.partition(':')[0]}.".startswith(f"{missing}."):
+                raise DataError(f"The environment {env_id!r} needs the module {missing!r}: install it.") from error
+            raise DataError(
+                f"Gymnasium has no environment {env_id!r}: check the name and its version with "
+                "gymnasium.pprint_registry()."
+            ) from error
+        is_discrete = isinstance(env.observation_space, gymnasium.spaces.Discrete)
+        return gymnasium.wrappers.FlattenObservation(env) if is_discrete else env
+
+
+def success_of(info: Mapping[str, object]) -> float:
+    """1 or 0 as a step reports success, under the names that robot environments give it; NaN where it does not."""
+    value = info.get("success", info.get("is_success"))
+    return float("nan") if value is None else float(bool(value))
+
+
+def actions_of(env: Untyped) -> Space | None:
+    """The space of the actions of a Gymnasium environment; None unless it is Discrete or a flat float Box."""
+    from gymnasium import spaces
+
+    space = env.action_space
+    if isinstance(space, spaces.Discrete):
+        return Discrete(int(space.n), int(space.start))
+    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f":
+        return Box(space.low, space.high)
+    return None

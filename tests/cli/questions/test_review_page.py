@@ -10,7 +10,7 @@ import pytest
 import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.review_page import page_of
+from rpil.cli.questions.server import page_of
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.id_values import read_answers
 from served import need_server, review_of, serving

@@ -6,14 +6,18 @@ import json
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from threading import Lock
 from typing import TYPE_CHECKING
+
+from markupsafe import Markup
 
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import Session, choices, fact_lines, question_sentence
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
+from rpil.results.html.page import Article, html_environment, render_page
 from rpil.results.view import About, View, drawings, make_view
 
 if TYPE_CHECKING:
@@ -159,6 +163,13 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return review.state() | changed, 200
         except DataError as error:
             return {"error": error.in_shell}, 400
+
+
+def page_of(state: View, view: View) -> str:
+    """The page of the report with the question of a `state` above its table."""
+    question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
+    script = files("rpil.cli.questions").joinpath("review.js").read_text(encoding="utf-8")
+    return render_page([Article(view, top=Markup(question))], live=script)
 
 
 def load_server() -> None:
