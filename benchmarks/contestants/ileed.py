@@ -11,9 +11,9 @@ from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.numerics.blocks import log_softmax
+from rpil.numerics.blocks import log_softmax, one_hot
 from rpil.policies.features import FeatureMap, FeatureSettings, ridge_of
-from rpil.policies.softmax import SoftmaxPolicy, one_hot
+from rpil.policies.softmax import SoftmaxPolicy
 from worlds import Array
 
 ILEED_STARTS, ILEED_DIMENSIONS = 5, 2

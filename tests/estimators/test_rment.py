@@ -12,9 +12,10 @@ from sklearn.exceptions import ConvergenceWarning
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import ConcentrationSettings, RMEnt, concentrate, fit_selected, search, starts
+from rpil.numerics.blocks import one_hot
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.policies.softmax import SoftmaxPolicy, one_hot
+from rpil.policies.softmax import SoftmaxPolicy
 
 TOY = make("random", 0)
 

@@ -66,7 +66,7 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
     settings = replace(SETTINGS, min_gain=limit)
     scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS, settings), settings)
     group = np.array([True, False, True, True])
-    assert scoring.score(scoring.fit_group(group)).state_predicts_action is predicts
+    assert scoring.score(fit_group(scoring.data, scoring.model, group, scoring.ridge)).state_predicts_action is predicts
     assert scoring.ridge == 0.0
     np.testing.assert_allclose(scoring.log_q, reference(data, settings))
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
@@ -111,7 +111,9 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     own = own_log_prob(problem, scoring.indicators(), SETTINGS.held_out.errors)
     assert scoring.typical_own == pytest.approx(np.median(own))
     np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)
-    scores = scoring.score(scoring.fit_group(np.ones(problem.n_demonstrations, dtype=bool)))
+    scores = scoring.score(
+        fit_group(scoring.data, scoring.model, np.ones(problem.n_demonstrations, dtype=bool), scoring.ridge)
+    )
     explained = problem.mean_steps(scores.fit.log_prob)
     np.testing.assert_allclose(scores.score, explained - scoring.monotony)
     assert scores.score.argmin() == 2

@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 import typecheck
-from rpil.policies.softmax import at_actions
+from rpil.numerics.blocks import at_actions
 
 
 def test_wrong_shape_is_refused():

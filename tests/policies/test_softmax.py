@@ -6,7 +6,8 @@ import numpy as np
 from scipy.special import log_softmax
 
 from problems import make, ridge
-from rpil.policies.softmax import SoftmaxPolicy, at_actions, one_hot
+from rpil.numerics.blocks import at_actions, one_hot
+from rpil.policies.softmax import SoftmaxPolicy
 
 PROBLEM = make("noisy", 0).problem()
 WEIGHT = np.random.default_rng(1).random(len(PROBLEM.actions))

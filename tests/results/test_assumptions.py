@@ -6,7 +6,7 @@ import pytest
 
 from audits import make_audit
 from rpil.inference.findings import FINDINGS
-from rpil.results import assumptions
+from rpil.results import summary as assumptions
 from rpil.results.answering import NOT_USED
 from rpil.results.words import WORDS
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from audits import make_audit, make_traces
+from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.results.judged import ALONE
 from rpil.results.record import Demonstrator, Interval
-from rpil.results.tasks import join_audits, split_by_task, with_labels_alone
+from rpil.results.tasks import join_audits, with_labels_alone
 
 IDS = (0, "a", 1, "b", "c")
 PLACES = {"one": [0, 2], "other": [1, 3], "alone": [4]}

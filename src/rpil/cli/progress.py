@@ -35,22 +35,15 @@ def show_progress(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress
     if quiet:
         yield lambda stage: None
         return
-    if not sys.stderr.isatty():
-        with _print_lines(timing) as show:
-            yield show
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(LOADING, total=None)
+            yield lambda stage: bar.update(task, description=without_secrets(stage))
         return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(LOADING, total=None)
-        yield lambda stage: bar.update(task, description=without_secrets(stage))
-
-
-@contextmanager
-def _print_lines(timing: ProgressTiming) -> Iterator[StageProgress]:
-    """A function that sets the text of the next line; a thread prints the lines."""
     start, latest, finished = time.monotonic(), [LOADING], threading.Event()
 
     def print_lines() -> None:

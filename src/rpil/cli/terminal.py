@@ -88,7 +88,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     n_rows = MAX_ROWS - (MAX_DEMONSTRATORS + 4 if audit.demonstrators else 0)
     shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else n_rows)
     _print_ranking(audit, shown)
-    _print_reasons(audit, shown[:N_SHOWN])
+    print_lines(["", *(f"{audit.ids[m]}: {audit.reasons[m]}" for m in shown[:N_SHOWN])])
     is_known = any(map(audit.has_proba, range(len(audit.ids))))
     click.echo(f"\n{audit.words.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
     if audit.demonstrators:
@@ -135,14 +135,6 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
         **({"group": [groups.get(audit.ids[m], "") for m in shown]} if groups else {}),
     }
     _print_table(columns, [*sums, "worst steps", "reliability", "steps", "log-odds"], len(audit.ids), "demonstrations")
-
-
-def _print_reasons(audit: Audit, shown: Sequence[int]) -> None:
-    """Print why some demonstrations have their verdicts."""
-    reasons = audit.reasons
-    click.echo()
-    for m in shown:
-        click.echo(f"{printable(audit.ids[m])}: {reasons[m]}")
 
 
 def _print_demonstrators(shown: Sequence[Demonstrator], audit: Audit) -> None:

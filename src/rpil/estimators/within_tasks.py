@@ -26,8 +26,11 @@ from rpil.numerics.types import Array
 from rpil.results.evidence import with_fewer_traces
 from rpil.results.record import Audit
 from rpil.results.summary import assumption_sentences
-from rpil.results.tasks import MIN_DEMONSTRATIONS, join_audits, select, split_by_task, with_labels_alone
+from rpil.results.tasks import join_audits, select, with_labels_alone
 from rpil.results.traces import MAX_DRAWN
+
+MIN_DEMONSTRATIONS = 8
+"""Of a task: with fewer the verdicts are weak, and a user is warned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,19 @@ class Statements:
             outcome=np.append(answers.outcome, np.full(n, np.nan) if outcome is None else outcome),
         )
         return replace(self, answers=both, order=None, reference=None)  # no file states the order of two recordings
+
+
+def split_by_task(
+    ids: Sequence[Hashable], tasks: Mapping[str, str], sessions: Sequence[str] = ()
+) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of each task and session, by the `tasks` of the ids as text."""
+    places: dict[str, list[int]] = {}
+    several = len({tasks.get(str(name), "") for name in ids}) > 1
+    for m, name in enumerate(ids):
+        task = tasks.get(str(name), "")
+        group = f"{task or 'no task'}, {sessions[m]}" if sessions and several else sessions[m] if sessions else task
+        places.setdefault(group, []).append(m)
+    return places
 
 
 def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:

@@ -19,8 +19,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.blocks import log_softmax
-from rpil.numerics.newton import NewtonSettings, Preconditioner, fit_softmax
+from rpil.numerics.blocks import log_softmax, one_hot
 from rpil.numerics.regression import (
     MIN_WEIGHT,
     error_scale,
@@ -31,13 +30,13 @@ from rpil.numerics.regression import (
 )
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
-from rpil.policies.softmax import one_hot
 
 if TYPE_CHECKING:
+    from rpil.numerics.newton import Preconditioner
     from rpil.policies.protocol import CrossFittedPolicy
 
-WarmStart = tuple[Array, Preconditioner | None]
-"""Weights (D, K) of a softmax policy, and the preconditioner of its fit."""
+    WarmStart = tuple[Array, Preconditioner | None]
+    """Weights (D, K) of a softmax policy, and the preconditioner of its fit."""
 
 
 @runtime_checkable
@@ -116,6 +115,8 @@ def fit_weighted(
     start: WarmStart | None = None,
 ) -> WarmStart:
     """A softmax policy fitted to weighted `rows` of the data, from `start`, with a `ridge` a step."""
+    from rpil.numerics.newton import NewtonSettings, fit_softmax  # which ridge regression does without
+
     weights, preconditioner = start or (None, None)
     features = data.features[rows]
     targets = one_hot(data.actions[rows], weight, n_actions(data))

@@ -21,8 +21,8 @@ from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import TrimmedFit, choose_ridge, fit_group
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.inference.trimming import TrimmedFit, choose_ridge
+from rpil.numerics.types import Array, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +89,6 @@ class Scoring:
         if isinstance(self.data.space, Discrete):
             return np.eye(self.data.space.n)[self.data.actions]
         return ActionScale.of(self.data)(self.data.actions)
-
-    def fit_group(self, group: Bool[Array, " M"]) -> TrimmedFit:
-        """Policies fitted to `group`."""
-        return fit_group(self.data, self.model, group, self.ridge)
 
     def against_others(self, fit: TrimmedFit) -> Float[Array, " N"]:
         """log pi_T - log pi_R of each step, held out: of policies of the training group T and of the others R."""

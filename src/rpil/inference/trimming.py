@@ -44,13 +44,9 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     ridge, from the strongest on, that explains no more.
     """
     weight = data.per_step(group.astype(float))
-
-    def explained(ridge: float) -> float:
-        return float(np.median(data.mean_steps(model.evaluate(weight, ridge))[group]))
-
     best, largest = 0.0, -np.inf
     for ridge in model.ridges:
-        value = explained(ridge)
+        value = float(np.median(data.mean_steps(model.evaluate(weight, ridge))[group]))
         if value <= largest:
             break
         best, largest = ridge, value

@@ -24,7 +24,7 @@ from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
-from rpil.inference.trimming import fit_trimmed
+from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
@@ -147,7 +147,7 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
         upper &= first.score > 0
     if not settings.claims.min_group <= upper.sum() < first.fit.group.sum():
         return first
-    return scoring.score(scoring.fit_group(upper))
+    return scoring.score(fit_group(data, scoring.model, upper, scoring.ridge))
 
 
 def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tuple[StateScale, Float[Array, "M D"]]:

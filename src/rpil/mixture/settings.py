@@ -6,7 +6,6 @@ from typing import Literal, get_args
 
 from rpil.data.errors import DataError
 from rpil.data.settings_record import settings_record
-from rpil.mixture.expert_prior import as_prior
 
 MStep = Literal["joint", "expert_only"]
 """Terms of the policy's M-step: the expert's and the adversary's, or the expert's alone as in the paper's code."""
@@ -40,7 +39,10 @@ class MixtureSettings:
     """EM iterations after which the starts are compared. Chosen by hand, not tuned."""
 
     def __post_init__(self) -> None:
-        as_prior(self.prior)
+        if self.prior is not None:
+            from rpil.mixture.expert_prior import as_prior  # which a judge does without
+
+            as_prior(self.prior)
         if self.m_step not in get_args(MStep):
             raise DataError(f"There is no m_step {self.m_step!r}; choose {' or '.join(get_args(MStep))}.")
 

@@ -53,6 +53,18 @@ def log_softmax(logits: Float[Array, "*batch K"]) -> Float[Array, "*batch K"]:
     return shifted
 
 
+def one_hot(actions: Int[Array, " N"], weight: Float[Array, " N"], n_actions: int) -> Float[Array, "N K"]:
+    """Targets with the weight of the step on the action taken, and 0 elsewhere."""
+    targets = np.zeros((n_actions, len(actions)))
+    targets[actions, np.arange(len(actions))] = weight
+    return targets.T
+
+
+def at_actions(log_proba: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
+    """The entry of each row that belongs to the action taken."""
+    return np.take_along_axis(log_proba, actions[:, None], axis=1)[:, 0]
+
+
 def gradient(features: Float[Array, "N D"], residual: Float[Array, "N K"]) -> Float[Array, "D K"]:
     """The product X^T R."""
     total = np.zeros((features.shape[1], residual.shape[1]))

@@ -32,11 +32,6 @@ class ErrorSettings:
     Chosen by hand, not tuned."""
 
 
-def standardise(actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
-    """Actions less their mean, in standard deviations; a part that never changes is zero."""
-    return np.asarray((actions - actions.mean(axis=0)) / column_scales(actions))
-
-
 def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
     """Standard deviation of each part of the actions, 1 where it never changes."""
     spread = actions.std(axis=0)
@@ -56,7 +51,11 @@ def robust_scale(
     location = np.median(values, axis=0)
     distance = _mean_square(values - location, offsets)
     distance[distance <= (ROUNDING * location) ** 2] = 0.0
-    return location, np.sqrt(_median_distance(distance))
+    median = np.median(distance, axis=0)
+    for column in np.flatnonzero(median == 0):
+        positive = distance[distance[:, column] > 0, column]
+        median[column] = np.median(positive) if len(positive) else 1.0
+    return location, np.sqrt(median)
 
 
 def scale_within(
@@ -74,15 +73,6 @@ def scale_within(
 
 def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
     return np.asarray(np.add.reduceat(values**2, offsets[:-1], axis=0) / np.diff(offsets)[:, None])
-
-
-def _median_distance(distance: Float[Array, "M A"]) -> Float[Array, " A"]:
-    """Median of each column, of the positive entries where it is zero, and 1 where there are none."""
-    median = np.median(distance, axis=0)
-    for column in np.flatnonzero(median == 0):
-        positive = distance[distance[:, column] > 0, column]
-        median[column] = np.median(positive) if len(positive) else 1.0
-    return np.asarray(median)
 
 
 def mean_ranks(values: Num[Array, " M"]) -> Float[Array, " M"]:

@@ -15,12 +15,11 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.guard import in_words
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.blocks import log_softmax
+from rpil.numerics.blocks import at_actions, log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.settings import CrossFitSettings
-from rpil.policies.softmax import at_actions
 from rpil.policies.student import StudentPolicy
 
 Estimator = Any

@@ -7,7 +7,6 @@ and scaled for the solver; the ridge is expressed in the scale the user chose (s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -137,7 +136,9 @@ class FeatureMap:
         order: Literal["F", "C"] = "F" if observations.flags.f_contiguous else "C"
         out = np.empty((len(observations), self.n_columns), np.float32 if single else np.float64, order)
         out[:, -1] = 1.0
-        is_single = single and observations.dtype == np.float32 and self._near_zero
+        pairs = (self.center, self.scale), (self.location, self.spread)
+        is_near_zero = all((np.abs(c) <= SINGLE_MAX_CENTER * s).all() for c, s in pairs)
+        is_single = single and observations.dtype == np.float32 and self.kind != "nystroem" and is_near_zero
         for start in range(0, len(observations), DESIGN_BLOCK_ROWS):
             block = observations[start : start + DESIGN_BLOCK_ROWS]
             if self.bound is not None:
@@ -145,12 +146,6 @@ class FeatureMap:
             columns = self._columns(block if is_single else block.astype(float))
             out[start : start + DESIGN_BLOCK_ROWS, :-1] = _standardised(columns, self.center, self.scale)
         return out
-
-    @cached_property
-    def _near_zero(self) -> bool:
-        """Whether all means are so small that single precision loses nothing when it subtracts them."""
-        pairs = (self.center, self.scale), (self.location, self.spread)
-        return self.kind in ("raw", "folded") and all((np.abs(c) <= SINGLE_MAX_CENTER * s).all() for c, s in pairs)
 
     def _columns(self, observations: Array) -> Array:
         if self.kind == "raw":

@@ -12,11 +12,10 @@ from scipy.special import logsumexp
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete, Space
-from rpil.numerics.blocks import log_softmax
+from rpil.numerics.blocks import at_actions, log_softmax, one_hot
 from rpil.numerics.types import Array, Float
 from rpil.policies.networks import Loss, Tensor, import_torch, on_device
 from rpil.policies.protocol import Actions, Outputs
-from rpil.policies.softmax import at_actions, one_hot
 from rpil.policies.student import StudentPolicy
 
 

@@ -21,14 +21,13 @@ from scipy.optimize import minimize_scalar
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Space
-from rpil.numerics.blocks import linear, log_softmax
+from rpil.numerics.blocks import linear, log_softmax, one_hot
 from rpil.numerics.newton import NewtonSettings, fit_softmax
 from rpil.numerics.regression import MIN_WEIGHT, column_scales, normal_equations
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.settings import SelectionSettings
-from rpil.policies.softmax import one_hot
 
 
 @dataclass(frozen=True)

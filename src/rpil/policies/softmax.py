@@ -9,7 +9,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Sums, linear, log_softmax, softmax_pass
+from rpil.numerics.blocks import Sums, at_actions, linear, log_softmax, one_hot, softmax_pass
 from rpil.numerics.newton import (
     HISTORY_LENGTH,
     CurvatureHistory,
@@ -25,18 +25,6 @@ PRECONDITIONER_FITS = 10
 
 UNSEEN_CURVATURE = 0.25
 """Largest curvature, a step, of a direction in which a sample has none: that of one step on a scaled column."""
-
-
-def one_hot(actions: Int[Array, " N"], weight: Float[Array, " N"], n_actions: int) -> Float[Array, "N K"]:
-    """Targets with the weight of the step on the action taken, and 0 elsewhere."""
-    targets = np.zeros((n_actions, len(actions)))
-    targets[actions, np.arange(len(actions))] = weight
-    return targets.T
-
-
-def at_actions(log_proba: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
-    """The entry of each row that belongs to the action taken."""
-    return np.take_along_axis(log_proba, actions[:, None], axis=1)[:, 0]
 
 
 @stored(weights="F+1 K", ridge="F+1")

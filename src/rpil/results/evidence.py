@@ -29,9 +29,9 @@ from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
+from rpil.numerics.blocks import at_actions
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.policies.softmax import at_actions
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
 from rpil.results.traces import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
@@ -83,23 +83,18 @@ class StepEvidence:
             log_ratio = (expected - log_reference(data, every, settings))[:, None]
         else:
             value, mean, low, high = data.actions, expected, data.space.low, data.space.high
-            log_ratio = log_ratio_of_parts(data, mean, typical, settings)
+            # d_j, with the scale of the errors of the typical
+            scaling, errors = ActionScale.of(data), settings.errors
+            actions = scaling(value)
+            rest, middle = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
+            scale = error_scale(rest, data.per_step(typical.astype(float)), errors)
+            width = error_scale(actions - middle, np.ones(len(actions)), errors)
+            of_reference = student_log_densities(actions - middle, width, errors)
+            log_ratio = student_log_densities(rest, scale, errors) - of_reference
         ends = (mean + end for end in np.quantile((value - mean)[data.per_step(typical)], BAND, axis=0))
         low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
         usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[typical], axis=0)
         return cls(data, members, value, low, high, log_ratio - usual, compared_with)
-
-
-def log_ratio_of_parts(
-    data: FitData, mean: Float[Array, "N A"], typical: Bool[Array, " K"], settings: HeldOutSettings
-) -> Float[Array, "N A"]:
-    """d_j of each step, with the scale of the errors of the typical."""
-    scaling, errors = ActionScale.of(data), settings.errors
-    actions = scaling(data.actions)
-    rest, center = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
-    scale = error_scale(rest, data.per_step(typical.astype(float)), errors)
-    width = error_scale(actions - center, np.ones(len(actions)), errors)
-    return student_log_densities(rest, scale, errors) - student_log_densities(actions - center, width, errors)
 
 
 def typical_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:

@@ -18,26 +18,10 @@ from rpil.results.judged import Interval, table_fields
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
 
-MIN_DEMONSTRATIONS = 8
-"""Of a task: with fewer the verdicts are weak, and a user is warned."""
-
 _NOT_OF_TASKS = "columns_within", "order"
 """Columns whose numbers have another meaning in each task."""
 
 _FINDINGS = tuple(FINDINGS)
-
-
-def split_by_task(
-    ids: Sequence[Hashable], tasks: Mapping[str, str], sessions: Sequence[str] = ()
-) -> dict[str, list[int]]:
-    """The numbers of the demonstrations of each task and session, by the `tasks` of the ids as text."""
-    places: dict[str, list[int]] = {}
-    several = len({tasks.get(str(name), "") for name in ids}) > 1
-    for m, name in enumerate(ids):
-        task = tasks.get(str(name), "")
-        group = f"{task or 'no task'}, {sessions[m]}" if sessions and several else sessions[m] if sessions else task
-        places.setdefault(group, []).append(m)
-    return places
 
 
 def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> Audit:
