@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from rpil.inference.answers import Answers
+from rpil.results.judged import TracedPart, Traces
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.traces import TracedPart, Traces
 from rpil.results.words import SIDES, Verdict
 
 

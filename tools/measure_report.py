@@ -21,8 +21,8 @@ from browser import Browser, browsing
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.html.page import Article, write_page
+from rpil.results.judged import MAX_DRAWN, MAX_POINTS, TracedPart, Traces
 from rpil.results.record import Audit
-from rpil.results.traces import MAX_DRAWN, MAX_POINTS, TracedPart, Traces
 from rpil.results.view import About, looking_order, make_view
 
 RUNS = 5

@@ -9,8 +9,7 @@ import pytest
 
 from hand_made import same_actions, scores_of, scoring_of
 from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, said
-from rpil.inference.contrast import Contrast
-from rpil.inference.rivals import Lower, SecondWay
+from rpil.inference.rivals import Contrast, Lower, SecondWay
 from rpil.inference.settings import ClaimSettings, JudgeSettings, RivalSettings
 
 SCORE = np.array([1.0] * 6 + [0.0] * 4)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from hand_made import same_actions, scoring_of
-from rpil.inference.contrast import MAX_PARTS, contrast, evidence_by_part
-from rpil.inference.rivals import Lower
+from rpil.inference.rivals import MAX_PARTS, Lower, contrast, evidence_by_part
 from rpil.inference.settings import JudgeSettings
 
 UPPER, RIVAL = np.array([0, 1, 2]), np.array([3, 4])

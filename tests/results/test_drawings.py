@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.results.traces import TracedPart, Traces
+from rpil.results.judged import TracedPart, Traces
 from rpil.results.view import LEVELS, NO_VALUE, drawings, packed
 
 

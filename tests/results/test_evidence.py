@@ -19,8 +19,8 @@ from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.results.evidence import by_held_out_policies, with_fewer_traces, worth_a_look
+from rpil.results.judged import MAX_POINTS
 from rpil.results.record import Audit
-from rpil.results.traces import MAX_POINTS
 
 NAMES = ("shoulder", "elbow", "wrist")
 BAD = range(16, 20)

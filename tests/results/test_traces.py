@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.results.traces import MAX_POINTS, TracedPart, Traces, bin_means, bin_starts
+from rpil.results.judged import MAX_POINTS, TracedPart, Traces, bin_means, bin_starts
 
 
 @pytest.mark.parametrize("n_steps", [1, 7, MAX_POINTS, MAX_POINTS + 1, 12345])

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.check import audit_fault_lines
 from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data, show_stages
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
@@ -35,7 +34,11 @@ from rpil.cli.outputs import (
 )
 
 if TYPE_CHECKING:
+    from rpil.faults.report import FaultReport
     from rpil.results.record import Audit
+
+MAX_REASONS = 10
+"""Demonstrations with low trust whose faults are printed beside an audit."""
 
 
 @click.command()
@@ -98,7 +101,7 @@ def audit(
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)
         faults = look_for_faults(recording, progress)
-        run = replace(run, faults=faults, asked=choice_asked(given, faults))
+        run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
         write_outputs(outputs, run, time.perf_counter() - start, progress)
     result = run.audit
     if json_wanted:
@@ -113,7 +116,7 @@ def audit(
         judged_within = result.assumptions[:1] if result.within else ()
         terminal.print_lines([*recording.description.short(), *judged_within, ""])
         terminal.print_audit(result, all_rows)
-        terminal.print_lines(audit_fault_lines(faults, result, file))
+        terminal.print_lines(fault_lines(faults, result, file))
         print_next_steps(ctx, result, given.quiet)
     for title, path in outputs.items():
         if path is not None:
@@ -146,3 +149,19 @@ def print_next_steps(ctx: click.Context, audit: Audit, quiet: bool) -> None:
         return
     labels = ctx.params["labels"] or LABELS_FILE
     click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name)))))
+
+
+def fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
+    """The recording faults beside an audit: how many, and those that may explain low trust."""
+    from rpil.faults.report import explain
+    from rpil.results.words import SIDES
+
+    if not report.findings:
+        return ["No recording faults found."]
+    counts = ", ".join(f"{count} {rule}" for rule, count in report.counts.items())
+    lines = [
+        f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
+    ]
+    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] == "lower"]
+    reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
+    return lines + [f"  {name}: {reason}" for name, reason in reasons[:MAX_REASONS]]

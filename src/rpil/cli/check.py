@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -12,19 +11,15 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import check_paths, open_with_missing, show_stages
-from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, with_options
+from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, stream_option, with_options
 from rpil.data.text import MAX_IDS, counted, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.format import Defect
-    from rpil.results.record import Audit
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
-
-MAX_REASONS = 10
-"""Demonstrations with low trust whose faults are printed beside an audit."""
 
 
 @click.command()
@@ -37,7 +32,7 @@ MAX_REASONS = 10
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
-@click.option("--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size.")
+@stream_option
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
 @json_option
 @quiet_option
@@ -83,22 +78,6 @@ def defect_lines(defects: Sequence[Defect]) -> list[str]:
     lines = [f"  {one.what}, {printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
     more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
     return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more] if lines else []
-
-
-def audit_fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
-    """The recording faults beside an audit: how many, and those that may explain low trust."""
-    from rpil.faults.report import explain
-    from rpil.results.words import SIDES
-
-    if not report.findings:
-        return ["No recording faults found."]
-    counts = ", ".join(f"{count} {rule}" for rule, count in report.counts.items())
-    lines = [
-        f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
-    ]
-    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] == "lower"]
-    reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
-    return lines + [f"  {printable(name)}: {reason}" for name, reason in reasons[:MAX_REASONS]]
 
 
 def _rules(fail_on: str | None) -> set[str]:

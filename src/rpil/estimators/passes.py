@@ -22,8 +22,8 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
 from rpil.results.evidence import StepEvidence, traces, typical_members, worth_a_look
+from rpil.results.judged import Traces
 from rpil.results.record import Audit
-from rpil.results.traces import Traces
 from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import LocalEngine

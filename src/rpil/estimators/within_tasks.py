@@ -24,10 +24,10 @@ from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.evidence import with_fewer_traces
+from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import join_audits, select, with_labels_alone
-from rpil.results.traces import MAX_DRAWN
 
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, and a user is warned."""
@@ -144,7 +144,10 @@ def fit_within_tasks(
             audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
             audits[group] = with_fewer_traces(audit, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
             fits.append(fitted)
-    _warn_of_pairs(stated.answers_source, len(stated.answers.compared) - n_pairs, what)
+    if n := len(stated.answers.compared) - n_pairs:
+        pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
+        text = f"{stated.answers_source}: {pairs} demonstrations of different {what}, and {are} left out."
+        warnings.warn(text, stacklevel=1)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
     audit = with_labels_alone(joined, alone, stated.answers)
@@ -197,14 +200,6 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
     return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
-
-
-def _warn_of_pairs(source: str, n: int, what: str) -> None:
-    """Warn where `n` pairs compare demonstrations that are not judged together."""
-    if n:
-        pairs = f"{n} pairs compare" if n > 1 else "1 pair compares"
-        text = f"{source}: {pairs} demonstrations of different {what}, and {'are' if n > 1 else 'is'} left out."
-        warnings.warn(text, stacklevel=1)
 
 
 def _warn_of_few(group: str, n: int, recording: Recording) -> None:

@@ -22,9 +22,8 @@ from scipy.special import ndtr
 
 from rpil.data.copies import Copies
 from rpil.data.demonstrator_groups import Demonstrators
-from rpil.inference.contrast import Contrast, contrast
 from rpil.inference.findings import Finding
-from rpil.inference.rivals import Lower, SecondWay, is_learnable, look_below
+from rpil.inference.rivals import Contrast, Lower, SecondWay, contrast, is_learnable, look_below
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import ClaimSettings, JudgeSettings
 from rpil.numerics.regression import mean_ranks

@@ -6,7 +6,6 @@ is the set-up of a session. Scales come from the motion within demonstrations, f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,18 +34,15 @@ def judged_parts(actions: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Bool
     """Which parts of the actions are judged: those that move within more than a tenth of the demonstrations, or all if
     none does."""
     episodes = np.split(np.asarray(actions, dtype=float), offsets[1:-1])
-    spread = _of_most([episode.std(axis=0) for episode in episodes])
-    extent = _of_most([np.ptp(episode, axis=0) for episode in episodes])
-    changes = _of_most([(np.diff(episode, axis=0) != 0).sum(axis=0) / len(episode) for episode in episodes])
+    spreads = [episode.std(axis=0) for episode in episodes]
+    extents = [np.ptp(episode, axis=0) for episode in episodes]
+    changes = [(np.diff(episode, axis=0) != 0).sum(axis=0) / len(episode) for episode in episodes]
+    # What nine in ten demonstrations do not exceed.
+    spread, extent, change = (np.quantile(each, MOST, axis=0, method="lower") for each in (spreads, extents, changes))
     typical = np.quantile(spread[extent > 0], 0.75) if (extent > 0).any() else 0.0
-    still = (spread <= MAX_SPREAD * typical) & (changes < MAX_CHANGES) & (extent <= MAX_RANGE * np.ptp(actions, axis=0))
+    still = (spread <= MAX_SPREAD * typical) & (change < MAX_CHANGES) & (extent <= MAX_RANGE * np.ptp(actions, axis=0))
     rests = (extent == 0) | still
     return np.asarray(~rests | rests.all())
-
-
-def _of_most(values: Sequence[Float[Array, " A"]]) -> Float[Array, " A"]:
-    """What nine in ten demonstrations do not exceed."""
-    return np.asarray(np.quantile(values, MOST, axis=0, method="lower"))
 
 
 @stored(location="A", spread="A", reach="A")

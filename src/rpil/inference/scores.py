@@ -90,11 +90,6 @@ class Scoring:
             return np.eye(self.data.space.n)[self.data.actions]
         return ActionScale.of(self.data)(self.data.actions)
 
-    def against_others(self, fit: TrimmedFit) -> Float[Array, " N"]:
-        """log pi_T - log pi_R of each step, held out: of policies of the training group T and of the others R."""
-        others = self.data.per_step((~fit.group).astype(float))
-        return np.asarray(fit.log_prob - self.model.cold_copy().evaluate(others, self.ridge))
-
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
 

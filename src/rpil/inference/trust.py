@@ -118,7 +118,8 @@ def judge(
     states, columns = described(scoring, scores, seen)
     against = np.zeros(len(log_ratio))
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
-        claims, against = replace(claims, do_steps_tell=True), scoring.against_others(scores.fit)
+        claims, others = replace(claims, do_steps_tell=True), data.per_step((~scores.fit.group).astype(float))
+        against = scores.fit.log_prob - scoring.model.cold_copy().evaluate(others, scoring.ridge)
     typical = float(np.median(reliability_of(data, against, settings)[0][scores.fit.group]))
     whole_from = settings.steps.whole_reliability * typical
     shares = step_shares(data, against, settings, whole_from)

@@ -117,7 +117,10 @@ class FeatureMap:
             observations = _cut_off(observations, location, spread, bound)
         landmarks, mixing = np.empty((0, 2 * observations.shape[1])), np.empty((0, 0))
         if kind == "nystroem":
-            landmarks, mixing = _nystroem(_fold((observations - location) / spread), settings)
+            landmarks = _landmarks(_fold((observations - location) / spread), settings)
+            values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks, settings.kernel_width))
+            # The inverse root of the similarities of landmarks (Williams and Seeger 2001).
+            mixing = (vectors / np.sqrt(np.maximum(values, settings.landmark_tol**2))) @ vectors.T
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
         unscaled = cls(kind, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound)
@@ -177,13 +180,6 @@ def _standardised(values: Array, center: Array, scale: Array) -> Array:
 
 def _fold(z: Array) -> Array:
     return np.hstack([z, np.abs(z)])
-
-
-def _nystroem(folded: Array, settings: FeatureSettings) -> tuple[Array, Array]:
-    """Landmarks (R, 2 D) and mixing (R, R), the inverse root of their similarities (Williams and Seeger 2001)."""
-    landmarks = _landmarks(folded, settings)
-    values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks, settings.kernel_width))
-    return landmarks, (vectors / np.sqrt(np.maximum(values, settings.landmark_tol**2))) @ vectors.T
 
 
 def _landmarks(folded: Array, settings: FeatureSettings) -> Array:

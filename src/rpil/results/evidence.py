@@ -6,7 +6,7 @@ The log-ratio of a step is a sum over the parts j of a continuous action, and di
 
 with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
 demonstration m is what it adds more than in the median typical one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
-`rpil.inference.contrast.evidence_by_part` says which parts have most of it.
+`rpil.inference.rivals.evidence_by_part` says which parts have most of it.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.data.text import printable
-from rpil.inference.contrast import evidence_by_part
 from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
+from rpil.inference.rivals import evidence_by_part
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import at_actions
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.results.judged import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
-from rpil.results.traces import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.words import SIDES
 
 PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]

@@ -104,7 +104,7 @@ class Audit(AuditResult):
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
     traces : dict of id to Traces
         The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
-        (`rpil.results.traces`); as `sessions`.
+        (`rpil.results.judged`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
     own_reasons : tuple of str

@@ -8,7 +8,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.data.text import listed, printable
 from rpil.inference.channels import CHANNELS
-from rpil.inference.contrast import Contrast
+from rpil.inference.rivals import Contrast
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.facts import RANKS
 

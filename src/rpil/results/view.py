@@ -54,7 +54,7 @@ drawings
     For the first in the order of looking, by number as text. In P points, of which point k begins at
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
     with most of the evidence (name, share of the evidence, nats, value, low and high of what is typical there), and of
-    discrete actions taken (names, codes); compared_with, see `rpil.results.traces`. Curves are packed by
+    discrete actions taken (names, codes); compared_with, see `rpil.results.judged`. Curves are packed by
     `packed`.
 """
 
@@ -73,8 +73,8 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
+from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.traces import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
 from rpil.results.words import SIDES

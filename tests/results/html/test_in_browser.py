@@ -18,10 +18,10 @@ from browser import Browser, browsing, needs_chromium
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.html.page import Article, write_page
+from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
 from rpil.results.saved import read_audit, write_audit
-from rpil.results.traces import TracedPart, Traces
 from rpil.results.view import About, make_view
 
 pytestmark = [pytest.mark.slow, needs_chromium]
