@@ -185,6 +185,8 @@ def test_a_saved_audit_knows_its_copies(tmp_path):
 
 def test_the_audit_carries_the_thresholds_of_its_judge():
     judge = JudgeSettings(claims=ClaimSettings(min_proba=0.6), answers=AnswerSettings(min_proba=0.7))
-    settings = RPIL(settings=Settings(judge=judge))._options().audit_settings
+    settings = (
+        RPIL(settings=Settings(judge=judge)).fit(make("random", 3, n_good=4, n_bad=0).demonstrations).audit_.settings
+    )
     thresholds = [settings.min_proba(anchor) for anchor in ("none", "answers", "named adversary")]
     assert thresholds == [0.6, 0.7, 0.9]

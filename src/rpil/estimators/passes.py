@@ -85,7 +85,7 @@ class SampledFit(FullFit):
             stepless,
             source.ids,
             task.answers,
-            options.audit_settings,
+            options,
         )
         audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
         return replace(extended, audit=audit, notes=decision.notes)

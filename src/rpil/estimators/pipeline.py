@@ -27,10 +27,9 @@ from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap, IdentityMap, ridge_of
+from rpil.policies.features import FeatureMap, ridge_of
 from rpil.results.evidence import by_final_policy, by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
-from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
 
 if TYPE_CHECKING:
@@ -58,11 +57,6 @@ class FitOptions:
     policy: object = None
     C: float | None = None
     action_box: ActionBox | None = None
-
-    @property
-    def audit_settings(self) -> AuditSettings:
-        """The settings of the audit, which answers like the judge."""
-        return replace(self.settings.audit, judge=self.settings.judge)
 
     @property
     def judges(self) -> bool:
@@ -107,6 +101,8 @@ class FitOptions:
     def judge_features(self, demonstrations: Demonstrations) -> Features:
         """The feature map while trust is decided."""
         if self.policy is not None:
+            from rpil.policies.cross_fitted import IdentityMap
+
             return IdentityMap()
         kind = self.settings.judge_features
         if kind == "auto":
@@ -165,9 +161,10 @@ class TrustDecision:
         data: FitData,
         ids: Sequence[Hashable],
         answers: Answers,
-        settings: AuditSettings,
+        options: FitOptions,
     ) -> TrustDecision:
         """The decision of the judge about the demonstrations `data`."""
+        settings = replace(options.settings.audit, judge=options.settings.judge)  # an audit answers like the judge
         audit, history = audit_from_judgement(judgement, data, ids, answers, settings), judgement.scores.fit.history
         return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
@@ -187,7 +184,7 @@ def decide_trust(posed: JudgeInput, options: FitOptions, is_kept: bool) -> Trust
         from rpil.inference.fitted_judge import FittedJudge
 
         kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
-    decision = TrustDecision.of(judgement, kept, data, ids, answers, options.audit_settings)
+    decision = TrustDecision.of(judgement, kept, data, ids, answers, options)
     return replace(decision, notes=parts_not_judged(data))
 
 
@@ -272,7 +269,7 @@ class FullFit:
         task, options, copies = self.task, self.options, posed.copies
         data = self._data(self.task.demonstrations, posed.features)
         judgement = repeated(decision.judgement, copies, data, task.answers, options.settings.judge)
-        every = TrustDecision.of(judgement, decision.judge, data, task.source.ids, task.answers, options.audit_settings)
+        every = TrustDecision.of(judgement, decision.judge, data, task.source.ids, task.answers, options)
         return replace(every, notes=(*decision.notes, copies.sentence))
 
     def _single(self, demonstrations: Demonstrations) -> bool:

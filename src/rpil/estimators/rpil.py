@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from rpil.data.recorded_facts import Outcome
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import ActionBox, Features, Labels, Task, answers_of
+from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
 from rpil.formats.dataset import Dataset
@@ -33,6 +33,9 @@ from rpil.numerics.types import Array
 from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.record import Audit
 from rpil.scale.protocol import Engine
+
+if TYPE_CHECKING:
+    from rpil.estimators.task import Features
 
 
 class RPIL(PolicyEstimator):

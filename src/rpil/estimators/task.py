@@ -24,15 +24,16 @@ from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
-from rpil.policies.features import FeatureMap, IdentityMap
 
 if TYPE_CHECKING:
+    from rpil.policies.cross_fitted import IdentityMap
+    from rpil.policies.features import FeatureMap
     from rpil.policies.protocol import CrossFittedPolicy, Policy
 
+    Features = FeatureMap | IdentityMap
     FinalPolicy = Policy | CrossFittedPolicy
 
 ActionBox = tuple[ArrayLike, ArrayLike]
-Features = FeatureMap | IdentityMap
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 

@@ -32,6 +32,17 @@ PROBABILITY_TOLERANCE = 1e-3
 """Largest deviation from one of the sum of the probabilities in a state."""
 
 
+@dataclass(frozen=True)
+class IdentityMap:
+    """Observations as they are, for policies that compute features of their own."""
+
+    kind: str = "the policy's own"
+
+    def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N D"]:
+        """The observations in double precision."""
+        return np.asarray(observations, dtype=float)
+
+
 @dataclass(frozen=True, eq=False)
 class ClassifierPolicy:
     """pi(k|s) = (1 - lapse) softmax_k(temperature log p(s)) + lapse / K, for the probabilities p of a classifier.

@@ -160,17 +160,6 @@ class FeatureMap:
         return np.hstack([folded, _similarity(folded, self.landmarks, self.kernel_width) @ self.mixing])
 
 
-@dataclass(frozen=True)
-class IdentityMap:
-    """Observations as they are, for policies that compute features of their own."""
-
-    kind: str = "the policy's own"
-
-    def design(self, observations: Num[Array, "N D"], single: bool = False) -> Float[Array, "N D"]:
-        """The observations in double precision."""
-        return np.asarray(observations, dtype=float)
-
-
 def _standardised(values: Array, center: Array, scale: Array) -> Array:
     """(values - center) / scale in the precision of the values; a single one is multiplied, which is faster."""
     if values.dtype == np.float32:
