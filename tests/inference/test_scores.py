@@ -17,7 +17,7 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.parts import ActionScale
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from rpil.inference.trimming import TrimmedFit
+from rpil.inference.trimming import TrimmedFit, fit_group
 
 SETTINGS = JudgeSettings()
 

@@ -27,7 +27,7 @@ from rpil.results.record import Audit
 from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import LocalEngine
-from rpil.scale.protocol import Engine, Shards
+from rpil.scale.protocol import Shards
 
 if TYPE_CHECKING:
     from rpil.estimators.task import Features, FinalPolicy
@@ -39,11 +39,6 @@ MAX_DRAWN_STEPS = 100_000
 @dataclass(frozen=True, eq=False)
 class SampledFit(FullFit):
     """The stages of a fit whose decision reads a sample, and which passes of an engine extend to everything."""
-
-    @property
-    def engine(self) -> Engine:
-        """The engine asked for; else this process."""
-        return self.options.engine or LocalEngine()
 
     def pose(self) -> JudgeInput:
         task, options = self.task, self.options
@@ -59,7 +54,7 @@ class SampledFit(FullFit):
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)
         order = None if task.order is None else task.order[indices]
-        engine = self.engine
+        engine = options.engine or LocalEngine()
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )

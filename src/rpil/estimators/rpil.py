@@ -26,7 +26,6 @@ from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks,
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.settings import JudgeSettings
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State, e_step
 from rpil.numerics.types import Array
@@ -271,17 +270,9 @@ class RPIL(PolicyEstimator):
             assert self.state_ is not None
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         settings = (self.settings or Settings()).judge
-        log_ratio = self._log_ratios(demonstrations, design, codes, settings)
-        return self.judge_.log_odds(data, log_ratio, settings)
-
-    def _log_ratios(
-        self, demonstrations: Demonstrations, design: Array, codes: Array, settings: JudgeSettings
-    ) -> Array:
-        """The log-ratio of each step under the fitted policy, (N,)."""
-        assert self.judge_ is not None
         if self.judge_.ratio is not None:
             log_prob, log_ratio = self.judge_.step_ratios(design, codes, settings)
-            return log_ratio if self.space_.kind == "discrete" else log_prob
+            return self.judge_.log_odds(data, log_ratio if self.space_.kind == "discrete" else log_prob, settings)
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
-        return self.judge_.step_ratios_of(self.policy_, outputs, codes, settings)
+        return self.judge_.log_odds(data, self.judge_.step_ratios_of(self.policy_, outputs, codes, settings), settings)
