@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,11 +23,9 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
-    from rpil.data.demonstrations import Demonstrations
     from rpil.estimators.settings import Settings
     from rpil.faults.report import FaultReport
     from rpil.formats.columns import ColumnOptions
-    from rpil.formats.dataset import Dataset
     from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
@@ -206,21 +204,15 @@ class AuditRun:
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
-        """What is lost without those that are not kept; see `lost_without`."""
-        return lost_without(self.recording.demonstrations, self.choice.kept)
+        """What is lost without those that are not kept."""
+        from rpil.results.lost import lost_places
+
+        return lost_places(self.recording.demonstrations, self.choice.kept)
 
     @property
     def fps(self) -> float | None:
         """Frames a second, where they are known."""
         return self.recording.description.fps or self.recording.times().fps
-
-
-def lost_without(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
-    """What only demonstrations that are not kept visit, where their observations are in memory."""
-    from rpil.data.demonstrations import Demonstrations
-    from rpil.results.lost import lost_places
-
-    return lost_places(demonstrations, kept) if isinstance(demonstrations, Demonstrations) else ()
 
 
 def audit_data(

@@ -12,7 +12,6 @@ from rpil.cli.commands import (
     audit_data,
     check_paths,
     look_for_faults,
-    lost_without,
     open_recording,
     open_with_missing,
     read_data,
@@ -89,7 +88,9 @@ def keep(
         asked = choice_asked(given, faults, share, at_least)
         choice, n_unnamed = _choice(read, table, asked)
         _check_left(choice, file, verdicts, table)
-        lost = () if given.quiet else lost_without(read.demonstrations, choice.kept)
+        from rpil.results.lost import lost_places
+
+        lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
         progress(f"writing {output}")
         source.keep(output, choice.kept, given.columns, trims)

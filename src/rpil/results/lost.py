@@ -18,6 +18,7 @@ from scipy.special import stdtrit
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import listed, printable
+from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import ROUNDING, robust_scale
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
@@ -40,7 +41,7 @@ DIGITS = 3
 """Of a bound, unless more are needed to tell it from the demonstration that is beyond it."""
 
 
-def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tuple[str, ...]:
+def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
     """A sentence for each place that only demonstrations that are not kept visit.
 
     For each demonstration that is left out the distance of its start to the nearest start of a kept one is compared
@@ -50,8 +51,8 @@ def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tup
 
     Parameters
     ----------
-    demonstrations : Demonstrations
-        All of them. Without observations that are finite nothing is said.
+    demonstrations : Demonstrations or Dataset
+        All of them. Of data on disk, and without observations that are finite, nothing is said.
     kept : collection of ids
         Those to keep; compared as text.
 
@@ -61,6 +62,8 @@ def lost_places(demonstrations: Demonstrations, kept: Collection[object]) -> tup
         Such as "No kept demonstration starts with obs.3 above 0.41; 12 does.", with the observation in which it is
         farthest outside of what the kept ones reach; most often none.
     """
+    if not isinstance(demonstrations, Demonstrations):
+        return ()
     names = {str(name) for name in kept}
     is_kept = np.array([str(name) in names for name in demonstrations.ids])
     observed = demonstrations.observations
