@@ -18,10 +18,10 @@ from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, ch
 if TYPE_CHECKING:
     import pyarrow as pa
 
-*_EPISODES, _ID_ALONE = spellings.EPISODE_COLUMNS
+*_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
-    ("id", _EPISODES, (*_IDS, "counter")),
+    ("id", _EPISODE_WORDS, (*_IDS, "counter")),
     ("id", [_ID_ALONE], _IDS),
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),

@@ -9,10 +9,11 @@ import itertools
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, cast
 
-from rpil.data.cells import from_cell, to_cell, to_cells
+from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
@@ -29,13 +30,15 @@ from rpil.formats.spool import spool
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin
-from rpil.formats.text_types import Texts, exact, texts_of, written_as
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _Result = TypeVar("_Result")
+
+Texts = tuple["pa.ChunkedArray", "pa.Array"]
+"""The different texts of a column, and the number of that of each row."""
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
@@ -77,9 +80,9 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
 def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
     """The recording in text tables, one below the other, by their names.
 
-    All texts of a column decide its type, so the rows are looked at twice; for data on disk, in a temporary file.
+    All texts of a column decide its type; for data on disk they are looked at twice, in a temporary file.
     """
-    decimal = next(iter(files.values())).decimal
+    any_file = next(iter(files.values()))
     found = {name: _read_table(file, columns) for name, file in files.items()}
 
     def tables() -> Iterator[tuple[pa.Table, dict[str, Texts]]]:
@@ -87,14 +90,66 @@ def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> S
             for _, table, _ in rows.tables(0, len(rows), _names_in(files[name], columns)):
                 if columns.episode == FILE:
                     table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-                yield table, texts_of(table, columns, decimal)
+                yield table, _texts_of(table, columns, any_file.decimal)
 
+    whole = None if any_file.on_disk else [*tables()]
     written: dict[str, set[str]] = {}
-    for _, texts in tables():
+    for _, texts in whole or tables():
         for name, (different, _) in texts.items():
-            written.setdefault(name, set()).update(written_as(different, name in columns.actions))
+            written.setdefault(name, set()).update(_written_as(different, name in columns.actions))
     sizes = {name: len(rows) for name, rows in found.items()}
-    return StepTables((exact(table, texts, written) for table, texts in tables()), columns, origin, sizes)
+    exact = (_exact(table, texts, written) for table, texts in whole or tables())
+    return StepTables(exact, columns, origin, sizes)
+
+
+def _texts_of(table: pa.Table, columns: Columns, decimal: str) -> dict[str, Texts]:
+    """The columns of text but observations, without spaces around each text; "" as null."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found: dict[str, Texts] = {}
+    for name in table.column_names:
+        if name not in columns.observations and flat.kind_of_type(table[name].type) == "text":
+            encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
+            texts = from_cells(pa.chunked_array([pc.utf8_trim_whitespace(encoded.dictionary)]))
+            if name in columns.actions and decimal == ",":
+                texts = pc.replace_substring(texts, ",", ".")
+            found[name] = pc.if_else(pc.equal(texts, ""), None, texts), encoded.indices
+    return found
+
+
+def _written_as(texts: pa.ChunkedArray, floats: bool) -> set[str]:
+    """How texts are written, all together: as whole numbers that come back ("number"), that do not, as 01 and -0 do
+    ("digits"), as decimals if `floats` ("decimal"), or otherwise ("text"); and whether any has more digits than a float
+    ("long")."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    long = {"long"} if pc.any(pc.match_substring_regex(texts, r"^[+-]?\d{19,}$")).as_py() else set()
+    with suppress(pa.ArrowInvalid):
+        return long | {"number" if texts.cast(pa.int64()).cast(pa.string()).equals(texts) else "digits"}
+    with suppress(pa.ArrowInvalid):
+        if floats:
+            texts.cast(pa.float64())
+            return long | {"decimal"}
+    return {"text"}
+
+
+def _exact(table: pa.Table, texts: Mapping[str, Texts], written: Mapping[str, set[str]]) -> pa.Table:
+    """Columns of text as integers if that loses nothing, else as floats where there are decimals, else as text.
+
+    `written` is how all of their texts are. Whole numbers of over 64 bits stay text, because several would become the
+    same float.
+    """
+    import pyarrow as pa
+
+    for name, (different, rows) in texts.items():
+        kinds, kind = written[name], pa.int64()
+        if kinds & {"text", "decimal", "digits"}:
+            is_float = "decimal" in kinds and not kinds & {"text", "long"}
+            kind = pa.float64() if is_float else pa.string()
+        table = table.set_column(table.column_names.index(name), name, different.cast(kind).take(rows))
+    return table
 
 
 def _names_in(file: TextTable, columns: Columns) -> list[str]:

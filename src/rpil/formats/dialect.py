@@ -28,7 +28,7 @@ _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
-_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
+_WRITTEN_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
 """A number, and the decimal sign that digits follow."""
 
 
@@ -79,7 +79,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         only = names[0][:40]
         raise DataError(f"{path.name}: it has one column, {only!r}; write commas, semicolons or tabs between columns.")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    if 2 * sum(bool(_NUMBER.fullmatch(name)) for name in names) > len(names):
+    if 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
         raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     skip = start + reader.line_num
     return TextTable(path, tuple(names), skip, separator, encoding, _decimal(lines[skip:], separator), options.on_disk)
@@ -113,5 +113,5 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str]:
 def _decimal(lines: list[str], separator: str) -> str:
     """A comma where values such as 1,5 occur between other separators, and none such as 1.5."""
     values = (value.strip('"') for line in lines for value in line.split(separator))
-    signs = {found[1] for value in values if (found := _NUMBER.fullmatch(value))}
+    signs = {found[1] for value in values if (found := _WRITTEN_NUMBER.fullmatch(value))}
     return "," if separator != "," and "," in signs and "." not in signs else "."
