@@ -61,7 +61,7 @@ def wide_fit(size: dict[str, int], repeats: int) -> Measured:
 
 def opened(path: Path) -> Demonstrations | Dataset:
     """A file, or a folder of many."""
-    return rpil.open_dataset(path) if path.is_dir() else rpil.read(path)
+    return rpil.open(path, on_disk=True).demonstrations if path.is_dir() else rpil.read(path)
 
 
 def cpu_seconds(run: Callable[[], Any]) -> tuple[float, Any]:

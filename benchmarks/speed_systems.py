@@ -48,7 +48,7 @@ def from_disk(size: dict[str, int], repeats: int) -> Measured:
 
 def from_file(path: str) -> dict[str, float]:
     """Fit a file as it lies on disk."""
-    return _timed(rpil.open_dataset(path), LocalEngine())
+    return _timed(rpil.open(path, on_disk=True).demonstrations, LocalEngine())
 
 
 class ListedBlocks(LocalBlocks):
@@ -97,7 +97,7 @@ def cluster(size: dict[str, int], repeats: int) -> Measured | Skipped:
         ):
             seconds, _ = in_turns(
                 repeats,
-                dask=lambda: _given(engine=DaskEngine(client)).fit(rpil.open_dataset(path)),
+                dask=lambda: _given(engine=DaskEngine(client)).fit(rpil.open(path, on_disk=True).demonstrations),
                 memory=lambda: _given().fit(data),
             )
     return Measured({"G": seconds["dask"] / seconds["memory"]}, {"seconds": seconds, "processes": PROCESSES})

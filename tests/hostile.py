@@ -88,6 +88,13 @@ def assert_refused(end: list[str], name: str) -> None:
     assert len(message) < 500
 
 
+def read_on_disk(path: str) -> None:
+    """Read all but the demonstrations, which stay on disk."""
+    import rpil
+
+    rpil.open(path, on_disk=True).demonstrations  # noqa: B018
+
+
 def keep_first(path: str) -> None:
     """Write the first demonstration of HDF5 of robomimic beside the file."""
     from rpil.formats.registry import find

@@ -59,7 +59,7 @@ def rows(continuous: bool, folder: Path) -> dict[str, Array]:
 def streamed(continuous: bool, folder: Path, labels: Any = None, engine: Any = None) -> dict[str, Array]:
     """The same from disk."""
     rpil.write(folder / "many.parquet", many(continuous))
-    data = rpil.open_dataset(folder / "many.parquet")
+    data = rpil.open(folder / "many.parquet", on_disk=True).demonstrations
     return described(rpil.RPIL(labels=labels, engine=engine).fit(data), many(continuous), folder)
 
 
@@ -100,9 +100,9 @@ def files(folder: Path) -> dict[str, Array]:
         for suffix in ("npz", "csv", "parquet"):
             path = folder / f"data.{suffix}"
             rpil.write(path, toy("random", continuous), {"is_good": np.arange(20) < 12})
-            for how in (rpil.read, rpil.open_dataset)[: 2 if suffix == "parquet" else 1]:
-                data = how(path)
-                name = f"{suffix} {'continuous' if continuous else 'discrete'} {how.__name__}"
+            for how in ("read", "open_dataset")[: 2 if suffix == "parquet" else 1]:
+                data = rpil.read(path) if how == "read" else rpil.open(path, on_disk=True).demonstrations
+                name = f"{suffix} {'continuous' if continuous else 'discrete'} {how}"
                 data = data if isinstance(data, rpil.Demonstrations) else data.select(slice(None))
                 found |= {f"{name} {part}": getattr(data, part) for part in ("observations", "actions", "offsets")}
                 found[f"{name} names"] = np.array([*data.ids, *data.observation_names])
@@ -133,7 +133,7 @@ def refused(folder: Path) -> dict[str, Array]:
         "read": lambda: rpil.read("nowhere.npz"),
         "format": lambda: rpil.read("demonstrations.txt"),
         "load": lambda: rpil.load("nowhere.rpil"),
-        "dataset": lambda: rpil.open_dataset("nowhere.parquet"),
+        "dataset": lambda: rpil.open("nowhere.parquet", on_disk=True),
         "environment": lambda: rpil.simulate("Nowhere-v0", "flip", n_good=1, n_bad=1, seed=0),
         "kind": lambda: rpil.simulate("CartPole-v1", "odd", n_good=1, n_bad=1, seed=0),
     }

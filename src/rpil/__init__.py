@@ -27,7 +27,6 @@ _HOME = {
     "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
     "open": "rpil.formats",
-    "open_dataset": "rpil.formats",
     "read": "rpil.formats",
     "reweight": "rpil.estimators.reweight",
     "rollout": "rpil.simulation.rollouts",
@@ -58,7 +57,6 @@ __all__ = [
     "compare",
     "load",
     "open",
-    "open_dataset",
     "read",
     "reweight",
     "rollout",
@@ -80,7 +78,7 @@ if TYPE_CHECKING:
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
     from rpil.faults.checking import check
-    from rpil.formats import open, open_dataset, read, write
+    from rpil.formats import open, read, write
     from rpil.formats.dataset import Dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion

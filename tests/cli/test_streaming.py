@@ -8,9 +8,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from command_line import call, ok
 from recorded import demonstrations, written
-from rpil import Dataset, formats, open_dataset
+from rpil import Dataset, formats
 from rpil.cli import commands
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -26,7 +27,7 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     folder, weights = written(tmp_path), tmp_path / "w.parquet"
     outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
     found = json.loads(command("audit", folder, *outputs))
-    data = open_dataset(folder)
+    data = rpil.open(folder, on_disk=True).demonstrations
     model = small_rpil(features="folded").fit(data)
     assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
     assert found["n_steps"] == data.n_steps

@@ -41,7 +41,7 @@ def secret(tmp_path):
 
 READERS = {
     "read": rpil.read,
-    "open_dataset": rpil.open_dataset,
+    "on disk": lambda path: rpil.open(path, on_disk=True).demonstrations,
     "keep": lambda path: find(path).keep(path.parent / "kept", [0]),
 }
 

@@ -16,7 +16,7 @@ from numpy.lib import format as npy
 
 from hostile import MAX_BYTES, assert_refused, read_all
 
-READ, OPEN, LOAD = "rpil:read", "rpil:open_dataset", "rpil:load"
+READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
 MODEL = Path(__file__).parents[1] / "golden" / "discrete_judge.rpil"
 TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
 NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")

@@ -28,7 +28,7 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
 pytestmark = pytest.mark.slow
 
-READ, OPEN, LOAD = "rpil:read", "rpil:open_dataset", "rpil:load"
+READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
 GIANT = 15 * 10**8
 
 

@@ -10,7 +10,8 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from rpil import formats, open_dataset
+import rpil
+from rpil import formats
 from rpil.data.arrays import as_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -157,10 +158,10 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
         DataError,
         match=r"a.parquet, demonstration 1, row 42: rows are not in the order of 'frame_index'; sort the file",
     ):
-        open_dataset(tmp_path / "a.parquet")
+        rpil.open(tmp_path / "a.parquet", on_disk=True)
     pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")
     with pytest.raises(DataError, match=r"its rows lie apart in b.parquet; sort them by episode_index"):
-        open_dataset(tmp_path / "b.parquet")
+        rpil.open(tmp_path / "b.parquet", on_disk=True)
 
 
 @pytest.mark.parametrize(
@@ -191,8 +192,8 @@ def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, mo
     pq.write_table(table, tmp_path / "a.parquet")
     monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", batch_rows)
     with pytest.raises(DataError, match="row 11: column 'session' changes within this demonstration; write a column"):
-        open_dataset(tmp_path / "a.parquet")
-    assert len(open_dataset(tmp_path / "a.parquet", options=ColumnOptions(id="episode"))) == 1
+        rpil.open(tmp_path / "a.parquet", on_disk=True)
+    assert len(rpil.open(tmp_path / "a.parquet", id="episode", on_disk=True).demonstrations) == 1
 
 
 def test_missing_values_are_described_before_they_are_refused(tmp_path):

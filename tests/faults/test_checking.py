@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import rpil
 from problems import make
 from recordings import changed, demonstrations, recording
-from rpil import Demonstrations, formats, open_dataset
+from rpil import Demonstrations, formats
 from rpil.faults.checking import check
 from rpil.faults.report import RULES
 
@@ -70,7 +71,7 @@ def test_from_disk_as_in_memory(tmp_path, monkeypatch):
     in_memory = demonstrations(changed(episodes, 7, observations=spiky))
     formats.write(tmp_path / "data.parquet", in_memory)
     monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 500)
-    on_disk = open_dataset(tmp_path / "data.parquet")
+    on_disk = rpil.open(tmp_path / "data.parquet", on_disk=True).demonstrations
     found, expected = check(on_disk), check(in_memory)
     assert found.findings == expected.findings != ()
     assert found.not_checked == expected.not_checked

@@ -134,8 +134,7 @@ def test_what_is_read_into_memory_alone_warns_of_those_set_aside(tmp_path):
         assert rpil.read(tmp_path / "a.parquet", skip_bad=True).ids == (0, 2, 3, 5)
     with pytest.warns(UserWarning, match="Set aside"):
         assert rpil.read(holed("nan"), skip_bad=True, without="5").ids == (0, 2, 3)
-    options = ColumnOptions(without="0", skip_bad=True)
-    assert rpil.open_dataset(tmp_path / "a.parquet", options=options).ids == (2, 3, 5)
+    assert rpil.open(tmp_path / "a.parquet", without="0", skip_bad=True, on_disk=True).demonstrations.ids == (2, 3, 5)
 
 
 def test_what_follows_from_the_steps_follows_those_that_are_read(read):

@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from recorded import demonstrations, write_files, written
-from rpil import formats, open_dataset
+from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from samples import assert_same
@@ -65,7 +66,9 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
     table = change(flat.from_demonstrations(made(), {}))
     pq.write_table(table, tmp_path / "whole.parquet")
     memory = formats.read(tmp_path / "whole.parquet")
-    data = open_dataset(write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1])
+    data = rpil.open(
+        write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1], on_disk=True
+    ).demonstrations
     assert (data.n_steps, len(data), data.n_observations) == (memory.n_steps, len(memory), memory.n_observations)
     assert data.is_discrete == memory.is_discrete
     np.testing.assert_array_equal(data.lengths, memory.lengths)
@@ -88,7 +91,9 @@ def test_a_pattern_an_address_and_one_file_can_be_opened(tmp_path):
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     pq.write_table(pa.table({"other": [1]}), folder / "_index.parquet")
     for path in (f"{folder}/*.parquet", folder.as_uri(), folder / "0.parquet"):
-        assert open_dataset(path).n_steps == (memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3)
+        assert rpil.open(path, on_disk=True).demonstrations.n_steps == (
+            memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3
+        )
 
 
 def changed(table, name, row, value):
@@ -125,7 +130,7 @@ def changed(table, name, row, value):
 def test_a_fault_of_the_files_is_reported_in_one_sentence(tmp_path, change, message):
     table = change(flat.from_demonstrations(demonstrations(), {}))
     with pytest.raises(DataError, match=message) as error:
-        open_dataset(write_files(table, tmp_path / "many"))
+        rpil.open(write_files(table, tmp_path / "many"), on_disk=True).demonstrations  # noqa: B018
     assert str(error.value).count(". ") == 0
 
 
@@ -137,24 +142,24 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         folder / "3.parquet",
     )
     with pytest.raises(DataError, match=r"3.parquet: its columns are not those of 0.parquet; .* or take it out"):
-        open_dataset(folder)
+        rpil.open(folder, on_disk=True)
     (folder / "3.parquet").write_bytes(b"PAR1 this is none PAR1")
     with pytest.raises(DataError, match=r"3.parquet: not a Parquet file, or a damaged"):
-        open_dataset(folder)
+        rpil.open(folder, on_disk=True)
     with pytest.raises(DataError, match="there is no such file or folder"):
-        open_dataset(tmp_path / "nothing")
+        rpil.open(tmp_path / "nothing", on_disk=True)
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
-        open_dataset(tmp_path / "empty")
+        rpil.open(tmp_path / "empty", on_disk=True)
     with pytest.raises(DataError, match="nowhere://x: it cannot be listed"):
-        open_dataset("nowhere://x")
+        rpil.open("nowhere://x", on_disk=True)
     with pytest.raises(DataError, match=r"https://a\.org/x\.csv: addresses of the web are not read; download the file"):
-        open_dataset("https://a.org/x.csv")
+        rpil.open("https://a.org/x.csv", on_disk=True)
 
 
 def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):
     table = flat.from_demonstrations(demonstrations(), {})
-    data = open_dataset(write_files(table, tmp_path / "many"))
+    data = rpil.open(write_files(table, tmp_path / "many"), on_disk=True).demonstrations
     pq.write_table(table.slice(0, 50), tmp_path / "many" / "0.parquet")
     with pytest.raises(DataError, match=r"0.parquet: it has changed since the data set was opened"):
         read_all(data)
@@ -165,7 +170,7 @@ def test_a_file_that_was_changed_or_deleted_after_opening_is_refused(tmp_path):
 
 def test_a_damaged_page_is_refused(tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
-    data = open_dataset(tmp_path / "a.parquet")
+    data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     content = bytearray((tmp_path / "a.parquet").read_bytes())
     group = pq.read_metadata(tmp_path / "a.parquet").row_group(0)
     columns = [group.column(c) for c in range(group.num_columns)]
@@ -178,7 +183,7 @@ def test_a_damaged_page_is_refused(tmp_path):
 
 
 def test_a_shard_can_be_pickled(tmp_path):
-    data = open_dataset(written(tmp_path))
+    data = rpil.open(written(tmp_path), on_disk=True).demonstrations
     shard = data.shards(4, BLOCK_STEPS)[2]
     sent = pickle.dumps(shard)
     assert len(sent) < 4000

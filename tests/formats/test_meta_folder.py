@@ -48,7 +48,7 @@ def test_meta_without_data_is_said(tmp_path, version, empty):
     shutil.rmtree(root / "data")
     if empty == "emptied":
         (root / "data").mkdir()
-    for use in (rpil.read, rpil.open_dataset):
+    for use in (rpil.read, rpil.open):
         with pytest.raises(DataError, match=r"data set of LeRobot of 3 episodes, and no Parquet file is in data"):
             use(root)
 

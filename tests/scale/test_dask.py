@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rpil
 from problems import make, make_continuous, refused
-from rpil import DaskEngine, DataError, formats, open_dataset
+from rpil import DaskEngine, DataError, formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
@@ -64,7 +65,7 @@ def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk
     here = small_rpil(labels=labels).fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
-        data = open_dataset(tmp_path / "a.parquet")
+        data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     there = small_rpil(engine=DaskEngine(cluster, n_shards=3), labels=labels).fit(data)
     assert_same(here, there)
 
@@ -89,7 +90,7 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch
     here = small_rpil().fit(data)
     if on_disk:
         formats.write(tmp_path / "a.parquet", data)
-        data = open_dataset(tmp_path / "a.parquet")
+        data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     cluster.wait_for_workers(2, timeout=30)
     total, passes = engine.RemoteBlocks.total, []
 
@@ -144,7 +145,7 @@ def size(value):
 
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
-    data = open_dataset(tmp_path / "a.parquet")
+    data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.rows.groups)
     lost = replace(data, rows=replace(data.rows, groups=groups))
     placed = DaskEngine(cluster).place(lost.shards(2, SAMPLE.block_steps))

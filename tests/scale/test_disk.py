@@ -12,8 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from recorded import demonstrations, write_files
-from rpil import RPIL, formats, open_dataset
+from rpil import RPIL, formats
 from rpil.formats import table as flat
 from small import small_rpil
 
@@ -24,7 +25,7 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     labels = {3: "good", 100: "bad"}
     here = small_rpil(labels=labels).fit(memory)
-    there = small_rpil(labels=labels).fit(open_dataset(folder))
+    there = small_rpil(labels=labels).fit(rpil.open(folder, on_disk=True).demonstrations)
     assert here.audit_.ids == there.audit_.ids
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(here.audit_, name), getattr(there.audit_, name), rtol=1e-6, atol=1e-6)
@@ -42,7 +43,7 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
 def test_a_small_data_set_is_fitted_in_memory(tmp_path):
     memory = demonstrations()
     formats.write(tmp_path / "a.parquet", memory)
-    here, there = RPIL().fit(memory), RPIL().fit(open_dataset(tmp_path / "a.parquet"))
+    here, there = RPIL().fit(memory), RPIL().fit(rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations)
     np.testing.assert_array_equal(here.log_odds_, there.log_odds_)
 
 
@@ -57,7 +58,7 @@ def peak():
     return 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
 
 before = peak()
-data = rpil.open_dataset(sys.argv[1])
+data = rpil.open(sys.argv[1], on_disk=True).demonstrations
 sample = SampleSettings(min_steps=5000, steps_per_coefficient=20)
 ascent = AscentSettings(max_passes=1)
 model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent)).fit(data)

@@ -30,7 +30,6 @@ from rpil.data.names import is_data
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
-from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find, writer_of
@@ -139,10 +138,11 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Parameters
     ----------
     path : path or frame
-        A file or folder of any known format, a pattern, an address, or a data frame.
+        A file or folder of any known format, with all folders in it, taken in the order of their names; a pattern such
+        as ``drive/*.parquet``; an address that pyarrow knows, such as ``s3://bucket/folder``; or a data frame.
     on_disk : bool, optional
-        Leave the demonstrations, in Parquet files, on disk, or read them into memory; by default large files and
-        folders of Parquet files stay there.
+        Leave the demonstrations on disk, as a `Dataset` of any size, or read them into memory; by default large files
+        and folders of Parquet files stay there. Of formats other than Parquet a copy is on disk until the process ends.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 
@@ -167,29 +167,6 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
 
 
-def open_dataset(path: StrPath, *, options: ColumnOptions = ColumnOptions()) -> Dataset:
-    """Open demonstrations that stay on disk, as ``rpil.open(path, on_disk=True).demonstrations``; any size is fine.
-
-    Parameters
-    ----------
-    path : path
-        A .parquet file; a folder of such files, with all folders in it (of LeRobot's, those in ``data``), taken in the
-        order of their names; a pattern such as ``drive/*.parquet``; or an address that pyarrow knows, such as
-        ``s3://bucket/folder``. Of other formats a copy is on disk until the process ends.
-    options : ColumnOptions
-        What each column holds, where its name does not say it.
-
-    Raises
-    ------
-    DataError
-        One sentence: no files, files with different columns, missing values among the actions and ids, or a
-        demonstration whose rows are not consecutive, or not in the order of their column.
-    """
-    data = read_recording(path, options, on_disk=True).demonstrations
-    assert isinstance(data, Dataset)
-    return data
-
-
 def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:
     if options != ColumnOptions():
         raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave the options out, or give a frame.")
@@ -201,7 +178,7 @@ def read_recording(
 ) -> Recording:
     """The recording in a file or folder: a description, and the demonstrations when they are asked for.
 
-    `on_disk` leaves the demonstrations on disk, Parquet files where they are (see `open_dataset`), and of other formats
+    `on_disk` leaves the demonstrations on disk, Parquet files where they are (see `open`), and of other formats
     a copy that is removed when the process ends; None does so for folders of Parquet files, and where the data would
     take too much memory. Errors are those of `read`; a value that is missing, or of the wrong kind, is an error only of
     ``read_recording(...).demonstrations``.

@@ -56,7 +56,7 @@ class Shard:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(DemonstrationSet):
-    """Demonstrations on disk, of any size, which `RPIL.fit` takes in the place of `Demonstrations`; see `open_dataset`.
+    """Demonstrations on disk, of any size, which `RPIL.fit` takes in the place of `Demonstrations`; see `open`.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class Dataset(DemonstrationSet):
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
             (block,) = self._shard((m, m + 1))
-            source = self.rows.file_of(int(self.offsets[m]))
+            source = (self.rows.files(self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):

@@ -42,9 +42,6 @@ class Rows(Protocol):
     def numbers(self, steps: slice) -> pa.Table | None:
         """The rows of the file, counted from 1, of some steps, where rows were moved."""
 
-    def file_of(self, row: int) -> str:
-        """Name of the file that holds a row, for messages."""
-
     def files(self, rows: Array) -> list[str]:
         """The file of each of some rows, no two alike; none where files say nothing of demonstrations."""
 
@@ -88,10 +85,7 @@ class TableRows:
         for row in range(first, last, BATCH_ROWS):
             size = min(BATCH_ROWS, last - row)
             here = table.slice(row, size) if self.place is None else table.take(self.place[row : row + size])
-            yield row, here, self._at(row, demonstration)
-
-    def _at(self, first: int, demonstration: Place) -> Place:
-        return lambda row: f"{self.source}{demonstration(first + row)}, row {self._row(first + row) + 1}"
+            yield row, here, shifted(lambda k: f"{self.source}{demonstration(k)}, row {self._row(k) + 1}", row)
 
     def _row(self, row: int) -> int:
         return row if self.place is None else int(self.place[row])
@@ -100,9 +94,6 @@ class TableRows:
         import pyarrow as pa
 
         return None if self.place is None else pa.table({"row": self.place[steps] + 1})
-
-    def file_of(self, row: int) -> str:
-        return self.source
 
     def files(self, rows: Array) -> list[str]:
         return names_at(self.sizes, rows if self.place is None else self.place[rows])
@@ -159,9 +150,6 @@ class ChosenRows:
         import pyarrow as pa
 
         return pa.table({"row": self._there(np.arange(steps.start, steps.stop)) + 1})
-
-    def file_of(self, row: int) -> str:
-        return self.rows.file_of(int(self._there(np.array(row))))
 
     def files(self, rows: Array) -> list[str]:
         return self.rows.files(self._there(rows))

@@ -79,11 +79,6 @@ class ParquetRows:
     def numbers(self, steps: slice) -> None:
         return None
 
-    def file_of(self, row: int) -> str:
-        if self.sizes:
-            return self.files(np.array([row]))[0]
-        return next(PurePosixPath(g.path).name for g in self.groups if row < g.last)
-
     def files(self, rows: Array) -> list[str]:
         if self.sizes is not None:
             return names_at(self.sizes, rows)

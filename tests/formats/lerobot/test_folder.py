@@ -259,7 +259,7 @@ def test_what_a_link_leads_to_is_not_published(dataset, place):
     secret.mkdir()
     (secret / "id_rsa").write_text("key")
     (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
-    for use in (rpil.read, rpil.open_dataset, lambda path: find(path).keep(path.with_name("kept"), [1])):
+    for use in (rpil.read, rpil.open, lambda path: find(path).keep(path.with_name("kept"), [1])):
         with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
             use(dataset)
     assert not dataset.with_name("kept").exists()
