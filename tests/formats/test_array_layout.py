@@ -7,7 +7,7 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
-from rpil.formats.array_layout import is_stacked
+from rpil.formats.array_layout import is_stacked, layout_of
 from rpil.formats.registry import find
 from samples import LENGTHS, MOVES, OWNERS, STATES
 
@@ -160,3 +160,13 @@ def test_no_timeouts_are_added_where_a_demonstration_terminates(written, tmp_pat
     with np.load(output) if path.suffix == ".npz" else h5py.File(output) as kept:
         assert not kept["timeouts"][:].any()
     assert rpil.read(output).lengths.tolist() == [LENGTHS[0], LENGTHS[2]]
+
+
+def test_a_value_that_is_missing_in_both_is_no_end():
+    seen, following = np.arange(12.0).reshape(6, 2), np.arange(2.0, 14.0).reshape(6, 2)
+    seen[2, 0] = following[1, 0] = np.nan
+    following[3] = 99
+    arrays = {"observations": seen, "next_observations": following, "actions": np.ones((6, 1))}
+    assert layout_of(arrays, "gap.hdf5").ids.tolist() == [0, 0, 0, 0, 1, 1]
+    seen[2, 0] = 4.0
+    assert layout_of(arrays, "gap.hdf5").ids.tolist() == [0, 0, 1, 1, 2, 2]

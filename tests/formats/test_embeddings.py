@@ -60,6 +60,14 @@ def test_files_that_do_not_fit_are_refused(tmp_path, columns, message):
         rpil.read(root, embeddings=file)
 
 
+def test_a_name_that_the_data_have_is_refused(tmp_path):
+    root, file = lerobot(tmp_path), tmp_path / "e.npz"
+    name = rpil.read(root).observation_names[0]
+    np.savez(file, **{"index": np.arange(N), name: np.arange(N)})
+    with pytest.raises(DataError, match=rf"e\.npz: lerobot has an observation '{name}' as well; give it another name"):
+        rpil.read(root, embeddings=file)
+
+
 @pytest.mark.parametrize("damage", [None, [1.0]])
 def test_a_list_that_is_missing_or_short_is_not_left_out(tmp_path, damage):
     root, rows = lerobot(tmp_path), [[1.0, 2.0]] * (N - 1)

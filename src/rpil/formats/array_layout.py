@@ -254,7 +254,8 @@ def _jumps(arrays: Tree, following: str, n_steps: int, source: str) -> Array | N
             f"{source}: {following} has the shape {arrays[following].shape} and {seen} {arrays[seen].shape} for "
             f"{n_steps:,} actions; write both for every step."
         )
-    differs = _values(arrays[following])[:-1] != _values(arrays[seen])[1:]
+    then, now = _values(arrays[following])[:-1], _values(arrays[seen])[1:]
+    differs = (then != now) & ((then == then) | (now == now))  # a value that is missing in both is the same
     jumps = np.append(differs.any(axis=tuple(range(1, differs.ndim))), False)
     if 2 * jumps.sum() > n_steps:
         raise DataError(

@@ -31,6 +31,8 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
     names, index, values = _read(check_readable(check_extension(path, (".parquet", ".npz"), "embeddings")))
     description = recording.description
     text = f"{len(names):,} observations are from {Path(path).name}."
+    for name in {*names}.intersection(description.observations):
+        raise DataError(f"{path}: {description.source} has an observation {name!r} as well; give it another name.")
 
     def load(options: ColumnOptions) -> Demonstrations:
         found = recording.load(options)

@@ -41,10 +41,9 @@ def claims(path: Path) -> bool:
     if path.is_dir():
         there = all((path / name).is_file() for name in (_STATE, _INFO))
         return there and {"obs", "acts"} <= {*read_json(path / _INFO)["features"]}
-    with suppress(DataError):  # which the format NPZ names
-        if path.suffix.lower() == ".npz":
-            with opened_npz(path) as stored:
-                return {*_NPZ} <= {*stored.names}
+    if path.suffix.lower() == ".npz":
+        with suppress(DataError), opened_npz(path) as stored:  # which the format NPZ names
+            return {*_NPZ} <= {*stored.names}
     return path.suffix.lower() in _PICKLES
 
 

@@ -130,7 +130,8 @@ def from_parts(
     whole = {name for name in columns.all if all(name in part.about for part in parts)}
     steps = [name for name in columns.all if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
-        _check(part, parts[0], steps, _place(part, id_column, source))  # those that lack a column first
+        place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
+        _check(part, parts[0], steps, place)  # those that lack a column first
     if not options.on_disk:
         arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
@@ -183,10 +184,6 @@ def _kind(array: StoredArray) -> Kind:
     if kind not in "biuf" or is_image:
         return "nested"
     return "number" if len(shape) == 1 else "list"
-
-
-def _place(part: Part, id_column: str, source: str) -> str:
-    return f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
 
 
 def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
