@@ -19,7 +19,7 @@ BUDGETS = {
     "data": (3333, 39),
     "estimators": (2320, 16),
     "faults": (2249, 81),
-    "formats": (8907, 94),
+    "formats": (8897, 94),
     "inference": (2681, 88),
     "mixture": (810, 20),
     "numerics": (592, 14),

@@ -137,23 +137,23 @@ class ScannedColumns:
         """Add a table, in which demonstrations begin at the rows `begins`."""
         same = np.ones(len(table), dtype=bool)
         same[begins] = False
+        owners = self._n_begun - 1 + np.cumsum(~same)
         read = {}
         for name in self.columns:
-            values, mask = flat.numbers_or_missing(table[name]), self.masks.get(name)
+            values, mask, before = flat.numbers_or_missing(table[name]), self.masks.get(name), self.low.get(name)
             if values is not None and mask is not None and values.shape[1] == len(mask):
                 values = values[:, mask]
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
             if n_missing:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
-            is_like = values is not None and values.shape[1:] == self.low.get(name, values[:1].reshape(-1)).shape
-            if values is not None and values.size and is_like:
+            if values is None or (before is not None and len(before) != values.shape[1]):
+                faulty = flat.faulty_rows(table[name], None if before is None else len(before), mask)
+                self.faulty.update(owners[faulty].tolist())
+            elif values.size:
                 self._add(name, values, same)
                 read[name] = values
-            extremes = np.append(self.low.get(name, 0.0), self.high.get(name, 0.0))
-            if n_missing or not is_like or not np.isfinite(extremes).all():
-                width = extremes.size // 2 if name in self.low else None
-                faulty = flat.faulty_rows(table[name], width, mask)
-                self.faulty.update((self._n_begun - 1 + np.cumsum(~same)[faulty]).tolist())
+                if n_missing or not np.isfinite([self.low[name], self.high[name]]).all():
+                    self.faulty.update(owners[~np.isfinite(values).all(axis=1)].tolist())
         self._n_begun += len(begins)
         if len(table):
             self._compare(read, same)

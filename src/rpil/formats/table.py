@@ -232,29 +232,19 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
 
 
-def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None = None) -> Array:
-    """Whether each row, (N,), lacks a finite value, or has not `width` numbers, by default as many as the first.
+def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) -> Array:
+    """Whether each row, (N,), of texts has none; or of lists has not `width` numbers, by default as many as the first.
 
-    Of lists only the numbers of `mask` count, if there is one.
+    Nor may a number in a list be missing or infinite, but for those that are not in the `mask`, if there is one.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    faulty = np.array(column.is_null().to_numpy(), dtype=bool)
-    kind = kind_of_type(column.type)
-    owners = np.arange(len(column))
-    if kind == "list":
-        lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy()
-        faulty |= lengths != (len(mask) if mask is not None else width or lengths[np.argmin(faulty)])
-        within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-        owners, column = np.repeat(owners, lengths), column.combine_chunks().flatten()
-    if kind in ("list", "number"):
-        values = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        wrong = ~np.isfinite(values)
-        if mask is not None and kind == "list":
-            wrong &= mask[np.minimum(within, len(mask) - 1)]
-        faulty[owners[wrong]] = True
-    return faulty
+    if kind_of_type(column.type) != "list":
+        return np.array(column.is_null().to_numpy(), dtype=bool)
+    lists = column.to_pylist()
+    if mask is None:
+        mask = np.ones(width or next((len(row) for row in lists if row is not None), 0), dtype=bool)
+    missing = [float("nan")] * (len(mask) + 1)
+    numbers = (np.array(missing if row is None else row, dtype=float) for row in lists)
+    return np.array([len(row) != len(mask) or not np.isfinite(row[mask]).all() for row in numbers], dtype=bool)
 
 
 def _is_list(kind: pa.DataType) -> bool:
