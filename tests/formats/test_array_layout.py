@@ -64,6 +64,33 @@ def written(request, tmp_path):
     return write
 
 
+TRIMS = {0: (1, 4), 2: (2, 4)}
+CUT = np.concatenate([np.arange(1, 4), np.arange(4, 10), np.arange(12, 14)])
+"""The rows that these keep."""
+
+
+@pytest.mark.parametrize("arrays", [*BY_NAME.values(), *BY_MARKS.values(), *STACKED.values(), ROWS])
+def test_what_says_where_trimmed_demonstrations_begin_and_end_is_moved(written, arrays, tmp_path):
+    whole = rpil.open(written(arrays))
+    output = tmp_path / f"kept{whole.description.source[5:]}"
+    whole.keep(whole.ids, output, TRIMS)
+    found, rows = rpil.read(output), CUT
+    if arrays is ROWS:  # of T steps each
+        rows = np.concatenate([np.arange(1, 4), T + np.arange(T), 2 * T + np.arange(2, 4)])
+    assert found.lengths.tolist() == [3, 6, 2]
+    np.testing.assert_array_equal(found.observations, whole.demonstrations.observations[rows])
+    np.testing.assert_array_equal(found.actions, whole.demonstrations.actions[rows])
+    with np.load(output) if output.suffix == ".npz" else h5py.File(output) as new:
+        for name, place in {"terminations": [8], "timeouts": [2, 10], "truncations": [2, 10]}.items():
+            if name in arrays:
+                assert np.flatnonzero(new[name]).tolist() == place
+        if "episode_starts" in arrays:
+            assert np.flatnonzero(new["episode_starts"]).tolist() == [0, 3, 9]
+        if "obs" in arrays and arrays["obs"].shape[1] == T + 1:  # one that is seen after the last action
+            np.testing.assert_array_equal(new["obs"][2, :3], arrays["obs"][2, 2:5])
+            assert not new["obs"][2, 3:].any()
+
+
 @pytest.mark.parametrize("arrays", [*BY_NAME.values(), *BY_MARKS.values(), *STACKED.values()])
 def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path):
     path = written(arrays)

@@ -2,7 +2,6 @@
 
 import shutil
 
-import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
@@ -98,15 +97,7 @@ def test_paths_are_filled_without_running_what_they_say():
         fill("{secret}", 1, 1)
 
 
-def test_trims_are_refused_where_they_cannot_be(tmp_path):
+def test_a_list_of_episodes_is_not_trimmed(tmp_path):
     root = without_videos(tmp_path / "drive", "v3.0")
     with pytest.raises(DataError, match="list of episodes cannot be trimmed"):
-        find(root).keep(tmp_path / "keep.json", [1], trims={1: (0, 2)})
-    table = root / "data" / "chunk-000" / "file-000.parquet"
-    with pytest.raises(DataError, match="only folders of LeRobot can be trimmed"):
-        find(table).keep(tmp_path / "kept.parquet", [1], trims={1: (0, 2)})
-    rows = pq.read_table(table)
-    shifted = rows.set_column(rows.column_names.index("frame_index"), "frame_index", [rows["index"].to_numpy() + 9])
-    pq.write_table(shifted, table)
-    with pytest.raises(DataError, match="frame_index does not count from 0"):
-        find(root).keep(tmp_path / "kept", [1], trims={1: (0, 2)})
+        rpil.open(root).keep([1], tmp_path / "keep.json", {1: (0, 2)})

@@ -130,5 +130,5 @@ def test_columns_that_statistics_name_are_checked(tmp_path, is_trim, monkeypatch
         (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
         assert "column 'huge': to read it would take" in defect.sentence
         with pytest.raises(DataError, match="MB of memory"):
-            find(root).keep(tmp_path / "kept", [1], trims={1: (0, 4)} if is_trim else None)
+            rpil.open(root).keep([1], tmp_path / "kept", {1: (0, 4)} if is_trim else {})
     assert not [one for one in find_defects(root, False) if one.what == "metadata"]

@@ -21,7 +21,7 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         "mine",
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
-        keep=keep_by_own_ids(lambda *given: kept.append(given)),
+        keep=keep_by_own_ids(lambda *given: kept.append(given[:3])),
         reads_in_place=lambda _: True,
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
@@ -45,7 +45,7 @@ def test_every_format_has_a_name_of_its_own():
 def test_a_keep_whose_process_is_ended_leaves_nothing(tmp_path, monkeypatch):
     """As a library ends it on a damaged file."""
 
-    def keep(path, output, ids):
+    def keep(path, output, *_):
         with replacing(output) as temporary:
             temporary.write_text("half")
             os.kill(os.getpid(), signal.SIGKILL)

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
 )
-@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them: folders of LeRobot.")
+@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them.")
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @holding()
 def keep(
@@ -93,7 +93,7 @@ def keep(
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
         progress(f"writing {output}")
-        source.keep(output, choice.kept, given.columns, trims)
+        read.keep(choice.kept, output, trims)
     tell_of_set_aside(read)
     _print_kept(read, choice.kept, output, trims if trim else None)
     if n_unnamed:

@@ -21,12 +21,13 @@ from rpil.data.folders import copy_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION_COLUMNS, TASK, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import opened_npz
+from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
 from rpil.formats.npz import arrays_of
+from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 from rpil.formats.step_tables import StepTables
 
@@ -64,44 +65,52 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return from_parts([part for part, _ in read], _FILE_NAME, path.name, format_name, options, notes=notes)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
 
     An NPZ file in a folder of its own is copied with all that is beside it, and a single file is copied to a file.
+    ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as it is told, by number.
     """
     files = _files(path)
-    kept = [files[name] for name in kept_of(files, ids, path)]
+    kept = {name: files[name] for name in kept_of(files, ids, path)}
     if path.is_file():
         with replacing(output) as temporary:
-            shutil.copyfile(path, temporary)
+            _copy(path, temporary, cuts.get(path.stem), options.fill_missing)
         return
+    are_numbered = all(re.fullmatch(r"episode_\d+", name) for name in files) and not _are_npz(files)
+    rows: list[list[object]] = [["link", "file"]]
     with new_folder(output) as folder:
-        if not _are_npz(files):
-            _link_all(kept, folder, all(re.fullmatch(r"episode_\d+", name) for name in files))
-            return
-        for file in kept:
+        for k, (name, file) in enumerate(kept.items()):
+            target = folder / (f"episode_{k}{file.suffix}" if are_numbered else file.relative_to(path))
+            rows.append([to_cell(target.name), to_cell(file.name)])
             if file.parent != path:
-                copy_folder(file.parent, folder / file.parent.name)
-            else:
-                shutil.copyfile(file, folder / file.name)
+                copy_folder(file.parent, target.parent, without=(file.name,))
+            _copy(file, target, cuts.get(name), options.fill_missing, is_link=not _are_npz(files))
+        if not _are_npz(files):
+            with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
+                csv.writer(text, lineterminator="\n").writerows(rows)
 
 
-def _link_all(kept: Sequence[Path], folder: Path, are_numbered: bool) -> None:
-    """Give files second names (hard links), which take no room, and write what each was called to ``kept.csv``.
+def _copy(file: Path, target: Path, cut: Cut | None, fills: bool, is_link: bool = False) -> None:
+    """Copy a file, or the steps of it that are kept, or give it a second name (a hard link), which takes no room.
 
-    On another disk files are copied. ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as
-    it is told, by number.
+    On another disk it is copied.
     """
-    links = [f"episode_{k}{file.suffix}" if are_numbered else file.name for k, file in enumerate(kept)]
-    for link, file in zip(links, kept, strict=True):
+    if cut is None and is_link:
         try:
-            (folder / link).hardlink_to(file.resolve())
+            target.hardlink_to(file.resolve())
         except OSError:  # on another disk, of another user, or where files have one name only
-            shutil.copyfile(file, folder / link)
-    with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
-        rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(["link", "file"])
-        rows.writerows([to_cell(link), to_cell(file.name)] for link, file in zip(links, kept, strict=True))
+            shutil.copyfile(file, target)
+    elif cut is None:
+        shutil.copyfile(file, target)
+    elif file.suffix.lower() != _NPZ_FILE:
+        with hdf5.copying(file, target) as (source, new):
+            hdf5.copy_cut(source, new, cut, fills)
+    else:
+        with opened_npz(file) as npz, replacing(target) as temporary:
+            arrays = npz.read(npz.names)
+            rows = {name: cut.rows_of(name, array.shape) for name, array in arrays.items()}
+            write_npz(temporary, {name: one if rows[name] is None else one[rows[name]] for name, one in arrays.items()})
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -205,5 +214,5 @@ FORMAT = Format(
     claims=claims,
     read=read,
     keep=keep_by_own_ids(keep),
-    check_output=lambda path, output: None,
+    check_output=lambda path, output, trim: None,
 )

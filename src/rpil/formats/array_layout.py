@@ -6,6 +6,7 @@ Arrays lie end to end, (N, ...), where ids, starts, ends or lengths tell demonst
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.names import EPISODE
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
@@ -64,21 +66,40 @@ class ArrayLayout:
         """The ids of the M demonstrations in the order of the file."""
         return list(dict.fromkeys(self.ids.tolist()))
 
-    def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
+    def kept_rows(self, name: str, array: StoredArray, ids: Sequence[Id], cuts: Cuts) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
         n, n_rows = len(self.ids), array.shape[0] if array.shape else 0
         if n_rows == n or (n_rows == n + 1 and self.is_step is None):  # one more comes after the last action
-            return np.flatnonzero(np.isin(self.ids[np.minimum(np.arange(n_rows), n - 1)], ids))
+            owners = self.ids[np.minimum(np.arange(n_rows), n - 1)]
+            return kept_rows(owners, ids, cuts if self.is_step is None else {}, name)
         each = self.by_demonstration and array.shape[:1] == (len(self.names),)
         return np.flatnonzero(np.isin(self.names, ids)) if each else None
 
-    def added_ends(self, arrays: Tree, ids: Sequence[Id], source: str) -> dict[str, Array]:
-        """Timeouts for the steps of the demonstrations `ids`, where no array marks those that were cut short."""
-        if self.is_step is not None or self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
+    def cut_stacked(self, name: str, kept: Any, ids: Sequence[Id], cuts: Cuts) -> None:
+        """Move the steps to keep to the front of a stacked array of the demonstrations `ids`, with zeros after them."""
+        is_step = np.empty((0, 0)) if self.is_step is None else self.is_step
+        n_after = kept.shape[1] - is_step.shape[1] if len(is_step) and len(kept.shape) > 1 else -1
+        for k, m in enumerate(ids if n_after in (0, 1) else ()):
+            if cut := cuts.get(str(m)):
+                own = np.flatnonzero(is_step[self.names.index(m)])
+                steps = kept[k][np.append(own, own[-1] + 1)[cut.rows(name, n_after)]]
+                kept[k] = np.concatenate([steps, np.zeros_like(kept[k][len(steps) :])])
+
+    def new_arrays(self, arrays: Tree, ids: Sequence[Id], cuts: Cuts, source: str) -> dict[str, Array]:
+        """What tells the demonstrations `ids` apart where their arrays do not: lengths where steps are cut, or timeouts
+        where no array marks those that were cut short."""
+        if self.is_step is not None or self.by_demonstration:
+            name = first(arrays, _LENGTHS) or _LENGTHS[1]
+            if not cuts or (self.is_step is None and (name not in arrays or arrays[name].shape[0] != len(self.names))):
+                return {}
+            owners = self.ids if self.is_step is None else np.repeat(self.ids, self.is_step.sum(axis=1))
+            return {name: np.array([*Counter(owners[kept_rows(owners, ids, cuts)].tolist()).values()])}
+        if first(arrays, (_STARTS, *_CUTS)):
             return {}
         is_last = np.append(self.ids[1:] != self.ids[:-1], True)
         is_terminal = np.any([_flags(arrays, name, len(self.ids), source) for name in _TERMINALS], axis=0)
-        return {TIMEOUTS: (is_last & ~is_terminal)[np.isin(self.ids, ids)]}
+        timeouts = is_last & ~is_terminal
+        return {TIMEOUTS: timeouts[kept_rows(self.ids, ids, cuts, TIMEOUTS)]}
 
 
 def first(arrays: Tree, names: Sequence[str]) -> str | None:

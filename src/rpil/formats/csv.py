@@ -24,7 +24,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, without_suffix
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.places import in_two_files
+from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import spool
 from rpil.formats.step_tables import StepTables
@@ -277,18 +277,22 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
                 raise
 
 
-def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str | None = None) -> set[str]:
+def keep_text(
+    path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, name: str | None = None
+) -> set[str]:
     """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found.
 
     A file of a folder is the demonstration `name` where no column names the demonstration.
     """
     file = find_dialect(path, options)
     episode = find_text_columns(file, options, None if name is None else FILE).episode
-    if name is not None and episode == FILE:
+    is_one = name is not None and episode == FILE
+    if is_one and name not in cuts:
         if name in ids:
             shutil.copyfile(path, output)
-        return {name} & ids
-    column, found = file.names.index(episode), set()
+        return {str(name)} & ids
+    column, found = file.names.index(episode) if not is_one else None, set[str]()
+    waiting: dict[str, list[tuple[str, list[str]]]] = {}  # rows of demonstrations that are cut, until all are there
     opener = gzip.open if path.suffix.lower() == ".gz" else open
     with (
         text_bytes(path) as stream,
@@ -303,11 +307,25 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions, n
             n_lines = rows.line_num
             is_comment = line.lstrip().startswith("#") and len(values) != len(file.names)
             is_row = bool(values) and not is_comment
-            demonstration = from_cell(values[column].strip()) if is_row else ""
-            if not is_row or demonstration in ids:
+            demonstration = str(name) if column is None else from_cell(values[column].strip()) if is_row else ""
+            found.add(demonstration)
+            if is_row and (cut := cuts.get(demonstration)):
+                own = waiting.setdefault(demonstration, [])
+                own.append((line, values))
+                target.writelines(_cut_lines(own, cut, file) if len(own) == len(cut.places) else ())
+            elif not is_row or demonstration in ids:
                 target.write(line)
-                found.add(demonstration)
     return found & ids
+
+
+def _cut_lines(rows: Sequence[tuple[str, list[str]]], cut: Cut, file: TextTable) -> Iterator[str]:
+    """The lines that are kept of a demonstration, written anew where a mark has moved."""
+    sources = [cut.rows(name).tolist() for name in file.names]
+    for k, row in enumerate(cut.rows().tolist()):
+        line, cells = rows[row][0], [rows[of_column[k]][1][c] for c, of_column in enumerate(sources)]
+        text, end = io.StringIO(), line[len(line.rstrip("\r\n")) :] or "\n"
+        csv.writer(text, delimiter=file.separator, lineterminator=end).writerow(cells)
+        yield line.rstrip("\r\n") + end if cells == rows[row][1] else text.getvalue()
 
 
 FORMAT = Format(

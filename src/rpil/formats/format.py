@@ -14,20 +14,19 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.places import Cuts
 from rpil.formats.recording import Recording
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 K = TypeVar("K", int, str)
 
-Trims = Mapping[str, tuple[int, int]]
-"""The first step to keep of some demonstrations, and the one after the last, by ids as text."""
-
-Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]
-"""Writes the demonstrations of these ids, in the order of the file, with all that the first path says of them."""
+Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions, Cuts], None]
+"""Writes the demonstrations of these ids, in the order of the file, with all that the first path says of them; of those
+that are cut, the steps that are kept."""
 
 
-def check_same_kind(path: Path, output: Path) -> None:
+def check_same_kind(path: Path, output: Path, trim: bool = False) -> None:
     """A `DataError` where the data are a file and `output` has another extension, or a folder and it is a list."""
     if path.is_dir() and output.suffix.lower() == ".json":
         raise not_a_folder(output)
@@ -80,10 +79,8 @@ class Format:
         Extensions of its files; those that `write` writes have the first.
     write : function of a path, demonstrations and arrays (M,) by name, optional
         Writes demonstrations, and true values for each, which `read` ignores.
-    check_output : function of the path of the data and that of the output
+    check_output : function of the path of the data, that of the output, and whether steps are cut
         A `DataError` where `keep` cannot write to the output, before any work.
-    trim, check_trim : functions as `keep` and `check_output`, optional
-        Write demonstrations without some first and last steps: the fourth argument is the range to keep of some ids.
     find_defects : function of a path, optional
         What beside the demonstrations does not agree with them; with True, in videos too.
     shots : function of a path, optional
@@ -107,9 +104,7 @@ class Format:
     keep: Keep
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
-    check_output: Callable[[Path, Path], object] = check_same_kind
-    trim: Callable[[Path, Path, Sequence[Id], Trims], None] | None = None
-    check_trim: Callable[[Path, Path], object] = check_same_kind
+    check_output: Callable[[Path, Path, bool], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
@@ -122,9 +117,11 @@ class Format:
 def keep_by_own_ids(keep: Keep) -> Keep:
     """The `Keep` of a format whose demonstrations have ids of their own, which refuses a column of ids."""
 
-    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-        check_own_ids(path, options)
-        keep(path, output, ids, options)
+    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+        if options.id:
+            remedy = "leave id out, or write a table with rpil convert"
+            raise DataError(f"{path}: it is given back by its own ids; {remedy}.")
+        keep(path, output, ids, options, cuts)
 
     return checked
 
@@ -137,19 +134,13 @@ def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
     return [name for name in names if str(name) in wanted]
 
 
-def check_own_ids(path: Path, options: ColumnOptions) -> None:
-    """A `DataError` where the demonstrations were read with a column of ids, and are kept by ids of their own."""
-    if options.id:
-        raise DataError(f"{path}: it is given back by its own ids; leave id out, or write a table with rpil convert.")
-
-
-def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]]) -> Keep:
+def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions, Cuts], set[str]]) -> Keep:
     """The `Keep` of a format of single files, by a function that writes what there is of these ids and returns them."""
 
-    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
         wanted = {*map(str, ids)}
         with replacing(output) as temporary:
-            check_found(wanted, keep(path, temporary, wanted, options), path)
+            check_found(wanted, keep(path, temporary, wanted, options, cuts), path)
 
     return checked
 

@@ -22,14 +22,18 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
-from rpil.data.names import natural_key
+from rpil.data.names import is_outcome, natural_key
 from rpil.formats.description import commas
+from rpil.formats.places import Cut
+from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import h5py
 
 SUFFIXES = (".hdf5", ".h5")
 
+_COUNTS = {"num_samples", "total_steps"}  # of the steps of a demonstration, of robomimic and Minari
+_ROWS_AT_ONCE = 65_536
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -81,6 +85,42 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
     """Copy the attributes of a group."""
     for name, value in source.attrs.items():
         new.attrs[name] = value
+
+
+def copy_arrays(
+    source: h5py.Group, found: Contents, new: h5py.Group, rows_of: Callable[[str, h5py.Dataset], Array | None]
+) -> None:
+    """Copy what is `found` in a group, of its arrays only the rows that `rows_of` gives; where it gives None, all."""
+    for name, group in found.groups.items():
+        copy_attributes(group, new.create_group(name))
+    for name, array in found.arrays.items():
+        if (rows := rows_of(name, array)) is not None:
+            # Rewards may be left out as zeros.
+            _copy_rows(source[name] if is_outcome(name) else array, new, name, rows)
+        else:
+            source.copy(array, new, name)
+
+
+def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> None:
+    """Write the `rows` of an array to a new one with the same compression, some at a time."""
+    shape = (len(rows), *array.shape[1:])
+    packed = array.chunks is not None and math.prod(shape) > 0
+    how = {"compression": array.compression, "compression_opts": array.compression_opts, "shuffle": array.shuffle}
+    chunks = {"chunks": tuple(map(min, array.chunks, shape)), **how} if packed else {}
+    copy = new.create_dataset(name, shape, array.dtype, **chunks)
+    copy_attributes(array, copy)
+    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
+        for first in range(0, len(run), _ROWS_AT_ONCE):
+            block = run[first : first + _ROWS_AT_ONCE]
+            copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
+
+
+def copy_cut(source: h5py.Group, new: h5py.Group, cut: Cut, fills: bool) -> None:
+    """Copy the group of a demonstration, of which some steps are cut."""
+    copy_attributes(source, new)
+    copy_arrays(source, contents(source, fills), new, lambda name, array: cut.rows_of(name, array.shape))
+    for name in _COUNTS & new.attrs.keys():
+        new.attrs[name] = cut.n_steps
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
@@ -234,7 +274,7 @@ def _check_whole(array: h5py.Dataset) -> None:
         )
 
 
-def check_output(path: Path, output: Path) -> None:
+def check_output(path: Path, output: Path, trim: bool = False) -> None:
     """A `DataError` where the name of the `output` is not that of an HDF5 file, nor like that of the data."""
     if output.suffix.lower() not in (*SUFFIXES, path.suffix.lower()):
         raise DataError(

@@ -13,6 +13,7 @@ from rpil.formats import array_folder, d4rl, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, Keep, keep_by_own_ids
+from rpil.formats.places import Cuts
 from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
@@ -40,10 +41,10 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         return layout.read(path, options)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """What the layout that fits keeps; errors are those of `_fitting`."""
     with _fitting(path) as layout:
-        layout.keep(path, output, ids, options)
+        layout.keep(path, output, ids, options, cuts)
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
@@ -64,10 +65,10 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return found.with_ignored(others | {"infos": "never decoded, because that can run any code"})
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """Write some trajectories to a new folder, with their infos as they are; or to an NPZ file, without infos."""
     if not path.is_dir():
-        _keep_npz(path, check_extension(output, [".npz"]), ids)
+        _keep_npz(path, check_extension(output, [".npz"]), ids, cuts)
         return
     table = _table(path)
     rows = kept_of(range(len(table)), ids, path)
@@ -75,7 +76,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         import pyarrow as pa
 
         with pa.ipc.new_stream(folder / _STREAM, table.schema) as stream:
-            stream.write_table(table.take(rows))
+            stream.write_table(_cut_table(table.take(rows), rows, cuts))
         state = read_json(path / _STATE)
         mark = hashlib.sha256(f"{state.get('_fingerprint')}{rows}".encode()).hexdigest()[:16]  # of the datasets' cache
         state |= {"_data_files": [{"filename": _STREAM}], "_fingerprint": mark}
@@ -133,11 +134,31 @@ def _arrays(path: Path) -> dict[str, list[Array]]:
     return {name: np.split(array, cuts[name]) for name, array in arrays.items()}
 
 
-def _keep_npz(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def _cut_table(table: pa.Table, numbers: Sequence[int], cuts: Cuts) -> pa.Table:
+    """The table of the trajectories of these numbers, whose lists hold the steps that are kept."""
+    import pyarrow as pa
+
+    for place, field in enumerate(table.schema):
+        if cuts and pa.types.is_list(field.type) and not table[field.name].null_count:
+            lists = [row.values for row in table[field.name]]
+            for k, cut in ((k, cuts[str(m)]) for k, m in enumerate(numbers) if str(m) in cuts):
+                rows = cut.rows_of(field.name, (len(lists[k]),))
+                lists[k] = lists[k] if rows is None else lists[k].take(pa.array(rows))
+            offsets = pa.array(np.cumsum([0, *map(len, lists)]), pa.int32())
+            column = pa.ListArray.from_arrays(offsets, pa.concat_arrays(lists)).cast(field.type)
+            table = table.set_column(place, field, column)
+    return table
+
+
+def _keep_npz(path: Path, output: Path, ids: Sequence[Id], cuts: Cuts) -> None:
     arrays = _arrays(path)
-    rows = kept_of(range(len(arrays["acts"])), ids, path)
-    kept = {name: np.concatenate([parts[m] for m in rows]) for name, parts in arrays.items()}
-    starts = np.cumsum([len(arrays["acts"][m]) for m in rows])[:-1]
+    numbers = kept_of(range(len(arrays["acts"])), ids, path)
+    for name, parts in arrays.items():
+        for m in (m for m in numbers if str(m) in cuts):
+            rows = cuts[str(m)].rows_of(name, parts[m].shape)
+            parts[m] = parts[m] if rows is None else parts[m][rows]
+    kept = {name: np.concatenate([parts[m] for m in numbers]) for name, parts in arrays.items()}
+    starts = np.cumsum([len(arrays["acts"][m]) for m in numbers])[:-1]
     infos = np.full(len(kept["acts"]), "{}")  # the library wants one for each step
     with replacing(output) as temporary:
         write_npz(temporary, {**kept, "indices": starts, "infos": infos})

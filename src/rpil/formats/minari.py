@@ -19,6 +19,7 @@ from rpil.formats.arrow import end_to_end, from_arrow
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
 
@@ -57,14 +58,16 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         return from_parts(parts, NUMBERED, path.name, "Minari, HDF5", options, notes=notes)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """Write some episodes, numbered from 0, to the folder of a new data set, which Minari loads."""
     data, about = _open(path)
     with new_folder(output) as folder:
         new = folder / "data"
         new.mkdir()
-        is_hdf5 = (data / _HDF5).exists()
-        lengths = _copy_groups(path, data, new, ids, output) if is_hdf5 else _copy_folders(path, data, new, ids)
+        if (data / _HDF5).exists():
+            lengths = _copy_groups(path, data, new, ids, cuts, output)
+        else:
+            lengths = _copy_folders(path, data, new, ids, cuts)
         n_bytes = sum(file.stat().st_size for file in new.rglob("*") if file.is_file())
         totals = {"total_episodes": len(lengths), "total_steps": sum(lengths), "dataset_size": round(n_bytes / 1e6, 1)}
         (new / _METADATA).write_text(json.dumps({**about, **totals}))
@@ -117,16 +120,19 @@ def _part(episode: h5py.Group, number: int, fills: bool = False) -> Part:
     return Part(next((array.shape[0] for array in actions), 0), arrays, {NUMBERED: number})
 
 
-def _copy_groups(path: Path, data: Path, new: Path, ids: Sequence[Id], output: Path) -> list[int]:
+def _copy_groups(path: Path, data: Path, new: Path, ids: Sequence[Id], cuts: Cuts, output: Path) -> list[int]:
     """Copy episodes to a new HDF5 file; the number of steps of each."""
     lengths = []
     with hdf5.opened(data / _HDF5) as old_file, hdf5.writing(new / _HDF5, output) as new_file:
         hdf5.copy_attributes(old_file, new_file)
         groups = _groups(old_file)
         for k, i in enumerate(kept_of(groups, ids, path)):
-            old_file.copy(groups[i], new_file, f"episode_{k}")
+            if str(i) in cuts:
+                hdf5.copy_cut(groups[i], new_file.create_group(f"episode_{k}"), cuts[str(i)], fills=True)
+            else:
+                old_file.copy(groups[i], new_file, f"episode_{k}")
             new_file[f"episode_{k}"].attrs["id"] = k
-            lengths.append(_part(groups[i], i).n_steps)
+            lengths.append(_part(new_file[f"episode_{k}"], i).n_steps)
     return lengths
 
 
@@ -195,17 +201,34 @@ def _is_image(kind: pa.DataType) -> bool:
     return bool(pa.types.is_binary(kind) or (is_bytes and kind.list_size > MAX_MATRIX))
 
 
-def _copy_folders(path: Path, data: Path, new: Path, ids: Sequence[Id]) -> list[int]:
+def _copy_folders(path: Path, data: Path, new: Path, ids: Sequence[Id], cuts: Cuts) -> list[int]:
     """Copy folders of episodes; the number of steps of each."""
     lengths = []
     folders, kind = _folders(data), _json(data / _METADATA)["data_format"]
     for k, i in enumerate(kept_of(folders, ids, path)):
         copy_folder(folders[i], new / str(k), without=(_METADATA,))
-        about = _json(folders[i] / _METADATA)
-        (new / str(k) / _METADATA).write_text(json.dumps({**about, "id": k}))
+        about = {**_json(folders[i] / _METADATA), "id": k}
+        if str(i) in cuts:
+            _cut_tables(new / str(k), kind, cuts[str(i)])
+            about["total_steps"] = cuts[str(i)].n_steps
+        (new / str(k) / _METADATA).write_text(json.dumps(about))
         n_rows = sum(one.count_rows() for one in _stored(new / str(k), kind))
-        lengths.append(_n_steps(folders[i], n_rows))
+        lengths.append(_n_steps(new / str(k), n_rows))
     return lengths
+
+
+def _cut_tables(folder: Path, kind: str, cut: Cut) -> None:
+    """Write the tables of an episode as one, without the steps that are cut."""
+    import pyarrow as pa
+    from pyarrow import dataset
+
+    table = pa.concat_tables(one.to_table(use_threads=False) for one in _stored(folder, kind))
+    rows = [pa.array(cut.rows(name, len(table) - len(cut.places))) for name in table.column_names]
+    columns = [column.take(one).combine_chunks() for column, one in zip(table.columns, rows, strict=True)]
+    for file in folder.glob(f"*.{kind}"):
+        file.unlink()
+    there = {"basename_template": f"part-{{i}}.{kind}", "existing_data_behavior": "overwrite_or_ignore"}
+    dataset.write_dataset(pa.table(columns, schema=table.schema), folder, format=kind, use_threads=False, **there)
 
 
 FORMAT = Format(name="Minari", claims=claims, read=read, keep=keep_by_own_ids(keep))

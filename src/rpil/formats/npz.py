@@ -20,6 +20,7 @@ from rpil.formats import array_layout
 from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, ArrayLayout
 from rpil.formats.columns import ColumnOptions, Columns, as_list
 from rpil.formats.format import Format, keep_one_file
+from rpil.formats.places import Cuts
 from rpil.formats.recording import from_demonstrations
 from rpil.formats.step_arrays import Closed, read_once
 from rpil.formats.step_tables import StepTables
@@ -146,7 +147,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         write_npz(temporary, {**truth, **arrays})
 
 
-def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts) -> set[str]:
     """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
 
     An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
@@ -162,9 +163,11 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
         owners = owners.astype(np.int64) if owners.dtype.kind == "f" else owners
         layout = ArrayLayout(column, owners, "", by_demonstration=True)
     kept = [name for name in layout.names if str(name) in ids]
-    added = layout.added_ends(arrays, kept, path.name) if laid_out else {}
-    rows = {name: layout.kept_rows(array, kept) for name, array in arrays.items() if name != _OPTIONAL}
+    added = layout.new_arrays(arrays, kept, cuts, path.name)
+    rows = {name: layout.kept_rows(name, array, kept, cuts) for name, array in arrays.items() if name != _OPTIONAL}
     arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
+    for name, array in arrays.items():
+        layout.cut_stacked(name, array, kept, cuts)
     write_npz(output, {**arrays, **added})
     return {*map(str, kept)}
 

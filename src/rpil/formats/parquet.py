@@ -13,11 +13,13 @@ import numpy as np
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
+from rpil.data.names import MARK, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_pages import check_groups
+from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.step_tables import StepTables
@@ -94,13 +96,18 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
 
 def keep_rows(
-    path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
+    path: Path,
+    output: Path,
+    ids: Set[str],
+    options: ColumnOptions,
+    cuts: Cuts,
+    change: Change = lambda table: table,
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
     import pyarrow.parquet as pq
 
     found: set[str] = set()
-    tables = _kept_tables(path, ids, options, found)
+    tables = _kept_tables(path, ids, options, cuts, found)
     schema = next(tables).schema
     with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
         for table in tables:
@@ -108,7 +115,7 @@ def keep_rows(
     return found
 
 
-def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, found: set[str]) -> Iterator[pa.Table]:
     """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
     import pyarrow as pa
     from pyarrow import fs
@@ -121,13 +128,22 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
         column = columns_of_file(stored, options).episode
         check_groups(stored)
         yield schema.empty_table()
+        names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
+        wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
+        found |= {*wanted.values()}
+        cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
+        rows = kept_rows(owners, [*wanted], cuts)
+        marks = [name for name in schema.names if cuts and MARK.fullmatch(plain_name(name))]
+        columns = [file.read([name]).column(0).take(kept_rows(owners, [*wanted], cuts, name)) for name in marks]
+        first = 0
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
-            rows = pa.Table.from_batches([batch])
-            names, codes = flat.id_codes(rows, column, lambda _: path.name)
-            kept = np.array([str(name) in ids for name in names])
-            found |= {str(name) for name in names} & ids
-            if kept.any():
-                yield rows.filter(pa.array(kept[codes]))
+            a, b = np.searchsorted(rows, [first, first + len(batch)])
+            table = pa.Table.from_batches([batch]).take(rows[a:b] - first)
+            for place, column in zip(map(schema.names.index, marks), columns, strict=True):
+                table = table.set_column(place, table.field(place), column.slice(a, b - a))
+            first += len(batch)
+            if a < b:
+                yield table
 
 
 FORMAT = Format(

@@ -15,13 +15,14 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options
 from rpil.formats.layout import Layout
 from rpil.formats.metadata import Metadata
-from rpil.formats.places import Order, find_places
+from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
@@ -61,7 +62,9 @@ class Recording:
         Reads what the file says of order, sessions and outcomes.
     options : ColumnOptions
         Those with which it was opened.
-    write_some : function of ids, a path and trims, optional
+    cuts : function of trims
+        The steps that they keep, by their places in the file.
+    write_some : function of ids, a path and cuts, optional
         Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     chosen : function of a mask of the M demonstrations, optional
         The recording of those that it chooses.
@@ -81,7 +84,8 @@ class Recording:
     times: Callable[[], Times] = Times
     read_facts: Callable[[], Facts] = Facts
     options: ColumnOptions = ColumnOptions()
-    write_some: Callable[[Sequence[Id], StrPath, Mapping[Id, tuple[int, int]]], None] | None = None
+    cuts: Callable[[Trims], Cuts] = lambda _: {}
+    write_some: Callable[[Sequence[Id], StrPath, Cuts], None] | None = None
     chosen: Callable[[Array], Recording] | None = None
     ids: tuple[Id, ...] = ()
     faulty: Set[int] = frozenset()
@@ -94,9 +98,7 @@ class Recording:
         """Counts, columns and their roles, as ``rpil info`` prints them."""
         return self.description
 
-    def keep(
-        self, ids: Sequence[Id], output: StrPath, trims: Mapping[Id, tuple[int, int]] = MappingProxyType({})
-    ) -> None:
+    def keep(self, ids: Sequence[Id], output: StrPath, trims: Trims = MappingProxyType({})) -> None:
         """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
 
         Parameters
@@ -106,20 +108,22 @@ class Recording:
         output : path
             A file there is replaced whole; a folder must not be there yet. The data themselves are never changed.
         trims : mapping of id to (int, int), optional
-            The first step to keep of a demonstration, and the first after those to keep; of LeRobot's folders only.
+            The first step to keep of a demonstration, and the first after those to keep; of others all are kept.
             ``rpil.check(recording).trims`` has those of idle ends.
 
         Raises
         ------
         DataError
-            Where an id is unknown, the output cannot be written or is in the data, the format cannot be given back, or
-            the demonstrations were not opened from a file.
+            Where an id is unknown, a demonstration has no such steps, the output cannot be written or is in the data,
+            the format cannot be given back, or the demonstrations were not opened from a file.
         """
         if self.write_some is None:
             raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
         if isinstance(ids, str):
             raise DataError(f"The ids are one text, {ids!r}; give a sequence of ids, and then the new path.")
-        self.write_some(ids, output, trims)
+        check_ids(trims, self.ids, self.description.source, "trims")
+        wanted = {*map(str, ids)}
+        self.write_some(ids, output, self.cuts({m: ends for m, ends in trims.items() if str(m) in wanted}))
 
     @cached_property
     def facts(self) -> Facts:
@@ -214,6 +218,7 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
         tasks_of(found.tasks, metadata),
         read_times,
         read_facts,
+        cuts=partial(find_cuts, rows=rows, places=places, source=origin.source),
         chosen=partial(_chosen, rows, columns, found, origin),
         ids=places.ids,
         faulty=found.statistics.faulty,

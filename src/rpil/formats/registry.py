@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
@@ -26,10 +27,10 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Defect, Format, check_own_ids, not_a_folder
+from rpil.formats.format import Defect, Format, not_a_folder
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported, size_of
-from rpil.formats.places import UnsortedError
+from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files
 
@@ -95,7 +96,7 @@ class ClaimedPath:
 
                 recording = with_embeddings(recording, options.embeddings)
             return replace(
-                recording, options=options, write_some=lambda ids, new, trims: self.keep(new, ids, options, trims)
+                recording, options=options, write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts)
             )
 
     def _recording(self, options: ColumnOptions) -> Recording:
@@ -115,39 +116,30 @@ class ClaimedPath:
         output: StrPath,
         ids: Sequence[Id],
         options: ColumnOptions = ColumnOptions(),
-        trims: Mapping[Id, tuple[int, int]] | None = None,
+        cuts: Cuts = MappingProxyType({}),
     ) -> None:
         """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
 
         `ids` are as `read` gives them; the demonstrations come in the order of the file. A file at `output` is replaced
-        whole, a folder must not be there yet; what is at `path` is never changed. `trims` holds the first step to keep,
-        and the first after those to keep, of some demonstrations; of LeRobot's folders only. A `DataError` where an id
-        is unknown, the output cannot be written or is in `path`, or the format cannot be given back.
+        whole, a folder must not be there yet; what is at `path` is never changed. `cuts` are of what is read. A
+        `DataError` where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given
+        back.
         """
         with holding(), guarded(str(self.path)):
-            new = self.check_output(output, bool(trims))
+            new, path = self.check_output(output, bool(cuts)), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            if trims and self.format.trim is not None:
-                check_own_ids(Path(self.path), options)
-                ends = {str(name): (int(first), int(end)) for name, (first, end) in trims.items()}
-                self.format.trim(Path(self.path), new, ids, ends)
-            else:
-                self._keep(new, ids, options)
-
-    def _keep(self, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-        path = Path(self.path)
-        if self.format.reads_in_place(self.path):
-            self.format.keep(path, output, ids, options)
-        else:
+            if self.format.reads_in_place(self.path):
+                self.format.keep(path, new, ids, options, cuts)
+                return
             try:
                 n_bytes = 4 * size_of(path)
-                in_child(lambda: self.format.keep(path, output, ids, options), str(path), n_bytes, options.memory)
+                in_child(lambda: self.format.keep(path, new, ids, options, cuts), str(path), n_bytes, options.memory)
             finally:
-                remove_abandoned(output)  # what a process that was ended had begun
+                remove_abandoned(new)  # what a process that was ended had begun
 
     def check_output(self, output: StrPath, trim: bool = False) -> Path:
-        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there, or `trim`."""
+        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write, or cut, there."""
         if "://" in str(self.path):
             raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
         new, path = Path(output), check_exists(self.path)
@@ -158,10 +150,7 @@ class ClaimedPath:
         with guarded(str(path)):
             if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
                 raise not_a_folder(new)
-            if trim and self.format.trim is None:
-                able = " and ".join(one.name for one in FORMATS if one.trim is not None)
-                raise DataError(f"{self.path}: only folders of {able} can be trimmed; leave <option> out.", "trim")
-            (self.format.check_trim if trim else self.format.check_output)(path, new)
+            self.format.check_output(path, new, trim)
         return check_writable(new)
 
     @property

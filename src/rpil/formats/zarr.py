@@ -21,6 +21,7 @@ from rpil.formats import umi
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
 from rpil.formats.zarr_array import ZIP, Store, ZarrArray, is_zip, opened
@@ -75,7 +76,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return tables.with_ignored({**whole, **dict.fromkeys(closed, "images of the package imagecodecs")})
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """Write some demonstrations, in the chunks and codecs of the file, to a new folder, or to a ZIP file for one.
 
     An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
@@ -85,20 +86,20 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         old_ends, ends = _ends(store, headers)
         chosen = kept_of(range(len(ends)), ids, path)
         lengths = np.diff(ends, prepend=0)
-        rows = np.concatenate([np.arange(0), *(np.arange(ends[m] - lengths[m], ends[m]) for m in chosen)])
-        new_ends = np.cumsum(lengths[chosen])
+        owners = np.repeat(np.arange(len(ends)), lengths)
+        new_ends = np.cumsum([cuts[str(m)].n_steps if str(m) in cuts else lengths[m] for m in chosen])
         arrays = _data(store, headers, ends, options, is_outcome)  # zarr leaves out chunks of zeros, as rewards have
         others = [name for name in headers if name.startswith("meta/") and name != _ENDS]
         about = [array for name in others if (array := ZarrArray(store, name, headers[name], fills=True)).shape]
         with _new_store(path, output) as new:
             for old in (*arrays, *about):
                 every = np.array(chosen) if old.shape[:1] == ends.shape else np.arange(old.shape[0])
-                old_rows = every if old in about else rows
-                created = _create(store, old, new, len(old_rows))
+                rows = every if old in about else kept_rows(owners, chosen, cuts, old.name)
+                created = _create(store, old, new, len(rows))
                 if old.stored.shards is None and old.chunks[0] == 1:
-                    _copy_chunks(store, old, new, old_rows)
+                    _copy_chunks(store, old, new, rows)
                 else:
-                    _copy(old, created, old_rows)
+                    _copy(old, created, rows)
             _create(store, old_ends, new, len(new_ends)).stored[:] = new_ends.astype(old_ends.dtype)
 
 

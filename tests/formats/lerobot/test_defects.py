@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
+import rpil
 from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
@@ -43,7 +44,7 @@ def test_totals_and_statistics_are_compared(tmp_path):
 
 def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", options={"g": "4", "crf": "30"})
-    find(root).keep(tmp_path / "kept", [1, 2], trims={1: (7, 20)})
+    rpil.open(root).keep([1, 2], tmp_path / "kept", {1: (7, 20)})
     file = tmp_path / "kept" / "data" / "chunk-000" / "episode_000000.parquet"
     assert pq.read_table(file)["timestamp"][0].as_py() > 0
     assert found(tmp_path / "kept", look=True) == []

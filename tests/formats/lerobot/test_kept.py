@@ -112,7 +112,7 @@ def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, ver
             table = table.append_column(name, folders.pa.array(own))
         pq.write_table(table, file)
     with pytest.warns(UserWarning, match=r"'next\.reward' of rows that are cut .* demonstrations 1\.") as told:
-        find(root).keep(tmp_path / "kept", [0, 1, 2, 4], trims={1: (3, 9), 2: (1, 3), 4: (2, 8)})
+        rpil.open(root).keep([0, 1, 2, 4], tmp_path / "kept", {1: (3, 9), 2: (1, 3), 4: (2, 8)})
     assert len(told) == 1
     table = pq.read_table(tmp_path / "kept" / "data").to_pydict()
     last = np.cumsum([9, 6, 2, 6]) - 1
@@ -248,5 +248,5 @@ def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):
     file = sorted((root / "videos").rglob("*.mp4"))[1]
     folders.write_video(file, folders.pictures(1, (9, 30)[1] - 4), "libx264", {"g": "2"})
     with pytest.warns(UserWarning, match="kept, frame count of 1: .* has 26 frames for 30 rows") as told:
-        find(root).keep(tmp_path / "kept", [0, 1], trims={0: (2, 8)})
+        rpil.open(root).keep([0, 1], tmp_path / "kept", {0: (2, 8)})
     assert len(told) == 1

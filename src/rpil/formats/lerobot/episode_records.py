@@ -129,7 +129,7 @@ class Episodes:
             target = kept.target(1, *place, camera)
             target.parent.mkdir(parents=True, exist_ok=True)
             spans = [(shot.start, shot.end) for shot in own]
-            if len(own) == files[source] and not any(str(shot.episode) in kept.trims for shot in own):
+            if len(own) == files[source] and not any(str(shot.episode) in kept.cuts for shot in own):
                 shutil.copyfile(source, target)
             else:
                 parts = [kept.span(shot) for shot in own]
@@ -156,7 +156,7 @@ def _renewed(kept: Kept, old: int, start: int, own: ByFeature) -> ByFeature:
     for feature, number in (("episode_index", new), ("index", start)):
         if feature in own:
             own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
-    return own | (stats.of_table(kept.rows(new), own) if str(old) in kept.trims else {})
+    return own | (stats.of_table(kept.rows(new), own) if str(old) in kept.cuts else {})
 
 
 def _write_table(

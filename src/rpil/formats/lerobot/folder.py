@@ -9,9 +9,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
@@ -22,7 +20,8 @@ from rpil.data.id_values import check_ids
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
-from rpil.formats.format import Format, Shot, Trims, keep_by_own_ids
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import Format, Shot, keep_by_own_ids
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.defects import (
     EPISODES_STATS,
@@ -37,6 +36,7 @@ from rpil.formats.lerobot.episode_records import Episodes
 from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size, info_of
+from rpil.formats.places import Cuts
 from rpil.formats.store import has_parquet
 
 read = table_folder.read
@@ -79,9 +79,9 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
     return info
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProxyType({})) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
-    info, old, wanted = check_output(path, output, bool(trims)), CheckedFolder(path), {*map(str, ids)}
+    info, old, wanted = check_output(path, output, bool(cuts)), CheckedFolder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
@@ -89,9 +89,9 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
             where, found = path, [*in_times(old, wanted)]
     else:
         with new_folder(output) as new:
-            _write(old, new, info, wanted, trims)
+            _write(old, new, info, wanted, cuts)
             with guarded(path / "meta"):
-                counted = not trims or info["codebase_version"] == "v3.0"  # others keep frames that no row has
+                counted = not cuts or info["codebase_version"] == "v3.0"  # others keep frames that no row has
                 where, found = (
                     output,
                     [*in_times(CheckedFolder(new)), *(in_videos(CheckedFolder(new), False) if counted else ())],
@@ -102,9 +102,9 @@ def keep(path: Path, output: Path, ids: Sequence[Id], trims: Trims = MappingProx
         warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
-def _write(old: CheckedFolder, new: Path, info: dict[str, Parsed], wanted: set[str], trims: Trims) -> None:
+def _write(old: CheckedFolder, new: Path, info: dict[str, Parsed], wanted: set[str], cuts: Cuts) -> None:
     """Write the wanted episodes of a folder to the empty folder `new`; `info` is what ``info.json`` says."""
-    path, kept = old.path, Kept(old.path, new, info, wanted, trims)
+    path, kept = old.path, Kept(old.path, new, info, wanted, cuts)
     with guarded(path / "meta" / "episodes"):
         shots = old.shots(wanted)
         episodes = Episodes.read(kept)
@@ -199,10 +199,8 @@ FORMAT = Format(
     claims=claims,
     read=read,
     reads_in_place=lambda _: True,
-    keep=keep_by_own_ids(lambda path, output, ids, _: keep(path, output, ids)),
+    keep=keep_by_own_ids(keep),
     check_output=check_output,
-    trim=keep,
-    check_trim=partial(check_output, trim=True),
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
     stays_on_disk=has_parquet,

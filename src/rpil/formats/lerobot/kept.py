@@ -16,20 +16,18 @@ from rpil.data.errors import DataError
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Shot, Trims
+from rpil.formats.format import Shot
 from rpil.formats.lerobot import video
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_pages import read_table
+from rpil.formats.places import Cuts
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-END_MARKS = "next.done", "next.success", "next.terminated", "next.truncated"
-"""Columns that say in the last row how an episode ends."""
 
 REWARD = "next.reward"
 
@@ -56,13 +54,12 @@ class Kept:
     new: Path
     info: dict[str, Parsed]  # what meta/info.json says
     wanted: set[str]
-    trims: Trims  # by the old numbers as text
+    cuts: Cuts  # by the old numbers
     numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
     files: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file by the new number
     lengths: Counter[int] = field(default_factory=Counter)
     n_steps: int = 0
     skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
-    marks: dict[str, dict[int, Parsed]] = field(default_factory=dict)  # of the last rows of trimmed episodes, by column
     place: tuple[int, int] = (0, 0)
 
     @property
@@ -87,9 +84,9 @@ class Kept:
 
         Version 2 cannot say that an episode begins within its video, so that the times of its rows begin there.
         """
-        for name, (first, _) in self.trims.items():
+        for name, cut in self.cuts.items():
             shots = [shots[int(name)] for shots in videos.values() if int(name) in shots]
-            common = set(range(first + round(shots[0].start * self.fps if shots else 0) + 1))
+            common = set(range(cut.first + round(shots[0].start * self.fps if shots else 0) + 1))
             for shot in shots:
                 packets = video.Packets.of(shot.path)
                 common &= set(np.rint(packets.times[packets.is_key] * self.fps).astype(int).tolist())
@@ -97,7 +94,8 @@ class Kept:
 
     def span(self, shot: Shot) -> tuple[float, float]:
         """The seconds of a video that are kept of an episode."""
-        first, end = self.trims.get(str(shot.episode), (0, shot.n_rows))
+        cut = self.cuts.get(str(shot.episode))
+        first, end = (cut.first, cut.end) if cut else (0, shot.n_rows)
         last = shot.start + end / self.fps
         if not self.is_v3:
             return self.skipped.get(shot.episode, 0.0), last
@@ -106,7 +104,7 @@ class Kept:
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
         n_files, files = 0, [*map(Path, find_files(self.path)[1])]
-        rewarded = [name for file in files if self.trims for name in self._read_marks(file)]
+        rewarded = [name for file in files if self.cuts for name in self._rewarded(file)]
         if rewarded:
             message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
             warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
@@ -114,65 +112,36 @@ class Kept:
             self.place = self.place_of(n_files)
             target = self.target(0, *self.place)
             target.parent.mkdir(parents=True, exist_ok=True)
-            if keep_rows(file, target, self.wanted, ColumnOptions(id="episode_index"), self.renumbered):
+            options = ColumnOptions(id="episode_index")
+            if keep_rows(file, target, self.wanted, options, self.cuts, self.renumbered):
                 n_files += 1
             else:
                 target.unlink()
             if not self.is_v3 and len(self.numbers) != n_files:
                 raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
-        for name, (first, end) in self.trims.items():
-            if name in self.wanted and self.lengths[self.numbers.get(int(name), -1)] != end - first:
-                raise DataError(f"{self.path}, demonstration {name}: its frame_index does not count from 0; trim none.")
 
-    def _read_marks(self, file: Path) -> list[str]:
-        """Collect the end flags of trimmed episodes; return the episodes that lose a reward."""
-        table = read_table(file, ["episode_index", "frame_index", *END_MARKS, REWARD])
-        own = table.column_names[2:]
-        if not own:
+    def _rewarded(self, file: Path) -> list[str]:
+        """The episodes in a file that lose a reward where steps are cut."""
+        table = read_table(file, ["episode_index", REWARD])
+        rewards = numbers_or_missing(table[REWARD]) if REWARD in table.column_names else None
+        if rewards is None:
             return []
-        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
-        rewards, rewarded = numbers_or_missing(table[REWARD]) if REWARD in own else None, []
-        for name in sorted(self.trims.keys() & self.wanted & set(map(str, np.unique(old).tolist())), key=int):
-            first, end = self.trims[name]
-            rows = np.flatnonzero(old == int(name))
-            for column in own:
-                if column != REWARD:
-                    self.marks.setdefault(column, {})[int(name)] = table[column][int(rows[-1])].as_py()
-            cut = rows[(frames[rows] < first) | (frames[rows] >= end)]
-            if rewards is not None and np.nan_to_num(rewards[cut]).any():
-                rewarded.append(name)
-        return rewarded
-
-    def _with_marks(self, table: pa.Table) -> pa.Table:
-        """The rows, of which the last to keep of each trimmed episode says of its end what the old last one said."""
-        old, frames = (table[name].to_numpy() for name in ("episode_index", "frame_index")) if self.marks else ((), ())
-        for column, of_episode in self.marks.items():
-            values = table[column].to_pylist() if column in table.column_names else []
-            for m in of_episode.keys() & set(np.unique(old).tolist()) if values else ():
-                for row in np.flatnonzero((old == m) & (frames == self.trims[str(m)][1] - 1)):
-                    values[row] = of_episode[m]
-            table = with_column(table, column, values) if values else table
-        return table
+        old = table["episode_index"].to_numpy()
+        own = {name: rewards[old == int(name)] for name in sorted(self.cuts, key=int)}
+        lost = {name: np.delete(own[name], self.cuts[name].rows(), axis=0) for name in own if len(own[name])}
+        return [name for name, values in lost.items() if np.nan_to_num(values).any()]
 
     def renumbered(self, table: pa.Table) -> pa.Table:
-        """Rows with new numbers of episode and step, without those that are trimmed."""
-        import pyarrow as pa
-
+        """Rows with new numbers of episode and step."""
         rows = group_rows(table["episode_index"].to_numpy())[2]
-        table = self._with_marks(table if rows is None else table.take(rows))
+        table = table if rows is None else table.take(rows)
         old = table["episode_index"].to_numpy()
-        for name in self.trims.keys() & set(map(str, np.unique(old).tolist())):
-            first, end = self.trims[name]
-            frames, own = table["frame_index"].to_numpy(), old == int(name)
-            columns = {"frame_index": frames - own * first}
-            if "timestamp" in table.column_names:
-                times = table["timestamp"].to_numpy()
-                moved = np.maximum(times - self.skipped.get(int(name), first / self.fps), 0.0)
-                columns["timestamp"] = np.where(own, moved, times)
-            for column, values in columns.items():
-                table = with_column(table, column, values)
-            kept = ~own | ((frames >= first) & (frames < end))
-            table, old = table.filter(pa.array(kept)), old[kept]
+        for name in self.cuts.keys() & set(map(str, np.unique(old).tolist())):
+            first, own = self.cuts[name].first, old == int(name)
+            before = {"frame_index": first, "timestamp": self.skipped.get(int(name), first / self.fps)}
+            for column in before.keys() & {*table.column_names}:
+                values = table[column].to_numpy()
+                table = with_column(table, column, np.where(own, np.maximum(values - before[column], 0), values))
         last, (episodes, offsets, _) = len(self.numbers) - 1, group_rows(old)
         numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in episodes.tolist()]
         if np.any(np.diff([last, *numbers]) < 0):
