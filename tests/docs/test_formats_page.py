@@ -22,7 +22,6 @@ def row(one: Format) -> str:
     suffixes = ", ".join(f"`{suffix}`" for suffix in one.suffixes)
     can = {
         f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
-        "`rpil keep --trim`": one.trim,
         "`rpil check` compares the folder with itself": one.find_defects,
         "patterns and addresses": one.read_address,
     }
