@@ -58,6 +58,16 @@ def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried
     assert [tuple(c) for c in tried.columns[within]] == [(1, 2)]
 
 
+def test_columns_reach_as_far_as_the_variance_of_the_others_tells():
+    tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
+    namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
+    for place in FRAME.places()[:, 1]:
+        for variance, within in ((15.99, True), (16.01, False)):
+            moments = np.eye(18)
+            moments[place, place] = variance
+            assert namer._within(moments, reach)[tried.kind == "reversed"] == within
+
+
 def test_constant_of_a_column_is_found_among_levels():
     rng, column = np.random.default_rng(0), np.array([[1.0, 0.0], [0.5, 1.0], [0.0, 2.0]])
     level = Level.of(rng.normal(size=(200, 3)) * [1, 2, 3] + 5, FaultSettings())
