@@ -83,12 +83,10 @@ def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predi
 
 def test_other_folds_are_dealt_by_policies_that_have_some():
     data = same_actions(4)
-    assert Scoring.of(data, Written(data, lambda group: GAINS, SETTINGS), SETTINGS).dealt_again(1) is None
+    assert Written(data, lambda group: GAINS, SETTINGS).dealt_again(1) is None
     problem = fit_data_of(make("random", 0))
-    scoring = Scoring.of(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS)
-    again = scoring.dealt_again(1)
-    assert again.ridge == scoring.ridge
-    assert (again.model.fold != scoring.model.fold).any()
+    model = held_out_model(problem, 0, HeldOutSettings())
+    assert (model.dealt_again(1).fold != model.fold).any()
 
 
 def test_indicators_are_the_actions_as_the_policy_sees_them():

@@ -59,7 +59,6 @@ def test_without_answers_the_claims_are_said():
     np.testing.assert_array_equal(found.log_odds, found.from_actions)
     assert found.demonstrator_trust.shape == (0, 3)
     assert found.pair == (4, 8)
-    assert found.groups is evidence.scores.groups
     np.testing.assert_array_equal(found.training_group, SCORE > 0.5)
     np.testing.assert_array_equal(found.columns, evidence.columns)
 
@@ -224,7 +223,7 @@ def test_other_folds_are_dealt_where_groups_are_likely():
     assert said == ["dealt by 6"]
     assert dealt(100 * SCORE)[1] == ["dealt by 1"]
     assert dealt(np.ones(10))[1] == []
-    p_two = judgement.groups.p_two
+    p_two = judgement.scores.groups.p_two
     assert 0.2 < p_two < 1.0
     assert len(dealt(100 * SCORE, p_two)[1]) == 1
     assert dealt(100 * SCORE, np.nextafter(p_two, 1.0))[1] == []

@@ -76,7 +76,7 @@ class SampledFit(FullFit):
         stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
         extended = TrustDecision.of(
             judgement,
-            replace(sample.judge, groups=judgement.groups),
+            replace(sample.judge, groups=judgement.scores.groups),
             stepless,
             source.ids,
             task.answers,

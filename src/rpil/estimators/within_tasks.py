@@ -190,7 +190,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         f"The policy is linear in {result.features.kind} features."
         if options.policy is None
         else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
-        p_two_groups=None if decision.judgement is None else decision.judgement.groups.p_two,
+        p_two_groups=None if decision.judgement is None else decision.judgement.scores.groups.p_two,
         expert_share=prior if isinstance(prior, float) else None,
         demonstrators=task.demonstrators.note,
     )

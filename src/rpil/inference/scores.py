@@ -10,7 +10,7 @@ the state than those of most demonstrations must be explained better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -78,11 +78,6 @@ class Scoring:
         typical = float(np.median(own))
         excess = settings.monotony * np.maximum(own - typical, 0.0)
         return cls(data, model, settings, ridge, log_q, typical, excess)
-
-    def dealt_again(self, seed: int) -> Scoring | None:
-        """The same with other folds; None where the policy deals its own."""
-        model = self.model.dealt_again(seed)
-        return None if model is None else replace(self, model=model)
 
     def indicators(self) -> Float[Array, "N A"]:
         """The actions as the policy sees them: scaled, or indicators of discrete actions."""

@@ -18,7 +18,7 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, telling_pair
 from rpil.inference.findings import Finding
-from rpil.inference.groups import Groups, expert_share_interval
+from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import HeldOutModel
 from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
@@ -74,11 +74,6 @@ class Judgement(Evidence):
         """Log-odds of typical against unlike, or of good against bad where answers are given, nats."""
         return self.from_actions + self.from_demonstrator + self.from_answers
 
-    @property
-    def groups(self) -> Groups:
-        """One group of scores or two."""
-        return self.scores.groups
-
 
 def judge(
     data: FitData,
@@ -109,8 +104,8 @@ def judge(
     everyone = np.ones(data.n_demonstrations, dtype=bool)
     scores = score_by_best_group(scoring, everyone)
     progress("other folds")
-    redealt = scoring.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two_of_noise else None
-    again = None if redealt is None else score_by_best_group(redealt, scores.fit.group)
+    redealt = model.dealt_again(seed + 1) if scores.groups.p_two >= settings.claims.min_p_two_of_noise else None
+    again = None if redealt is None else score_by_best_group(replace(scoring, model=redealt), scores.fit.group)
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.log_prob - scoring.log_q
