@@ -108,8 +108,8 @@ def _texts_of(table: pa.Table, columns: Columns, decimal: str) -> dict[str, Text
     import pyarrow.compute as pc
 
     found: dict[str, Texts] = {}
-    for name in table.column_names:
-        if name not in columns.observations and flat.kind_of_type(table[name].type) == "text":
+    for name in {*table.column_names} - {*columns.observations}:
+        if flat.kind_of_type(table[name].type) == "text":
             encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
             texts = from_cells(pa.chunked_array([pc.utf8_trim_whitespace(encoded.dictionary)]))
             if name in columns.actions and decimal == ",":
@@ -154,7 +154,8 @@ def _exact(table: pa.Table, texts: Mapping[str, Texts], written: Mapping[str, se
 
 def _names_in(file: TextTable, columns: Columns) -> list[str]:
     """The columns to read that a file has; on disk without outcomes, because its first block tells their types."""
-    return [name for name in (*columns.all, *(() if file.on_disk else columns.outcomes)) if name in file.names]
+    own = {*file.names}
+    return [name for name in (*columns.all, *(() if file.on_disk else columns.outcomes)) if name in own]
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -112,6 +112,8 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str]:
 
 def _decimal(lines: list[str], separator: str) -> str:
     """A comma where values such as 1,5 occur between other separators, and none such as 1.5."""
+    if separator == ",":
+        return "."
     values = (value.strip('"') for line in lines for value in line.split(separator))
     signs = {found[1] for value in values if (found := _WRITTEN_NUMBER.fullmatch(value))}
-    return "," if separator != "," and "," in signs and "." not in signs else "."
+    return "," if "," in signs and "." not in signs else "."
