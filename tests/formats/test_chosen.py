@@ -9,7 +9,6 @@ import rpil
 from rpil.data.errors import DataError
 from rpil.formats.chosen import set_aside_lines, with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.recording import Recording
 
 N, T = 6, 8
 
@@ -160,9 +159,7 @@ def test_a_message_names_the_row_of_the_file(read):
         read(rows, without="1").demonstrations.select(slice(None))
 
 
-def test_nothing_is_chosen_of_what_cannot_be_chosen():
-    recording = Recording(rpil.open(table()).describe(), lambda: None)
-    assert with_chosen(recording, ColumnOptions(only="0")) is recording
+def test_a_recording_of_which_all_is_chosen_is_the_same():
     whole = rpil.open(table())
     assert with_chosen(whole, ColumnOptions(skip_bad=True)) is whole
     assert set_aside_lines(()) == ()

@@ -100,8 +100,10 @@ def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, nam
         raise OverflowError("never seen before")
 
     def read(path, options):
-        return fail() if name == "read" else Recording(recording.description, fail)
+        return fail() if name == "read" else recording
 
+    if name == "load":
+        monkeypatch.setattr(Recording, "load", fail)
     Path("mine").write_text("x")
     monkeypatch.setattr(
         registry,

@@ -26,7 +26,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
     """
     only, without = _listed(options.only), _listed(options.without)
-    if recording.chosen is None or not (only or without or options.skip_bad):
+    if not (only or without or options.skip_bad):
         return recording
     ids, source = recording.ids, recording.description.source
     mask = np.ones(len(ids), dtype=bool)
@@ -37,7 +37,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     if not mask.any():
         raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
     n_asked = int(mask.sum())
-    aside = [m for m in sorted(recording.faulty) if options.skip_bad and mask[m]]
+    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad and mask[m]]
     mask[aside] = False
     if not mask.any():
         raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
@@ -47,7 +47,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
     notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *set_aside_lines(names))
     described = replace(found.description, notes=notes)
-    return replace(found, description=described, ids=ids, set_aside=names, chosen=None)
+    return replace(found, description=described, ids=ids, set_aside=names)
 
 
 def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.npy import opened_npz
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions
 from rpil.formats.parquet_pages import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _INDEX = "index"
 
@@ -34,10 +37,7 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
     for name in {*names}.intersection(description.observations):
         raise DataError(f"{path}: {description.source} has an observation {name!r} as well; give it another name.")
 
-    def load(options: ColumnOptions) -> Demonstrations:
-        found = recording.load(options)
-        demonstrations = found if isinstance(found, Demonstrations) else found.select(slice(None))
-        own = recording.step_columns(slice(0, demonstrations.n_steps))
+    def add(demonstrations: Demonstrations, own: pa.Table | None) -> Demonstrations:
         if own is None or _INDEX not in own.column_names:
             raise DataError(
                 f"{description.source}: no column {_INDEX!r} numbers its steps; leave <option> out.", "embeddings"
@@ -55,7 +55,7 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
         )
 
     described = replace(description, observations=(*description.observations, *names), notes=(*description.notes, text))
-    return replace(recording, description=described, load=load)
+    return replace(recording, description=described, add=add)
 
 
 def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:

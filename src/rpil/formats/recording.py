@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 
     from rpil.numerics.types import Array
 
-StepColumns = Callable[[slice], "pa.Table | None"]
-"""The columns of some steps by which a file itself numbers its rows, if it does."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
@@ -48,48 +45,33 @@ class Recording:
     Attributes
     ----------
     description : Description
-    load : function of options
-        Makes the demonstrations, which may have missing values if the options allow it.
-    step_columns : function of a slice of the N steps
-        The file's own numbers of its rows, such as ``index``, in the order of the steps.
-    operators : list of pairs
-        The different pairs of a demonstration's id, as text, and the value in the column of operators.
-    tasks : mapping of str to str
-        What was to be done in each demonstration, by its id as text; empty where the file does not say.
-    times : function
-        Reads what the file says of its own times and lengths.
-    read_facts : function
-        Reads what the file says of order, sessions and outcomes.
-    options : ColumnOptions
-        Those with which it was opened.
-    cuts : function of trims
-        The steps that they keep, by their places in the file.
-    write_some : function of ids, a path and cuts, optional
-        Writes some of the demonstrations to a new file of the same format; None where no file was opened.
-    chosen : function of a mask of the M demonstrations, optional
-        The recording of those that it chooses.
+    rows, columns, found, origin : Rows, Columns, Scan, Origin
+        The rows of the demonstrations, their columns, what one pass over them found, and where they come from.
+    clock : Clock, optional
+        The column of time.
     ids : tuple
         Of all demonstrations in the file, also of those that the options leave out.
-    faulty : set of int
-        Numbers of the demonstrations in which a value is missing or infinite.
+    options : ColumnOptions
+        Those with which it was opened.
+    write_some : function of ids, a path and cuts, optional
+        Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     set_aside : tuple of ids
-        The demonstrations that were left out because of these.
+        The demonstrations that were left out because a value is missing or infinite.
+    add : function of demonstrations and step numbers, optional
+        Adds observations that are in another file.
     """
 
     description: Description
-    load: Callable[[ColumnOptions], Demonstrations | Dataset]
-    step_columns: StepColumns = lambda _: None
-    operators: list[tuple[str, object]] = field(default_factory=list)
-    tasks: Mapping[str, str] = field(default_factory=dict)
-    times: Callable[[], Times] = Times
-    read_facts: Callable[[], Facts] = Facts
+    rows: Rows
+    columns: Columns
+    found: Scan
+    origin: Origin
+    clock: Clock | None
+    ids: tuple[Id, ...]
     options: ColumnOptions = ColumnOptions()
-    cuts: Callable[[Trims], Cuts] = lambda _: {}
     write_some: Callable[[Sequence[Id], StrPath, Cuts], None] | None = None
-    chosen: Callable[[Array], Recording] | None = None
-    ids: tuple[Id, ...] = ()
-    faulty: Set[int] = frozenset()
     set_aside: tuple[Id, ...] = ()
+    add: Callable[[Demonstrations, pa.Table | None], Demonstrations] | None = None
 
     def __repr__(self) -> str:
         return "\n".join(self.description.short())
@@ -123,19 +105,70 @@ class Recording:
             raise DataError(f"The ids are one text, {ids!r}; give a sequence of ids, and then the new path.")
         check_ids(trims, self.ids, self.description.source, "trims")
         wanted = {*map(str, ids)}
-        self.write_some(ids, output, self.cuts({m: ends for m, ends in trims.items() if str(m) in wanted}))
+        own = {m: ends for m, ends in trims.items() if str(m) in wanted}
+        self.write_some(ids, output, find_cuts(own, self.rows, self.found.places, self.origin.source))
+
+    @property
+    def operators(self) -> list[tuple[str, object]]:
+        """The different pairs of a demonstration's id, as text, and the value in the column of operators."""
+        return self.found.operators
+
+    @cached_property
+    def tasks(self) -> dict[str, str]:
+        """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
+        return tasks_of(self.found.tasks, self.origin.metadata)
+
+    def times(self) -> Times:
+        """What the file says of its own times and lengths."""
+        metadata = self.origin.metadata
+        return Times(None if self.clock is None else self.clock.timestamps, metadata.fps, metadata.lengths)
+
+    def step_columns(self, steps: slice) -> pa.Table | None:
+        """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
+        order = self.found.places.order.column
+        names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
+        return read_columns(self.rows, names, steps) if names else self.rows.numbers(steps)
 
     @cached_property
     def facts(self) -> Facts:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
-            return self.read_facts()
+            places = self.found.places
+            table = read_columns(self.rows, fact_columns(self.columns))
+            origin = replace(self.origin, files=self.rows.files(places.offsets[:-1]))
+            return find_facts(table, self.columns, places.offsets, places.ids, origin)
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
         """The demonstrations; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(self.description.source):
             return self.load(self.options)
+
+    def load(self, options: ColumnOptions) -> Demonstrations | Dataset:
+        """The demonstrations, in memory if the rows are; a `DataError` where a value cannot be an action, or is missing
+        or infinite and the options do not allow it."""
+        found, source = self.found, self.origin.source
+        actions, classes, places = found.actions, found.actions.classes, found.places
+        layout = replace(found.layout, allows_missing=options.allow_missing)
+        if actions.fault is not None and (actions.kind == "refused" or not options.allow_missing):
+            raise actions.fault
+        if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
+            layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
+        values = classes, *found.action_range, options.memory
+        data = Dataset(places.ids, places.offsets, source, self.rows, layout, *values)
+        if not options.allow_missing:
+            data.refuse_faulty(found.statistics.faulty)
+        if self.add is None and not isinstance(self.rows, TableRows):
+            return data
+        whole = data.select(slice(None))
+        return whole if self.add is None else self.add(whole, self.step_columns(slice(0, whole.n_steps)))
+
+    def chosen(self, mask: Array) -> Recording:
+        """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
+        places, kept = self.found.places.only(mask)
+        rows, source = self.rows.chosen(kept), self.origin.source
+        again = scan(rows, self.found.actions.layout, self.columns, source, places)
+        return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
@@ -185,44 +218,12 @@ def from_demonstrations(
 
 def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
-    places, metadata = found.places, origin.metadata
+    offsets = found.places.offsets
     columns = columns.without_observations(found.last_actions, "it repeats the last action")
-    columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, places.offsets)))
-
-    @cache
-    def read_clock() -> Clock | None:
-        return find_clock(read_columns(rows, clock_columns(columns)), columns, places.offsets)
-
-    def load(options: ColumnOptions) -> Demonstrations | Dataset:
-        data = _dataset(rows, found, origin.source, options)
-        return data.select(slice(None)) if isinstance(rows, TableRows) else data
-
-    def step_columns(steps: slice) -> pa.Table | None:
-        names = list(dict.fromkeys([*columns.index, *([places.order.column] if places.order.column else [])]))
-        return read_columns(rows, names, steps) if names else rows.numbers(steps)
-
-    def read_facts() -> Facts:
-        table = read_columns(rows, fact_columns(columns))
-        files = replace(origin, files=rows.files(places.offsets[:-1]))
-        return find_facts(table, columns, places.offsets, places.ids, files)
-
-    def read_times() -> Times:
-        clock = read_clock()
-        return Times(None if clock is None else clock.timestamps, metadata.fps, metadata.lengths)
-
-    return Recording(
-        _describe(columns, found, origin, read_clock()),
-        load,
-        step_columns,
-        found.operators,
-        tasks_of(found.tasks, metadata),
-        read_times,
-        read_facts,
-        cuts=partial(find_cuts, rows=rows, places=places, source=origin.source),
-        chosen=partial(_chosen, rows, columns, found, origin),
-        ids=places.ids,
-        faulty=found.statistics.faulty,
-    )
+    columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, offsets)))
+    clock = find_clock(read_columns(rows, clock_columns(columns)), columns, offsets)
+    description = _describe(columns, found, origin, clock)
+    return Recording(description, rows, columns, found, origin, clock, found.places.ids)
 
 
 def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
@@ -234,29 +235,6 @@ def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
         is_one = values is not None and values.shape[1] == 1
         if values is None or (is_one and tells(outcome_of_steps(values[:, 0].astype(float), offsets, name))):
             yield name
-
-
-def _dataset(rows: Rows, found: Scan, source: str, options: ColumnOptions) -> Dataset:
-    """The demonstrations in the rows; a `DataError` where a value is missing, infinite, or cannot be an action."""
-    actions, classes, places = found.actions, found.actions.classes, found.places
-    layout = replace(found.layout, allows_missing=options.allow_missing)
-    if actions.fault is not None and (actions.kind == "refused" or not options.allow_missing):
-        raise actions.fault
-    if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
-        layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-    values = classes, *found.action_range, options.memory
-    data = Dataset(places.ids, places.offsets, source, rows, layout, *values)
-    if not options.allow_missing:
-        data.refuse_faulty(found.statistics.faulty)
-    return data
-
-
-def _chosen(rows: Rows, columns: Columns, found: Scan, origin: Origin, mask: Array) -> Recording:
-    """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
-    places, kept = found.places.only(mask)
-    part = rows.chosen(kept)
-    again = scan(part, found.actions.layout, columns, origin.source, places)
-    return from_scan(part, columns, again, origin.only(places.ids))
 
 
 def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ from rpil.data.files import StrPath, check_extension
 from rpil.data.names import STEP
 from rpil.data.run import RUN_KEY, run_id
 from rpil.formats import csv, parquet, table
-from rpil.formats.recording import StepColumns
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def write_weights(
     step_weight: Array,
     expert_proba: Array,
     log_odds: Array,
-    step_columns: StepColumns = lambda _: None,
+    step_columns: Callable[[slice], pa.Table | None] = lambda _: None,
 ) -> None:
     """Write one row per step, in the order of the steps: episode_index, step_index, weight, expert_proba, log_odds.
 
