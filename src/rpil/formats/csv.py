@@ -250,10 +250,8 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
     reading = csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
     reading.encoding = {"utf-8": "utf8"}.get(file.encoding, file.encoding)
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
-    others = iter(conversions)
-    conversion = next(others)
     while True:
-        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversion)
+        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversions[0])
         try:
             with text_bytes(file.path) as text:
                 return take(text, reading, parsing, converting)
@@ -268,10 +266,8 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
             if ragged:
                 reading.use_threads = False  # only then rows are numbered
                 ragged.clear()
-            elif "CSV conversion error" in str(error):
-                conversion = next(others, {})
-                if not conversion:
-                    raise
+            elif "CSV conversion error" in str(error) and conversions[1:]:
+                conversions = conversions[1:]
             elif "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
                 reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
             else:
