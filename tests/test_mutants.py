@@ -30,6 +30,7 @@ def changes(source):
         ("x = 5", {("5", "6"), ("5", "10")}),
         ("x = 0", {("0", "1")}),
         ("x = True", {("True", "False")}),
+        ("x = zip(a, b, strict=True)", set()),
         ("x = np.min(a)", {("np.min", "np.max")}),
         ("x = max(a)", {("max", "min")}),
         ("def f():\n    'text'\n    return a", {("return a", "return None")}),

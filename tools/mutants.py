@@ -107,6 +107,9 @@ EQUIVALENT = {
     "segments: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
     'rule: return cause.rule != "length" or cause.value > cause.threshold: '
     "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
+    "motion: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
+        "Where nothing moves it is not read."
+    ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
