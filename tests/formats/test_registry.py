@@ -10,7 +10,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.formats import registry
-from rpil.formats.format import Format, keep_by_own_ids
+from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
 from rpil.formats.registry import find
 
@@ -21,7 +21,8 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         "mine",
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
-        keep=keep_by_own_ids(lambda *given: kept.append(given[:3])),
+        keep=lambda *given: kept.append(given[:3]),
+        has_own_ids=True,
         reads_in_place=lambda _: True,
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
@@ -50,7 +51,7 @@ def test_a_keep_whose_process_is_ended_leaves_nothing(tmp_path, monkeypatch):
             temporary.write_text("half")
             os.kill(os.getpid(), signal.SIGKILL)
 
-    own = Format("mine", lambda path: path.name == "mine", lambda *_: None, keep_by_own_ids(keep))
+    own = Format("mine", lambda path: path.name == "mine", lambda *_: None, keep, has_own_ids=True)
     monkeypatch.setattr(registry, "FORMATS", [own])
     (tmp_path / "mine").write_text("x")
     with pytest.raises(DataError, match="more memory than is free"):

@@ -25,7 +25,7 @@ from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import Format, kept_of
 from rpil.formats.npz import arrays_of
 from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
@@ -213,6 +213,7 @@ FORMAT = Format(
     name="a file of arrays for each demonstration",
     claims=claims,
     read=read,
-    keep=keep_by_own_ids(keep),
+    keep=keep,
+    has_own_ids=True,
     check_output=lambda path, output, trim: None,
 )

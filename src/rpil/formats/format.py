@@ -75,6 +75,8 @@ class Format:
         Its `StepTables`, or the `Recording` where it is read in place; a `DataError` where it cannot be read.
     keep : Keep
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
+    has_own_ids : bool
+        Whether demonstrations are kept by ids of their own, and not by those of a column.
     suffixes : tuple of str
         Extensions of its files; those that `write` writes have the first.
     write : function of a path, demonstrations and arrays (M,) by name, optional
@@ -102,6 +104,7 @@ class Format:
     claims: Callable[[Path], bool]
     read: Callable[[Path, ColumnOptions], Recording | StepTables]
     keep: Keep
+    has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
     check_output: Callable[[Path, Path, bool], object] = check_same_kind
@@ -112,18 +115,6 @@ class Format:
     read_address: Callable[[StrPath, ColumnOptions], Recording | StepTables] | None = None
     stays_on_disk: Callable[[StrPath], bool] = lambda _: False
     reads_in_place: Callable[[StrPath], bool] = lambda _: False
-
-
-def keep_by_own_ids(keep: Keep) -> Keep:
-    """The `Keep` of a format whose demonstrations have ids of their own, which refuses a column of ids."""
-
-    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
-        if options.id:
-            remedy = "leave id out, or write a table with rpil convert"
-            raise DataError(f"{path}: it is given back by its own ids; {remedy}.")
-        keep(path, output, ids, options, cuts)
-
-    return checked
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

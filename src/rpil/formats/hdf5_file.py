@@ -12,7 +12,7 @@ from rpil.data.errors import DataError
 from rpil.formats import array_folder, d4rl, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, Keep, keep_by_own_ids
+from rpil.formats.format import Format, Keep
 from rpil.formats.places import Cuts
 from rpil.formats.step_tables import StepTables
 
@@ -67,7 +67,8 @@ FORMAT = Format(
     name="HDF5",
     claims=hdf5.is_hdf5,
     read=read,
-    keep=keep_by_own_ids(keep),
+    keep=keep,
+    has_own_ids=True,
     suffixes=hdf5.SUFFIXES,
     check_output=hdf5.check_output,
 )

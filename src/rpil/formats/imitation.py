@@ -22,7 +22,7 @@ from rpil.data.json_files import read_json
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import Format, kept_of
 from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
 from rpil.formats.step_tables import StepTables
@@ -164,4 +164,4 @@ def _keep_npz(path: Path, output: Path, ids: Sequence[Id], cuts: Cuts) -> None:
         write_npz(temporary, {**kept, "indices": starts, "infos": infos})
 
 
-FORMAT = Format(name="imitation", claims=claims, read=read, keep=keep_by_own_ids(keep))
+FORMAT = Format(name="imitation", claims=claims, read=read, keep=keep, has_own_ids=True)

@@ -18,7 +18,7 @@ from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import Format, kept_of
 from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
@@ -231,4 +231,4 @@ def _cut_tables(folder: Path, kind: str, cut: Cut) -> None:
     dataset.write_dataset(pa.table(columns, schema=table.schema), folder, format=kind, use_threads=False, **there)
 
 
-FORMAT = Format(name="Minari", claims=claims, read=read, keep=keep_by_own_ids(keep))
+FORMAT = Format(name="Minari", claims=claims, read=read, keep=keep, has_own_ids=True)

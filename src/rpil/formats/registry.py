@@ -129,6 +129,9 @@ class ClaimedPath:
             new, path = self.check_output(output, bool(cuts)), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
+            if options.id and self.format.has_own_ids:
+                remedy = "leave id out, or write a table with rpil convert"
+                raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.")
             if self.format.reads_in_place(self.path):
                 self.format.keep(path, new, ids, options, cuts)
                 return

@@ -20,7 +20,7 @@ from rpil.data.names import is_outcome
 from rpil.formats import umi
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, keep_by_own_ids, kept_of
+from rpil.formats.format import Format, kept_of
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.step_tables import StepTables
@@ -204,4 +204,4 @@ def _copy_chunks(store: Store, old: ZarrArray, new: Store, rows: Array) -> None:
                 target.write_bytes(chunk.read_bytes())
 
 
-FORMAT = Format(name="Zarr", claims=claims, read=read, keep=keep_by_own_ids(keep), suffixes=(ZIP,))
+FORMAT = Format(name="Zarr", claims=claims, read=read, keep=keep, has_own_ids=True, suffixes=(ZIP,))

@@ -21,7 +21,7 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, Shot, keep_by_own_ids
+from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.defects import (
     EPISODES_STATS,
@@ -199,7 +199,8 @@ FORMAT = Format(
     claims=claims,
     read=read,
     reads_in_place=lambda _: True,
-    keep=keep_by_own_ids(keep),
+    keep=keep,
+    has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
