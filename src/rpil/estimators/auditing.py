@@ -19,7 +19,7 @@ from rpil.estimators.pipeline import FitOptions
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels
 from rpil.estimators.within_tasks import Statements, fit_within_tasks
-from rpil.formats import AuditOptions, read, read_recording
+from rpil.formats import ReadOptions, read, read_recording
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
@@ -38,7 +38,7 @@ def audit(
     random_state: int = 0,
     settings: Settings | None = None,
     progress: Callable[[str], None] | None = None,
-    **columns: Unpack[AuditOptions],
+    **columns: Unpack[ReadOptions],
 ) -> Audit:
     """Judge how far each demonstration can be trusted, within its task and session, as ``rpil audit`` does.
 

@@ -55,7 +55,7 @@ def check_format(path: StrPath) -> Path:
 
 
 class ReadOptions(TypedDict, total=False):
-    """Those of `ColumnOptions` that matter to `read`."""
+    """All of `ColumnOptions` but the outcome."""
 
     id: str | None
     action: Names
@@ -69,17 +69,12 @@ class ReadOptions(TypedDict, total=False):
     skip_bad: bool
     memory: Size | None
     fill_missing: bool
-
-
-class AuditOptions(ReadOptions, total=False):
-    """All of `ColumnOptions` but the outcome."""
-
     operator: str | None
     task: str | None
     session: str | None
 
 
-class OpenOptions(AuditOptions, total=False):
+class OpenOptions(ReadOptions, total=False):
     """All of `ColumnOptions`."""
 
     outcome: str | None
@@ -195,7 +190,7 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     that name, a demonstration with two demonstrators, an empty name.
     """
     if is_id_file(where):
-        ids = (data.ids or data.demonstrations.ids) if isinstance(data, Recording) else ()
+        ids = data.ids if isinstance(data, Recording) else ()
         return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann", ids), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
