@@ -1,0 +1,259 @@
+"""Whether LeRobot, robomimic, Minari and imitation open what ``rpil keep`` and ``rpil keep --trim`` write.
+
+``python tools/real_readers.py`` makes an environment for each of them, lets it write a data set (of robomimic, the
+tests do), keeps two of its three demonstrations here, whole and without some first and last steps, and has the tool
+read the new files: demonstrations, steps and actions must be those that rpil says. ``--files`` names more data to keep.
+
+The environments are in a temporary folder, or stay in the one that ``--environments`` names and are used again. LeRobot
+0.6.1 needs Python 3.12, from PATH, pyenv or ``--python312``. On Linux its torch (below 2.12) is a CUDA build on PyPI,
+without which no module of its data sets is imported: 5.5 GB on the disk, and 4 minutes; where pip finds a CPU build
+(``PIP_EXTRA_INDEX_URL``) it is 1 GB. The others take 3.1 GB, with torch 2.13.0 where a CPU build of it is at hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import rpil
+
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+ROWS = """
+import json, sys
+import numpy as np
+lengths, rng = (9, 12, 7), np.random.default_rng(0)
+seen = [rng.normal(size=(n + 1, 3)).astype(np.float32) for n in lengths]
+done = [rng.normal(size=(n, 2)).astype(np.float32) for n in lengths]
+where, actions = sys.argv[1], []
+"""
+"""Begins the programs, which have a path as their argument: three demonstrations, and the actions that are read."""
+
+TELL = "print(json.dumps([np.asarray(one, float).tolist() for one in actions]))"
+
+
+class Tool(NamedTuple):
+    """What is installed, by one call of pip each, the Python that it needs, and programs that write and that read."""
+
+    needs: tuple[str, ...]
+    write: str
+    read: str
+    python: str = f"3.{sys.version_info.minor}"
+
+
+TOOLS = {
+    "lerobot": Tool(
+        ("lerobot[dataset]==0.6.1",),
+        """
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+kinds = {"action": 2, "observation.state": 3}
+features = {name: {"dtype": "float32", "shape": (n,), "names": None} for name, n in kinds.items()}
+shape = {"shape": (96, 128, 3), "names": ["height", "width", "channels"]}
+features["observation.images.front"] = {"dtype": "video", **shape}
+data = LeRobotDataset.create("local/sample", fps=20, features=features, root=where + "/lerobot", use_videos=True)
+for x, u in zip(seen, done):
+    for k in range(len(u)):
+        picture = np.kron(rng.integers(0, 255, (6, 8, 3), dtype=np.uint8), np.ones((16, 16, 1), np.uint8))
+        data.add_frame({"action": u[k], "observation.state": x[k], "observation.images.front": picture, "task": "lift"})
+    data.save_episode()
+data.finalize()
+""",
+        """
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+data = LeRobotDataset("local/kept", root=where, video_backend="pyav")
+rows = [data[k] for k in range(len(data))]  # all pictures are decoded
+numbers = np.array([int(row["episode_index"]) for row in rows])
+assert data.meta.total_episodes == len(set(numbers.tolist())) and data.meta.total_frames == len(rows)
+for m in range(data.meta.total_episodes):
+    own = [row for row, number in zip(rows, numbers) if number == m]
+    assert [int(row["frame_index"]) for row in own] == list(range(len(own)))
+    actions.append([row[next(name for name in row if name.startswith("action"))].numpy() for row in own])
+""",
+        "3.12",
+    ),
+    "minari": Tool(
+        ("minari[hdf5,arrow]==0.5.4 pillow",),
+        """
+import os
+os.environ["MINARI_DATASETS_PATH"] = where
+import minari
+from gymnasium.spaces import Box
+from minari.data_collector import EpisodeBuffer
+spaces = {"observation_space": Box(-9, 9, (3,), np.float32), "action_space": Box(-9, 9, (2,), np.float32)}
+for kind in ("hdf5", "arrow", "parquet"):
+    buffers = [
+        EpisodeBuffer(m, observations=x, actions=u, rewards=[0.0] * len(u), terminations=[False] * len(u),
+                      truncations=[False] * (len(u) - 1) + [True], infos={"row": np.arange(2 * len(x)).reshape(-1, 2)})
+        for m, (x, u) in enumerate(zip(seen, done))
+    ]
+    minari.create_dataset_from_buffers(f"minari/{kind}-v0", buffers, data_format=kind, **spaces)
+""",
+        """
+import minari, pathlib
+data = minari.MinariDataset(pathlib.Path(where) / "data")
+episodes = list(data.iterate_episodes())
+assert data.total_episodes == len(episodes) and data.total_steps == sum(len(one.rewards) for one in episodes)
+for one in episodes:
+    assert len(one.observations) == len(one.actions) + 1
+    assert one.truncations.tolist().index(True) == len(one.actions) - 1
+    rows = one.infos.get("row", np.zeros((len(one.observations), 2)))
+    assert len(rows) == len(one.observations) and len({*np.diff(rows, axis=0).ravel().tolist()}) == 1
+    actions.append(one.actions)
+""",
+    ),
+    "imitation": Tool(
+        ("imitation==1.0.1 torch==2.13.0",),
+        """
+from imitation.data import serialize, types
+rows = [types.TrajectoryWithRew(x, u, np.array([{"k": k} for k in range(len(u))]), True, np.ones(len(u)))
+        for x, u in zip(seen, done)]
+serialize.save(where + "/imitation", rows)
+""",
+        """
+from imitation.data import serialize
+for one in serialize.load(where):
+    assert len(one.obs) == len(one.acts) + 1 == len(one.rews) + 1 and one.terminal
+    numbers = [info["k"] for info in one.infos if isinstance(info, dict) and "k" in info]  # those of the sample
+    assert len(one.infos) == len(one.acts) and {*np.diff(numbers).tolist()} <= {1}
+    actions.append(one.acts)
+""",
+    ),
+    "robomimic": Tool(
+        ("--no-deps robomimic==0.3.0", "torch==2.13.0 h5py tqdm psutil termcolor imageio matplotlib"),
+        "",
+        """
+import h5py
+from robomimic.utils.dataset import SequenceDataset
+with h5py.File(where) as file:
+    group = next(iter(file["data"].values()))["obs"]
+    keys = [name for name in group if isinstance(group[name], h5py.Dataset)]
+    stated = {name: int(one.attrs["num_samples"]) for name, one in file["data"].items()}
+how = {"hdf5_cache_mode": "all", "hdf5_use_swmr": False, "load_next_obs": False}
+data = SequenceDataset(where, obs_keys=keys, dataset_keys=("actions",), **how)
+for name in data.demos:
+    first, n = data._demo_id_to_start_indices[name], data._demo_id_to_demo_length[name]
+    actions.append([data[first + k]["actions"][0] for k in range(n)])
+    assert n == stated[name]
+""",
+    ),
+}
+
+
+def environment(name: str, folder: Path, python: str) -> Path:
+    """The Python of the environment of a tool, which is made where it is not there yet."""
+    made = folder / name / "bin" / "python"
+    if not (folder / name / "complete").is_file():
+        subprocess.run([python, "-m", "venv", "--clear", folder / name], check=True)
+        install = [made, "-m", "pip", "install", "--quiet", "--no-cache-dir", "--disable-pip-version-check"]
+        for packages in TOOLS[name].needs:
+            subprocess.run([*install, *packages.split()], check=True)
+        (folder / name / "complete").touch()
+    return made
+
+
+def interpreter(version: str, given: str | None) -> str:
+    """A Python of this version: the one that is given, this one, one on PATH, or of pyenv."""
+    of_pyenv = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
+    here = sys.executable if version == f"3.{sys.version_info.minor}" else None
+    found = given or here or (of_pyenv and str(of_pyenv[-1])) or shutil.which(f"python{version}")
+    if not found:
+        sys.exit(f"Python {version} is not at hand; give its path with --python312.")
+    return str(found)
+
+
+def run(python: Path, program: str, path: Path) -> str:
+    """What a program prints of a path."""
+    done = subprocess.run([python, "-W", "ignore", "-c", ROWS + program, path], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip().splitlines() or ["it ended without a word"])[-1][:90])
+    return done.stdout
+
+
+def samples(name: str, python: Path, folder: Path) -> Iterator[Path]:
+    """What the tool itself writes; of robomimic, which has no writer, a file that the tests write."""
+    folder.mkdir()
+    if name == "robomimic":
+        sys.path.insert(0, str(TESTS))
+        import hdf5_files
+
+        yield hdf5_files.robomimic(folder / "robomimic.hdf5")
+        return
+    run(python, TOOLS[name].write, folder)
+    yield from sorted(folder.glob("minari/*-v0") if name == "minari" else folder.glob("*"))
+
+
+def of_tool(name: str, path: Path) -> bool:
+    """Whether the tool reads the format of the file or folder at a path."""
+    said = rpil.open(path).describe().format.lower()
+    return name in said and not said.startswith("lerobot v2")  # which LeRobot 0.6.1 converts first
+
+
+def check(python: Path, name: str, path: Path, folder: Path) -> Iterator[tuple[object, ...]]:
+    """Keep demonstrations, whole and trimmed, and have the tool read them: a row of the table for each."""
+    recording = rpil.open(path)
+    whole, output = recording.demonstrations.select(slice(None)), folder / path.name
+    ids = [*whole.ids[:1], *whole.ids[2:]]
+    trims = {m: (2, int(n) - 1) for m, n in zip(whole.ids, whole.lengths.tolist(), strict=True) if n > 4}
+    for way, cut in (("keep", {}), ("keep --trim", trims)):
+        recording.keep(ids, output, cut)
+        ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
+        steps = [range(a + cut.get(m, (0, n))[0], a + cut.get(m, (0, n))[1]) for m, a, n in ends if m in ids]
+        wanted = [np.asarray(whole.actions[[*rows]], float) for rows in steps]
+        try:
+            found = [
+                np.asarray(one) for one in json.loads(run(python, TOOLS[name].read + TELL, output).splitlines()[-1])
+            ]
+            same = len(found) == len(wanted) and all(map(is_same, found, wanted))
+            yield name, way, path.name, len(found), sum(map(len, found)), "ok" if same else "other actions"
+        except RuntimeError as error:
+            yield name, way, path.name, "-", "-", str(error)
+        shutil.rmtree(output) if output.is_dir() else output.unlink()
+
+
+def is_same(found: np.ndarray, wanted: np.ndarray) -> bool:
+    """Whether actions are the same, in single precision, as which robomimic reads them."""
+    return np.array_equal(found.astype(np.float32), wanted.astype(np.float32))
+
+
+def main() -> None:
+    """Print a line for each tool and file, and end with 1 where one is not read as it should be."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tools", nargs="*", metavar="TOOL", help=f"of {', '.join(TOOLS)}; by default all")
+    parser.add_argument("--files", nargs="*", type=Path, default=[], help="data to keep as well")
+    parser.add_argument("--environments", type=Path, help="a folder whose environments are used again")
+    parser.add_argument("--python312", help="a Python 3.12, for LeRobot")
+    given = parser.parse_args()
+    failed = False
+    with tempfile.TemporaryDirectory() as name:
+        temporary = Path(name)
+        for tool in given.tools or TOOLS:
+            needed = TOOLS[tool].python
+            python = environment(
+                tool,
+                given.environments or temporary,
+                interpreter(needed, given.python312 if needed == "3.12" else None),
+            )
+            version = re.findall(r"==(\S+)", TOOLS[tool].needs[0])[0]
+            (temporary / f"{tool}-kept").mkdir()
+            paths = [
+                *samples(tool, python, temporary / f"{tool}-samples"),
+                *(p for p in given.files if of_tool(tool, p)),
+            ]
+            for path in paths:
+                for one, *row in check(python, tool, path, temporary / f"{tool}-kept"):
+                    failed |= row[-1] != "ok"
+                    print(f"{one} {version}".ljust(18), "  ".join(str(cell).ljust(16) for cell in row), flush=True)
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main()
