@@ -29,7 +29,7 @@ def test_the_code_runs_and_prints_what_the_page_says(tmp_path, monkeypatch):
         with contextlib.redirect_stdout(io.StringIO()) as out:
             exec(compile(text, "docs/python.md", "exec"), names)
         printed = out.getvalue()
-    assert {path.name for path in tmp_path.iterdir()} == {"audit.html", "steps.png", "evidence.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"audit.html", "steps.png"}
 
 
 def test_the_page_names_every_picture():
