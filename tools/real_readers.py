@@ -153,7 +153,7 @@ def environment(name: str, folder: Path, python: str) -> Path:
     made = folder / name / "bin" / "python"
     if not (folder / name / "complete").is_file():
         subprocess.run([python, "-m", "venv", "--clear", folder / name], check=True)
-        install = [made, "-m", "pip", "install", "--quiet", "--no-cache-dir", "--disable-pip-version-check"]
+        install = [made, "-m", "pip", "install", "--quiet", "--quiet", "--no-cache-dir", "--disable-pip-version-check"]
         for packages in TOOLS[name].needs:
             subprocess.run([*install, *packages.split()], check=True)
         (folder / name / "complete").touch()

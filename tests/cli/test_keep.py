@@ -242,6 +242,12 @@ def test_idle_ends_are_cut_on_request(tmp_path):
         first, end = whole.offsets[m] + still, whole.offsets[m + 1] - still
         np.testing.assert_array_equal(kept.actions[kept.offsets[m] : kept.offsets[m + 1]], whole.actions[first:end])
     refused("cannot be trimmed", "keep", root, "-o", "k.json", "--trim", "--verdicts", "labels.csv")
+    for new in ("a.csv", "a.npz"):  # and so of every format
+        ok("convert", root, "-o", new)
+        output = f"kept{new[1:]}"
+        printed = ok("keep", new, "-o", output, "--trim", "--verdicts", "labels.csv", "--only", "0,1,4").stdout
+        assert "Trimmed 2 of them by 60 steps" in printed
+        np.testing.assert_array_equal(rpil.read(output).actions, kept.actions)
 
 
 def test_a_folder_is_checked(tmp_path):

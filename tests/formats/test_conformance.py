@@ -143,6 +143,8 @@ def test_trimmed_demonstrations_are_read_without_the_steps_that_were_cut(path):
     again = rpil.open(output, on_disk=True)
     again.keep(ids, output_for(path, "whole"))
     assert_same(rpil.read(output_for(path, "whole")), found)
+    rpil.open(path, on_disk=True, only=[ids[2]]).keep([ids[2]], output_for(path, "one"), trims)
+    np.testing.assert_array_equal(rpil.read(output_for(path, "one")).actions, found.actions[found.offsets[2] :])
     with pytest.raises(DataError, match=r"demonstration .* it has \d+ steps, so that 1 to 40 cannot be kept") as caught:
         again.keep(ids, output_for(path, "no"), {ids[0]: (1, 41)})
     assert is_sentence(caught.value)
