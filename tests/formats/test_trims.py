@@ -116,6 +116,9 @@ def test_minari_says_how_many_steps_it_has(tmp_path, kind):
 def test_lists_of_imitation_are_cut(tmp_path):
     path = samples.imitation(tmp_path)
     rpil.open(path).keep([0, 2], tmp_path / "kept", {2: (1, 3)})
+    rpil.open(path).keep([0, 2], tmp_path / "other", {2: (1, 2)})
+    marks = {json.loads((tmp_path / name / "state.json").read_text())["_fingerprint"] for name in ("kept", "other")}
+    assert len(marks) == 2  # by which its library finds what it has in its cache
     old, new = (
         pa.ipc.open_stream(folder / "data-00000-of-00001.arrow").read_all() for folder in (path, tmp_path / "kept")
     )

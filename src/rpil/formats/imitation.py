@@ -78,7 +78,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
         with pa.ipc.new_stream(folder / _STREAM, table.schema) as stream:
             stream.write_table(_cut_table(table.take(rows), rows, cuts))
         state = read_json(path / _STATE)
-        mark = hashlib.sha256(f"{state.get('_fingerprint')}{rows}".encode()).hexdigest()[:16]  # of the datasets' cache
+        said = "".join(
+            [f"{state.get('_fingerprint')}{rows}", *(f"{m}:{cut.first}:{cut.end}" for m, cut in cuts.items())]
+        )
+        mark = hashlib.sha256(said.encode()).hexdigest()[:16]  # of the datasets' cache
         state |= {"_data_files": [{"filename": _STREAM}], "_fingerprint": mark}
         (folder / _STATE).write_text(json.dumps(state))
         info = read_json(path / _INFO)
