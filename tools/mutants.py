@@ -110,6 +110,9 @@ EQUIVALENT = {
     "motion: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
         "Where nothing moves it is not read."
     ),
+    "rule: spread = (high / np.maximum(low, 1e-300)) ** self.settings.fence: 1e-300 -> 2e-300": (
+        "It keeps from division by 0."
+    ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""

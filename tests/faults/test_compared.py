@@ -89,6 +89,8 @@ def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
         ([3, 3, 3], [0.5, 0.5, 0.5], "unknown"),  # only five of eight have the usual lag
         ([3, 3, 3], [0.5, 0.02, 0.02], 0.5 / (0.05 * (5 / 3) ** 3)),  # what hardly gains has it
         ([1, 1, 1], [0.02, 0.02, 0.02], None),
+        ([3, *[0] * 7], [0.5, *[0.1] * 7], 0.5 / 0.39),
+        ([3, 3, 3, *[0] * 5], [0.1] * 8, "unknown"),
     ],
 )
 def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):

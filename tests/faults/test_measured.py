@@ -137,6 +137,10 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     (fault,) = check(d, times=Times(stamps, 50.0)).findings
     assert (fault.rule, fault.id, fault.first, fault.last) == ("dropped frames", 3, step - 1, step)
     assert list(find_frame_times(Times(stamps), d, None, S)) == []
+    stamps[d.offsets[3] + 40 : d.offsets[4]] += 2 / 50
+    (fault,) = check(d, times=Times(stamps, 50.0)).findings
+    assert fault.last == step
+    assert fault.sentence.startswith("about 5 frames are missing, the worst at")
 
 
 def test_the_time_that_is_declared_is_told_where_it_is_another():
