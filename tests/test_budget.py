@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (3338, 39),
     "estimators": (2320, 16),
     "faults": (2249, 81),
-    "formats": (9022, 94),
+    "formats": (8974, 70),
     "inference": (2671, 88),
     "mixture": (810, 20),
     "numerics": (592, 14),

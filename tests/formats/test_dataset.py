@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -177,9 +178,11 @@ def test_a_damaged_page_is_refused(tmp_path):
     (place,) = [column for column in columns if column.path_in_schema == "observation.0"]
     content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
     (tmp_path / "a.parquet").write_bytes(content)
-    for use in (lambda: read_all(data), lambda: formats.read(tmp_path / "a.parquet")):
+    with pytest.raises(DataError, match=r"a.parquet: it has changed since the data set was opened"):
+        read_all(data)
+    for use in (partial(rpil.open, on_disk=True), rpil.read):
         with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
-            use()
+            use(tmp_path / "a.parquet")
 
 
 def test_a_shard_can_be_pickled(tmp_path):

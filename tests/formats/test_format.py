@@ -22,7 +22,7 @@ def test_what_is_left_out_cannot_be_done(tmp_path):
     bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
     assert bare.commands_to_keep([0, 1], [1]) == []
     assert bare.format.notes_on_weights == ()
-    assert not bare.format.stays_on_disk(path)
+    assert bare.format.tables(path) == "others"
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip", "out.json"])

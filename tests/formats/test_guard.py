@@ -92,27 +92,27 @@ def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
     assert len(rpil.read(path)) == 3
 
 
-@pytest.mark.parametrize("name", ["read", "load", "keep"])
-def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, name):
-    recording = formats.read_recording(sample("CSV"))
-
+@pytest.mark.parametrize("tables", ["text", "others"])
+def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, tables):
     def fail(*_):
         raise OverflowError("never seen before")
 
-    def read(path, options):
-        return fail() if name == "read" else recording
-
-    if name == "load":
-        monkeypatch.setattr(Recording, "load", fail)
     Path("mine").write_text("x")
-    monkeypatch.setattr(
-        registry,
-        "FORMATS",
-        (Format("mine", lambda path: path.name == "mine", read, fail, reads_in_place=lambda _: name != "keep"),),
-    )
-    where = "a.csv" if name == "load" else "mine"  # a recording names its source
-    with pytest.raises(DataError, match=f"^{where}: .*OverflowError: never seen before.*;.*[.]$"):
-        find("mine").keep("out", [0]) if name == "keep" else rpil.read("mine")
+    own = Format("mine", lambda path: path.name == "mine", fail, fail, tables=lambda _: tables)
+    monkeypatch.setattr(registry, "FORMATS", (own,))
+    for use in (lambda: find("mine").keep("out", [0]), lambda: rpil.read("mine")):
+        with pytest.raises(DataError, match=r"^mine: .*OverflowError: never seen before.*;.*[.]$"):
+            use()
+
+
+def test_what_fails_when_it_is_asked_for_is_one_sentence(monkeypatch):
+    def fail(*_):
+        raise OverflowError("never seen before")
+
+    recording = formats.read_recording(sample("CSV"))
+    monkeypatch.setattr(Recording, "load", fail)
+    with pytest.raises(DataError, match=r"^a\.csv: .*OverflowError: never seen before.*;.*[.]$"):
+        recording.demonstrations  # noqa: B018
 
 
 @pytest.mark.parametrize("n_batches", [0, 1])

@@ -34,6 +34,6 @@ def test_a_reader_that_ends_its_process_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     (tmp_path / "a.h5").write_bytes(b"x" * 7)
     with pytest.raises(DataError, match=r"a.h5: the library that reads it was ended"):
-        imported(os.abort, tmp_path / "a.h5", ColumnOptions(on_disk=True))
+        imported(os.abort, tmp_path / "a.h5", ColumnOptions(on_disk=True), is_parquet=False)
     assert [file.name for file in tmp_path.rglob("*")] == ["a.h5"]
     assert size_of(tmp_path) == size_of(tmp_path / "a.h5") == 7

@@ -332,5 +332,5 @@ FORMAT = Format(
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
     write=write,
-    reads_in_place=lambda _: True,
+    tables=lambda _: "text",
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -15,7 +15,6 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.places import Cuts
-from rpil.formats.recording import Recording
 from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
@@ -72,7 +71,7 @@ class Format:
         Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
         search.
     read : function of a path and the options for columns
-        Its `StepTables`, or the `Recording` where it is read in place; a `DataError` where it cannot be read.
+        Its `StepTables`; a `DataError` where it cannot be read.
     keep : Keep
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
     has_own_ids : bool
@@ -92,17 +91,15 @@ class Format:
     notes_on_weights : tuple of str
         Sentences on how that tool takes weights.
     read_address : function of a pattern or an address of several files, and the options for columns, optional
-        The `Recording`.
-    stays_on_disk : function of a path
-        Whether the data stay on disk where the user does not say.
-    reads_in_place : function of a path
-        Whether `read` reads tables where they are; by default a process of its own imports them, see
-        `rpil.formats.imported`.
+        The `StepTables`.
+    tables : function of a path
+        "Parquet" where rows may stay in files of Parquet, as those of folders do where the user does not say; "text"
+        for tables that this process reads. All others are read by a process of its own, see `rpil.formats.imported`.
     """
 
     name: str
     claims: Callable[[Path], bool]
-    read: Callable[[Path, ColumnOptions], Recording | StepTables]
+    read: Callable[[Path, ColumnOptions], StepTables]
     keep: Keep
     has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
@@ -112,9 +109,8 @@ class Format:
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
-    read_address: Callable[[StrPath, ColumnOptions], Recording | StepTables] | None = None
-    stays_on_disk: Callable[[StrPath], bool] = lambda _: False
-    reads_in_place: Callable[[StrPath], bool] = lambda _: False
+    read_address: Callable[[StrPath, ColumnOptions], StepTables] | None = None
+    tables: Callable[[StrPath], Literal["Parquet", "text", "others"]] = lambda _: "others"
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

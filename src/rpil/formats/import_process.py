@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
+import gc
 import json
 import math
 import os
@@ -47,7 +48,7 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float, memory: Siz
     Parameters
     ----------
     work : function
-        Its result is a value of JSON.
+        Its result is a value of JSON. Its warnings are raised here.
     where : str
         The file in messages.
     n_bytes : float
@@ -87,7 +88,9 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float, memory: Siz
         raise _death(status, where, seconds)
     kind, result = json.loads(answer)
     if kind == "result":
-        return result
+        for message in result[1]:
+            warnings.warn(message, stacklevel=2)
+        return result[0]
     raise _error(kind, result)
 
 
@@ -101,12 +104,17 @@ def _answer(
 ) -> NoReturn:
     """Do the work, write what comes of it to the pipe, and end this process, whose memory is a copy of another's."""
     status = 1
+    gc.freeze()  # what the other process holds: to delete it here may wait for its threads, which are not here
     try:
         _limit(seconds, memory)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if (pa := sys.modules.get("pyarrow")) is not None:
+            pa.set_memory_pool(pa.system_memory_pool())  # others may not go on after a fork
         try:
-            with holding(alone=True), guarded(where):
-                answer = json.dumps(["result", work()])
+            with holding(alone=True), guarded(where), warnings.catch_warnings(record=True) as warned:
+                warnings.simplefilter("always")
+                result = work()
+                answer = json.dumps(["result", [result, [str(w.message) for w in warned if w.category is UserWarning]]])
         except SentenceWithOptions as error:
             answer = json.dumps([type(error).__name__, [str(error), error.in_shell]])
         except MissingExtraError as error:

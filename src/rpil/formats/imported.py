@@ -1,4 +1,7 @@
-"""Reading a file of others in a process of its own: this process reads only the flat file that the other one wrote."""
+"""Reading a file of others in a process of its own.
+
+This process reads only the flat file that the other one wrote, or Parquet files that the other one has read through.
+"""
 
 from __future__ import annotations
 
@@ -10,70 +13,103 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpil.data.arrays import check_any
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath
 from rpil.data.held import holding
 from rpil.data.json_files import Parsed
+from rpil.data.memory import MIB
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.import_process import in_child
+from rpil.formats.parquet_file import read_table
 from rpil.formats.recording import Recording, from_rows, from_tables
-from rpil.formats.rows import Rows, TableRows
+from rpil.formats.rows import TableRows
 from rpil.formats.spool import fill, new_copy
 from rpil.formats.step_tables import StepTables, from_facts
-from rpil.formats.store import copied_rows
+from rpil.formats.store import copied_rows, size_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_LARGEST_PAGE = 256 * MIB
+"""Bytes of a part of a file that are decoded at once, and may be whatever the rows are."""
 
-def imported(read: Callable[[], StepTables | Recording], path: Path, options: ColumnOptions) -> Recording:
+
+def imported(read: Callable[[], StepTables], path: StrPath, options: ColumnOptions, is_parquet: bool) -> Recording:
     """The recording in the tables that `read` makes of the file or folder at `path`, in a process of its own.
 
-    In memory they are in a file that has no name; on disk in a temporary one.
+    In memory they are in a file that has no name; on disk in a temporary one, or where they are if they `is_parquet`.
     """
     if sys.platform != "linux":
         with holding(alone=True):  # the tables are read later than the file is opened
-            found = read()
-            return found if isinstance(found, Recording) else from_tables(found, options.on_disk)
-    import pyarrow as pa  # once, for both processes
+            return from_tables(read(), options.on_disk)
+    import pyarrow.compute
+    import pyarrow.parquet
 
-    copy = new_copy(path.name) if options.on_disk else None
+    pyarrow.array([])  # which imports pandas; all of it once, for both processes
+    stays = options.on_disk and is_parquet
+    copy = new_copy(Path(path).name) if options.on_disk and not stays else None
     file = os.memfd_create("steps")
 
     def work() -> Parsed:
-        pa.set_memory_pool(pa.system_memory_pool())  # others may not go on after a fork
-        tables = read()
-        assert isinstance(tables, StepTables)
+        before, found = _peak(), read()
         if copy is not None:
-            fill(copy, tables.tables, tables.origin.source)
+            fill(copy, found.tables, found.origin.source)
         else:
-            _write(tables, file)
-        return tables.as_json()
+            n_bytes = max(table.nbytes for table in found.tables) if stays else _write(found, file)
+            if is_parquet and _peak() - before > 4 * n_bytes + _LARGEST_PAGE:
+                fault = "to decode a part of it takes far more memory than its rows"
+                raise DataError(f"{found.origin.source}: {fault}; it is damaged, or write it with smaller pages.")
+        return found.as_json()
 
     try:
-        found = from_facts(in_child(work, str(path), size_of(path), options.memory))
-        rows: Rows
-        if copy is None:
-            rows = TableRows(_mapped(file), found.origin.source, sizes=found.sizes)
-        else:
-            rows = copied_rows(copy, found.sizes)
+        facts = in_child(work, str(path), size_of(path), options.memory)
+        found, rows = from_facts(facts), None if options.on_disk else _mapped(file)
     finally:
         os.close(file)
-    return from_rows(rows, found.columns, found.origin)
+    if stays:
+        found = read()
+        if found.in_place is None or found.in_place.stamps != facts["stamps"]:
+            raise DataError(f"{path}: it has changed while it was read; read it again.")
+        return from_tables(found, on_disk=True)
+    if copy is not None:
+        return from_rows(copied_rows(copy, found.sizes), found)
+    return from_rows(TableRows(rows, found.origin.source, sizes=found.sizes), found)
 
 
-def size_of(path: Path) -> float:
-    """The bytes of a file, or of those in a folder."""
-    if not path.is_dir():
-        return path.stat().st_size
-    return sum(os.lstat(os.path.join(top, name)).st_size for top, _, names in os.walk(path) for name in names)
+def imported_table(path: Path) -> pa.Table:
+    """The rows of a Parquet file, which a process of its own reads; see `rpil.formats.parquet_file.read_table`."""
+    if sys.platform != "linux":
+        return read_table(path)
+    file = os.memfd_create("rows")
+    try:
+        in_child(lambda: _write_table(read_table(path), file), str(path), size_of(path))
+        return _mapped(file)
+    finally:
+        os.close(file)
 
 
-def _write(found: StepTables, file: int) -> None:
-    """Write all tables as one to an open file."""
+def _peak() -> int:
+    """The bytes of memory that this process has taken at most."""
+    import resource  # of Unix
+
+    kilobytes: int = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return 1024 * kilobytes
+
+
+def _write(found: StepTables, file: int) -> int:
+    """Write all tables as one to an open file; its bytes."""
     import pyarrow as pa
 
     whole = list(found.tables)
     check_any(len(whole), found.origin.source)
     table = pa.concat_tables(whole, promote_options="permissive")
+    _write_table(table, file)
+    return int(table.nbytes)
+
+
+def _write_table(table: pa.Table, file: int) -> None:
+    import pyarrow as pa
+
     with os.fdopen(os.dup(file), "wb") as stream, pa.ipc.new_stream(stream, table.schema) as writer:
         writer.write_table(table)
 

@@ -16,7 +16,7 @@ from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.metadata import SIZES, Metadata
-from rpil.formats.parquet_pages import input_file, read_table
+from rpil.formats.parquet_file import input_file, read_table
 
 if TYPE_CHECKING:
     from pyarrow import fs

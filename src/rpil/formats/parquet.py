@@ -18,9 +18,8 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.metadata import Metadata
-from rpil.formats.parquet_pages import check_groups
+from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.places import Cuts, kept_rows
-from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import columns_of_file, open_rows, opened
@@ -41,31 +40,25 @@ def claims(path: Path) -> bool:
     return path.is_file() and path.suffix.lower() == ".parquet"
 
 
-def read(path: Path, options: ColumnOptions) -> Recording:
+def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     from pyarrow import fs
 
     return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
-def read_files(
-    filesystem: fs.FileSystem,
-    paths: Sequence[str],
-    options: ColumnOptions,
-    source: str,
-    ignored: Mapping[str, str] = {},
-) -> Recording:
-    """Read files with the same columns into memory, or leave them where they are, as the options say."""
+def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
+    """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
-    origin = Origin(source, _format_name(metadata, len(paths)), metadata, ignored=ignored)
+    origin = Origin(source, _format_name(metadata, len(paths)), metadata)
+    tables = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
     if options.on_disk:
-        return from_rows(rows, columns, origin, layout)
+        return StepTables(tables, columns, origin, in_place=rows, layout=layout)
     check_memory(rows.n_bytes, source, options.memory)
-    tables, sizes = [], Counter[str]()
-    for row, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]):
-        tables.append(table)
-        sizes[rows.files(np.array([row]))[0]] += len(table)
-    return from_tables(StepTables(tables, columns, origin, sizes))
+    sizes = Counter[str]()
+    for group, name in zip(rows.groups, rows.files(np.array([group.first for group in rows.groups])), strict=True):
+        sizes[name] += group.last - group.first
+    return StepTables(tables, columns, origin, sizes)
 
 
 def _format_name(metadata: Metadata, n_files: int) -> str:
@@ -121,12 +114,11 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
     from pyarrow import fs
 
     filesystem = fs.LocalFileSystem()
-    with opened(filesystem, str(path)) as stored:
-        file = stored.file
+    with opened(filesystem, str(path)) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(stored, options).episode
-        check_groups(stored)
+        column = columns_of_file(file, path.name, options).episode
+        check_memory(max(bytes_of_groups(file, schema.names), default=0), path.name, options.memory)
         yield schema.empty_table()
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
         wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
@@ -134,9 +126,12 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
         cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
         rows = kept_rows(owners, [*wanted], cuts)
         marks = [name for name in schema.names if cuts and MARK.fullmatch(plain_name(name))]
-        columns = [file.read([name]).column(0).take(kept_rows(owners, [*wanted], cuts, name)) for name in marks]
+        columns = [
+            file.read([name], use_threads=False).column(0).take(kept_rows(owners, [*wanted], cuts, name))
+            for name in marks
+        ]
         first = 0
-        for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS):
+        for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS, use_threads=False):
             a, b = np.searchsorted(rows, [first, first + len(batch)])
             table = pa.Table.from_batches([batch]).take(rows[a:b] - first)
             for place, column in zip(map(schema.names.index, marks), columns, strict=True):
@@ -152,6 +147,6 @@ FORMAT = Format(
     read=read,
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
-    reads_in_place=lambda _: True,
+    tables=lambda _: "Parquet",
     write=write,
 )

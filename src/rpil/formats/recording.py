@@ -175,17 +175,19 @@ def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables; `on_disk` they never are in memory all."""
     import pyarrow as pa
 
-    columns, origin = found.columns, found.origin
+    if found.in_place is not None:
+        return from_rows(found.in_place, found)
     if on_disk:
-        return from_rows(copied_rows(spool(found.tables, origin.source), found.sizes), columns, origin)
+        return from_rows(copied_rows(spool(found.tables, found.origin.source), found.sizes), found)
     whole = list(found.tables)
-    check_any(len(whole), origin.source)
+    check_any(len(whole), found.origin.source)
     table = pa.concat_tables(whole, promote_options="permissive")
-    return from_rows(TableRows(table, origin.source, sizes=found.sizes), columns, origin)
+    return from_rows(TableRows(table, found.origin.source, sizes=found.sizes), found)
 
 
-def from_rows(rows: Rows, columns: Columns, origin: Origin, layout: Layout | None = None) -> Recording:
+def from_rows(rows: Rows, found: StepTables) -> Recording:
     """The recording in rows, which in memory may lie in any order; a `DataError` where ids are missing."""
+    columns, origin, layout = found.columns, found.origin, found.layout
     places, rows = find_places(rows, columns, origin.source)
     if layout is None:
         head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]

@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -29,10 +30,10 @@ from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Defect, Format, not_a_folder
 from rpil.formats.import_process import in_child
-from rpil.formats.imported import imported, size_of
+from rpil.formats.imported import imported
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.store import may_be_many_files
+from rpil.formats.store import may_be_many_files, size_of
 
 
 class Formats:
@@ -85,7 +86,7 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
-            stays = self.format.stays_on_disk(self.path)
+            stays = self._tables == "Parquet" and not Path(self.path).is_file()
             with suppress(UnsortedError if stays else TooLargeError):
                 return self.read(options, on_disk=stays)
             return self.read(options, on_disk=not stays)
@@ -101,15 +102,23 @@ class ClaimedPath:
 
     def _recording(self, options: ColumnOptions) -> Recording:
         """The recording in all that is at the path."""
-        path = Path(self.path)
-        if self.format.read_address is not None and not path.exists():
-            found = self.format.read_address(self.path, options)
-        else:
-            readable = check_readable(path) if path.is_file() else path
-            if not self.format.reads_in_place(self.path):
-                return imported(lambda: self.format.read(readable, options), readable, options)
-            found = self.format.read(readable, options)
-        return found if isinstance(found, Recording) else from_tables(found, options.on_disk)
+        place, read = Path(self.path), partial(self.format.read, Path(self.path), options)
+        if place.is_file():
+            check_readable(place)
+        elif self.format.read_address is not None and not place.exists():
+            read = partial(self.format.read_address, self.path, options)
+        if self._is_read_here:
+            return from_tables(read(), options.on_disk)
+        return imported(read, self.path, options, self._tables == "Parquet")
+
+    @cached_property
+    def _tables(self) -> str:
+        return self.format.tables(self.path)
+
+    @property
+    def _is_read_here(self) -> bool:
+        """Whether this process reads the file: text, and what clients of other computers give, which need threads."""
+        return self._tables == "text" or ("://" in str(self.path) and not str(self.path).startswith("file://"))
 
     def keep(
         self,
@@ -132,12 +141,11 @@ class ClaimedPath:
             if options.id and self.format.has_own_ids:
                 remedy = "leave id out, or write a table with rpil convert"
                 raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.")
-            if self.format.reads_in_place(self.path):
-                self.format.keep(path, new, ids, options, cuts)
-                return
+            keep = partial(self.format.keep, path, new, ids, options, cuts)
+            if self._is_read_here:
+                return keep()
             try:
-                n_bytes = 4 * size_of(path)
-                in_child(lambda: self.format.keep(path, new, ids, options, cuts), str(path), n_bytes, options.memory)
+                in_child(keep, str(path), 4 * size_of(path), options.memory)
             finally:
                 remove_abandoned(new)  # what a process that was ended had begun
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import Columns
+from rpil.formats.layout import Layout
 from rpil.formats.metadata import Metadata
+from rpil.formats.store import ParquetRows
 from rpil.formats.table_facts import Origin
 
 if TYPE_CHECKING:
@@ -27,12 +29,18 @@ class StepTables:
     origin : Origin
     sizes : mapping of str to int
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
+    in_place : ParquetRows, optional
+        The rows of the tables, if they are in Parquet files and are to stay there.
+    layout : Layout, optional
+        The arrays that the columns make, where more than the first rows tell it.
     """
 
     tables: Iterable[pa.Table]
     columns: Columns
     origin: Origin
     sizes: Mapping[str, int] = field(default_factory=dict)
+    in_place: ParquetRows | None = None
+    layout: Layout | None = None
 
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""
@@ -42,7 +50,9 @@ class StepTables:
         """All but the tables, as a value of JSON."""
         origin = {**asdict(self.origin), "metadata": asdict(self.origin.metadata)}
         lengths = [*self.origin.metadata.lengths.items()]
-        return {"columns": asdict(self.columns), "origin": origin, "lengths": lengths, "sizes": self.sizes}
+        stamps = self.in_place and self.in_place.stamps
+        facts = {"columns": asdict(self.columns), "origin": origin, "lengths": lengths, "sizes": self.sizes}
+        return {**facts, "stamps": stamps}
 
 
 def from_facts(facts: Parsed, tables: Iterable[pa.Table] = ()) -> StepTables:

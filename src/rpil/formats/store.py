@@ -7,7 +7,7 @@ import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
 from rpil.formats.meta_folder import choose_files, read_metadata
 from rpil.formats.metadata import Metadata
-from rpil.formats.parquet_pages import OpenParquet, check_pages, input_file
+from rpil.formats.parquet_file import bytes_of_groups, check_table, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -64,6 +64,8 @@ class ParquetRows:
     """What keeps a copy for as long as its rows are needed."""
     sizes: Mapping[str, int] | None = None
     """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
+    stamps: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    """Size and time of each local file of others, when it was opened."""
 
     def __len__(self) -> int:
         return self.groups[-1].last
@@ -91,26 +93,34 @@ class ParquetRows:
         import pyarrow as pa
 
         for path, groups in itertools.groupby(self.between(first, last).groups, key=lambda group: group.path):
-            with opened(self.filesystem, path) as (file, _, name):
+            changed = f"{PurePosixPath(path).name}: it has changed since the data set was opened; open it again."
+            with opened(self.filesystem, path) as file:
+                if path in self.stamps and _stamp(path) != self.stamps[path]:
+                    raise DataError(changed)
                 for group in groups:
                     n_rows = group.last - group.first
                     if group.number >= file.num_row_groups or file.metadata.row_group(group.number).num_rows != n_rows:
-                        raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
+                        raise DataError(changed)
                     row, shift = group.first, group.row - group.first
                     for batch in file.iter_batches(BATCH_ROWS, [group.number], columns, use_threads=False):
                         a, b = max(first - row, 0), min(last - row, len(batch))
                         if a < b:
                             table = pa.Table.from_batches([batch.slice(a, b - a)])
-                            table.validate(full=True)  # text from a damaged file need not be Unicode
+                            check_table(table, PurePosixPath(path).name)
                             yield row + a, table, _place(path, row + a, shift, demonstration)
                         row += len(batch)
                     if row != group.last:
                         raise ValueError(f"{row - group.first} of {n_rows} rows are there")
 
 
+def _stamp(path: str) -> list[int]:
+    found = os.stat(path)
+    return [found.st_size, found.st_mtime_ns]
+
+
 @contextmanager
-def opened(filesystem: fs.FileSystem, path: str) -> Iterator[OpenParquet]:
-    """The open file, whose pages are checked as they are read; a `DataError` where it is no Parquet file."""
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+    """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -122,7 +132,7 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[OpenParquet]:
             texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
             if texts:
                 file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
-            yield OpenParquet(file, stream, PurePosixPath(path).name)
+            yield file
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
     except PermissionError as error:
@@ -152,14 +162,30 @@ def may_be_many_files(path: StrPath) -> bool:
 
 def has_parquet(path: StrPath) -> bool:
     """Whether `path` is a Parquet file, or names several files of which one is."""
-    return bool(find_files(path)[1]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
+    return bool(_listed(path)[2]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
 
 
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     """The file system, and the Parquet files and the text tables of a data set in the order of their names.
 
-    A `DataError` where `path` does not exist or cannot be listed.
+    Of LeRobot's files those that ``meta`` lists. A `DataError` where `path` does not exist or cannot be listed.
     """
+    filesystem, folder, files, texts = _listed(path)
+    return filesystem, choose_files(filesystem, str(path), folder, files) if folder else files, texts
+
+
+def size_of(path: StrPath) -> float:
+    """The bytes of a file, of those in a folder, or of the tables that a pattern or an address names."""
+    if os.path.isdir(path):
+        return sum(os.lstat(os.path.join(top, name)).st_size for top, _, names in os.walk(path) for name in names)
+    if os.path.exists(path):
+        return os.path.getsize(path)
+    filesystem, _, *files = _listed(path)
+    return sum(info.size or 0 for info in filesystem.get_file_info([*itertools.chain(*files)]))
+
+
+def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
+    """The file system, the folder if it is one, and all Parquet files and text tables; none of them is opened."""
     import pyarrow as pa
     from pyarrow import fs
 
@@ -173,7 +199,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             else:
                 filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
                 if not os.path.exists(place) and glob.has_magic(place):
-                    return filesystem, *_matches(place)
+                    return filesystem, "", *_matches(place)
                 check_exists(where)
             if isinstance(filesystem, fs.LocalFileSystem):
                 check_folder(place)
@@ -181,7 +207,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             if kind == fs.FileType.NotFound:
                 raise DataError(f"{where}: there is no such file or folder; check the path.")
             if kind == fs.FileType.File:
-                return filesystem, *_tables([place], place)
+                return filesystem, "", *_tables([place], place)
             data = f"{place}/data"  # of LeRobot, which has tables of other things in meta
             place = data if filesystem.get_file_info(data).type == fs.FileType.Directory else place
             entries = filesystem.get_file_info(fs.FileSelector(place, recursive=True))
@@ -192,8 +218,7 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
             raise
         except (pa.ArrowException, OSError) as error:
             raise DataError(f"{where}: it cannot be listed ({in_words(error)}); check the path.") from error
-        files, texts = _tables(sorted(info.path for info in entries if info.type == fs.FileType.File), place)
-        return filesystem, choose_files(filesystem, where, place, files), texts
+        return filesystem, place, *_tables(sorted(i.path for i in entries if i.type == fs.FileType.File), place)
 
 
 def _matches(pattern: str) -> tuple[list[str], list[str]]:
@@ -212,20 +237,21 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def columns_of_file(stored: OpenParquet, options: ColumnOptions) -> Columns:
+def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     import pyarrow as pa
 
-    file, schema = stored.file, stored.file.schema_arrow
-    check_names(schema.names, stored.name)
+    schema = file.schema_arrow
+    check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
-    plain = [name for name, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
-    check_pages(stored, plain)
-    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain), None)
+    plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain, use_threads=False), None)
     head = None if batch is None else pa.Table.from_batches([batch])
-    kinds |= {} if head is None else flat.kinds_of(head)
-    return find_columns(schema.names, kinds, stored.name, options, head=head)
+    if head is not None:
+        check_table(head, name)
+        kinds |= flat.kinds_of(head)
+    return find_columns(schema.names, kinds, name, options, head=head)
 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:
@@ -240,7 +266,7 @@ def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:
     from pyarrow import fs
 
     path = str(copy.path)
-    with opened(fs.LocalFileSystem(), path) as (file, _, _):
+    with opened(fs.LocalFileSystem(), path) as file:
         counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
     ends = np.cumsum(counts).tolist()
     groups = (RowGroup(path, k, end - n, end, end - n) for k, (n, end) in enumerate(zip(counts, ends, strict=True)))
@@ -255,12 +281,13 @@ def open_rows(
     A `DataError` where the columns of the files differ.
     """
     import pyarrow as pa
+    from pyarrow import fs
 
     groups: list[RowGroup] = []
     columns, layout, metadata, first, begins, n_bytes = None, None, Metadata(), PurePosixPath(paths[0]).name, 0, 0
     for path in paths:
-        with opened(filesystem, path) as stored:
-            file, _, name = stored
+        name = PurePosixPath(path).name
+        with opened(filesystem, path) as file:
             if path == paths[0]:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(filesystem, paths)
             row = 0
@@ -269,10 +296,10 @@ def open_rows(
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns = columns or columns_of_file(stored, options)
+            columns = columns or columns_of_file(file, name, options)
             check_columns(file, columns, name, first)
-            n_bytes += check_pages(stored, [*columns.all, *columns.outcomes])
-            head = next(file.iter_batches(1, columns=columns.data), None)
+            n_bytes += 0 if options.on_disk else sum(bytes_of_groups(file, {*columns.all, *columns.outcomes}))
+            head = next(file.iter_batches(1, columns=columns.data, use_threads=False), None)
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)
             if layout is not None and this.shape != layout.shape:
@@ -284,7 +311,8 @@ def open_rows(
             layout = replace(this, observation=np.result_type(this.observation, other.observation), action=action)
     if columns is None or layout is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return ParquetRows(filesystem, tuple(groups), n_bytes), columns, layout, metadata
+    stamps = {path: _stamp(path) for path in paths} if isinstance(filesystem, fs.LocalFileSystem) else {}
+    return ParquetRows(filesystem, tuple(groups), n_bytes, stamps=stamps), columns, layout, metadata
 
 
 def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:

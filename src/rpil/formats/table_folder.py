@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Literal
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
@@ -13,12 +14,11 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import without_suffix
 from rpil.formats.format import Format, check_found
 from rpil.formats.places import Cuts
-from rpil.formats.recording import Recording
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import find_files, has_parquet
 
 
-def read(path: StrPath, options: ColumnOptions) -> Recording | StepTables:
+def read(path: StrPath, options: ColumnOptions) -> StepTables:
     """The recording in the Parquet files of a folder, or else in its text tables."""
     filesystem, parquet_files, text_files = find_files(path)
     source = Path(str(path)).name or str(path)
@@ -28,7 +28,12 @@ def read(path: StrPath, options: ColumnOptions) -> Recording | StepTables:
     if not parquet_files:
         return csv.read_folder([Path(file) for file in text_files], options, source)
     beside = {Path(file).name: "a text table beside Parquet files" for file in text_files}
-    return parquet.read_files(filesystem, parquet_files, options, source, beside)
+    return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
+
+
+def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
+    """The kind of the tables that are read."""
+    return "Parquet" if has_parquet(path) else "text"
 
 
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:
@@ -74,6 +79,5 @@ FORMAT = Format(
     read=read,
     keep=keep,
     read_address=read,
-    stays_on_disk=has_parquet,
-    reads_in_place=lambda _: True,
+    tables=tables_of,
 )

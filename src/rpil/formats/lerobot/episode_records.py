@@ -17,7 +17,7 @@ from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_text
 from rpil.formats.format import Shot
 from rpil.formats.lerobot import stats, video
 from rpil.formats.lerobot.kept import Kept
-from rpil.formats.parquet_pages import read_table
+from rpil.formats.parquet_file import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -37,7 +37,6 @@ from rpil.formats.lerobot.kept import PATHS, Kept
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size, info_of
 from rpil.formats.places import Cuts
-from rpil.formats.store import has_parquet
 
 read = table_folder.read
 
@@ -198,13 +197,12 @@ FORMAT = Format(
     name="LeRobot",
     claims=claims,
     read=read,
-    reads_in_place=lambda _: True,
+    tables=table_folder.tables_of,
     keep=keep,
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
-    stays_on_disk=has_parquet,
     find_defects=find_defects,
     shots=find_shots,
 )

@@ -20,7 +20,7 @@ from rpil.formats.format import Shot
 from rpil.formats.lerobot import video
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
-from rpil.formats.parquet_pages import read_table
+from rpil.formats.parquet_file import read_table
 from rpil.formats.places import Cuts
 from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
@@ -155,9 +155,10 @@ class Kept:
 
     def rows(self, number: int) -> pa.Table:
         """The new rows of an episode."""
-        import pyarrow.parquet as pq
+        import pyarrow.compute as pc
 
-        return pq.read_table(self.target(0, *self.files[number]), filters=[("episode_index", "==", number)])
+        table = read_table(self.target(0, *self.files[number]))
+        return table.filter(pc.equal(table["episode_index"], number))
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:

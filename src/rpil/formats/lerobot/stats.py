@@ -11,7 +11,7 @@ import numpy as np
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.parquet_pages import read_table
+from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

@@ -1,22 +1,24 @@
-"""The numbers in lists are counted as pyarrow decodes them, whatever the footer says."""
+"""Parquet files that lie or are damaged: one sentence, whatever pyarrow does with them."""
 
 import json
+import os
+import sys
+from contextlib import suppress
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from pyarrow import fs
 
 import lerobot_folders as folders
 import rpil
-from hostile import write_long_list
+from hostile import write_letters, write_long_list
 from rpil.data import memory
 from rpil.data.errors import DataError
 from rpil.formats.lerobot.defects import find_defects
-from rpil.formats.parquet_pages import OpenParquet, page_sizes
+from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.registry import find
-from rpil.formats.store import opened
+from rpil.results.choice import read_verdicts
 
 ROWS = 500
 TABLE = pa.table(
@@ -30,75 +32,71 @@ TABLE = pa.table(
 )
 
 
-def sizes(path, *columns):
-    with opened(fs.LocalFileSystem(), str(path)) as stored:
-        return page_sizes(stored, columns)
-
-
-def counted(path, *columns):
-    """The numbers in lists."""
-    return [sum(chunk.n_values for chunk in chunks if chunk.is_list) for chunks in sizes(path, *columns)]
-
-
 @pytest.mark.parametrize(
-    "how",
-    [
-        {},
-        {"row_group_size": 100},
-        {"data_page_version": "2.0", "compression": "zstd"},
-        {"use_dictionary": False, "compression": None, "data_page_size": 500, "write_page_checksum": True},
-        {"write_statistics": False, "write_page_index": True, "store_schema": False},
-    ],
-    ids=str,
+    "how", [{}, {"row_group_size": 100}, {"data_page_version": "2.0", "compression": "zstd"}], ids=str
 )
-def test_numbers_are_counted(tmp_path, how):
+def test_bytes_are_those_of_the_footer(tmp_path, how):
     path = tmp_path / "x.parquet"
     pq.write_table(TABLE, path, **how)
-    n_groups = ROWS // how.get("row_group_size", ROWS)
-    assert counted(path, "state.pos", "action.x") == [6 * ROWS // n_groups] * n_groups
-    assert counted(path, "few", "state") == [ROWS // n_groups] * n_groups
-    assert counted(path, "text", "action.x") == [0] * n_groups
-    # An empty list is stored as one value.
-    assert sum(counted(path, "ragged")) == sum(max(k % 3, 1) for k in range(ROWS))
+    n = how.get("row_group_size", ROWS)
+    with pq.ParquetFile(path) as file:
+        assert bytes_of_groups(file, ["state.pos", "action.x"]) == [16 * 7 * n] * (ROWS // n)
+        assert bytes_of_groups(file, ["few", "state"]) == [16 * n] * (ROWS // n)
+        assert sum(bytes_of_groups(file, ["ragged"])) == 16 * sum(max(k % 3, 1) for k in range(ROWS))
 
 
-def test_bytes_are_those_of_decoded_pages(tmp_path):
-    path = tmp_path / "x.parquet"
-    plain = {"use_dictionary": False, "compression": "zstd"}
-    pq.write_table(TABLE, path, **plain, data_page_size=1000, write_batch_size=10)
-    [[chunk]] = sizes(path, "text")
-    assert ROWS * 304 <= chunk.n_bytes < ROWS * 310
-    assert (chunk.n_values, chunk.largest < 10_000) == (ROWS, True)
-    pq.write_table(TABLE, path, compression="zstd")
-    [[chunk]] = sizes(path, "text")  # of a dictionary with one text
-    assert 304 <= chunk.largest < chunk.n_bytes < 1000
-
-
-def test_the_pages_are_believed_and_not_the_footer(tmp_path):
-    path = tmp_path / "x.parquet"
-    write_long_list(path, 10**6, says=2)
-    assert len(pq.read_table(path)["observation.x"][1]) == 10**6
-    assert counted(path, "observation.x") == [10**6 + 1]
+def test_the_footer_says_enough_of_a_long_list(tmp_path):
+    write_long_list(tmp_path / "x.parquet", 10**6)
     with pytest.raises(DataError, match=r"x\.parquet: .* 16\.0 MB of memory"):
-        rpil.read(path, memory="1MB")
+        rpil.read(tmp_path / "x.parquet", memory="1MB")
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_list_longer_than_any_is_refused(tmp_path, on_disk):
+    write_long_list(tmp_path / "x.parquet", 2 * 10**6)
+    with pytest.raises(DataError, match=r"^x\.parquet: column 'observation\.x' has 2,000,000 numbers in a list"):
+        rpil.open(tmp_path / "x.parquet", on_disk=on_disk)
+
+
+def test_a_text_longer_than_any_is_refused(tmp_path):
+    write_letters(tmp_path / "x.parquet", 2 * 10**6)
+    for use in (rpil.read, read_verdicts):
+        with pytest.raises(DataError, match=r"^x\.parquet: column 'comment' has 2,000,000 bytes in a text"):
+            use(tmp_path / "x.parquet")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no other process")
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_what_ends_the_library_is_one_sentence(tmp_path, monkeypatch, on_disk):
+    path = tmp_path / "x.parquet"
+    pq.write_table(pa.table({"episode_index": [0, 0], "observation.x": [0.5, 1.0], "action": [0, 1]}), path)
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: os.abort())
+    with pytest.raises(DataError, match=r"x\.parquet: the library that reads it was ended by it \(SIGABRT\)"):
+        rpil.open(path, on_disk=on_disk)
 
 
 def test_damaged_files_are_refused_and_end_no_process(tmp_path):
     path, rng = tmp_path / "x.parquet", np.random.default_rng(0)
-    pq.write_table(TABLE.slice(0, 20), path)
+    data = {"episode_index": [0] * 20, "observation.x": np.arange(20.0), "action": [0, 1] * 10}
+    pq.write_table(pa.table(data), path, write_page_checksum=True)
     content = path.read_bytes()
-    file = pq.ParquetFile(path)
-    for _ in range(250):
+    for k in range(60):
         bad = bytearray(content)
         bad[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
         path.write_bytes(bad)
-        try:
-            with fs.LocalFileSystem().open_input_file(str(path)) as stream:
-                groups = page_sizes(OpenParquet(file, stream, path.name), ["state.pos", "text"])
-        except DataError as error:
-            assert "x.parquet" in str(error)  # noqa: PT017
-        else:
-            assert all(chunk.n_values >= 0 and chunk.n_bytes >= 0 for chunks in groups for chunk in chunks)
+        with suppress(DataError):
+            demonstrations = rpil.open(path, on_disk=k % 2 > 0).demonstrations
+            assert demonstrations.n_steps == 20
+
+
+def test_a_file_that_has_changed_is_not_read_again(tmp_path):
+    path = tmp_path / "x.parquet"
+    data = {"episode_index": [0] * 20, "observation.x": np.arange(20.0), "action": [0, 1] * 10}
+    pq.write_table(pa.table(data), path)
+    dataset = rpil.open(path, on_disk=True).demonstrations
+    pq.write_table(pa.table(data | {"observation.x": np.arange(1.0, 21.0)}), path)
+    with pytest.raises(DataError, match=r"^x\.parquet: it has changed since the data set was opened; open it again\.$"):
+        dataset.select([0])
 
 
 def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):
