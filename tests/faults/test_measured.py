@@ -240,3 +240,11 @@ def test_a_demonstration_that_never_moves_is_not_cut():
     rows = np.pad(np.arange(len(x)), (0, 10), mode="edge")
     report = check(demonstrations(changed(CLEAN, 2, observations=x[rows], actions=a[rows])))
     assert (report.counts, report.trims) == ({}, {2: (0, len(x))})
+
+
+def test_an_action_may_be_the_speed_of_a_state():
+    speeds = [(np.cumsum(a, axis=0) - a, a) for _, a in CLEAN]
+    pairs = Learned.of(demonstrations(speeds), S).pairs
+    assert [(pair.action - 3, pair.of_change, pair.lag) for pair in pairs if pair.state == pair.action - 3] == [
+        (pair.action - 3, True, 1) for pair in pairs
+    ]
