@@ -191,7 +191,7 @@ WITHOUT_TESTS = {
     "formats/dialect.py": "tests/data/test_csv_variants.py",
     "data/names.py": "as dialect.py",
     "formats/columns.py": "as dialect.py",
-    "formats/lerobot/episode_records.py": "tests/formats/lerobot/test_kept.py",
+    "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/lerobot/stats.py": "tests/formats/lerobot/test_kept.py",
     "formats/lerobot/video_faults.py": "tests/formats/lerobot/test_defects.py",
     "formats/places.py": "as dialect.py",

@@ -52,7 +52,7 @@ def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried
     namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
     moments = np.eye(18)
     assert namer._within(moments, reach).all()
-    wide = FRAME.places()[2]
+    wide = FRAME.places[2]
     moments[wide, wide] = 100 / FRAME.spread[2] ** 2
     within = namer._within(moments, reach)
     assert [tuple(c) for c in tried.columns[within]] == [(1, 2)]
@@ -61,7 +61,7 @@ def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried
 def test_columns_reach_as_far_as_the_variance_of_the_others_tells():
     tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
     namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
-    for place in FRAME.places()[:, 1]:
+    for place in FRAME.places[:, 1]:
         for variance, within in ((15.99, True), (16.01, False)):
             moments = np.eye(18)
             moments[place, place] = variance

@@ -135,10 +135,10 @@ def test_what_was_not_written_is_filled_in_where_that_is_asked_for(tmp_path, how
         if how:
             array[5:10] = 1
     with hdf5.opened(tmp_path / "x.hdf5") as file:
-        filled = hdf5.array_at(file, "x", fills=True)
+        filled = hdf5.Arrays(file, fills=True)["x"]
         assert filled[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
         with pytest.raises(DataError, match=r"x\.hdf5: x .*fill_missing=True"):
-            hdf5.array_at(file, "x")[:]
+            hdf5.Arrays(file)["x"][:]
 
 
 def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):

@@ -73,8 +73,8 @@ def check(
     measured, kept, missing = _measure(demonstrations, learned)
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
-    findings = [*missing, *FrameCount.find(times, demonstrations)]
-    findings += find_frame_times(times, demonstrations, seconds, settings)
+    of_times = find_frame_times(times, demonstrations, seconds, settings)
+    findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
     why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
     why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}

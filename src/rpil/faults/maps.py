@@ -13,6 +13,7 @@ is left over becomes r + q, and e' = e + 2 <r, q> + <q, q>.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,10 +59,10 @@ class Window:
     spread: Float[Array, " C"]
     rows: int
 
+    @cached_property
     def places(self) -> Int[Array, "C 3"]:
         """Where in a window each column is, at the step before, at the step, and after."""
-        n, width = self.n_states, len(self.column)
-        step = np.arange(WIDTH)
+        n, width, step = self.n_states, len(self.column), np.arange(WIDTH)
         states = np.arange(n)[:, None] + n * step
         return np.concatenate([states, WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
 
@@ -76,14 +77,14 @@ class Window:
         window = np.concatenate(parts, axis=1, dtype=np.float64)
         window -= window.mean(axis=0)
         scale = np.empty(window.shape[1])
-        scale[self.places()] = self.spread[:, None]
+        scale[self.places] = self.spread[:, None]
         return np.asarray(window.T @ window / (len(window) * np.outer(scale, scale)))
 
 
 def maps_of(mean: Float[Array, "D D"], window: Window, ridge: float) -> Float[Array, "K D"]:
     """B, from the mean of G over demonstrations; K = A + S."""
     n = window.n_states
-    before, now, after = window.places().T
+    before, now, after = window.places.T
     out = np.zeros((len(window.column), len(mean)))
     n_actions = len(now) - n
     for rows, x, y in (
@@ -122,7 +123,7 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Win
         off = left.mean(axis=1)
         usual = off <= np.quantile(off, s.map_trim)
     mean, n = moments[usual].mean(axis=0), window.n_states
-    _, now, after = window.places().T
+    _, now, after = window.places.T
     step = mean[after[:n], after[:n]] + mean[now[:n], now[:n]] - 2 * mean[now[:n], after[:n]]
     power = np.concatenate([mean[now[n:], now[n:]], step])
     return maps * (np.median(np.exp(left), axis=0) < s.map_unknown * power)[:, None]
@@ -161,7 +162,7 @@ class Tried:
 
     def changes(self, maps: Float[Array, "K D"], window: Window) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
         """How undoing the linear faults, Q of them, changes B, and at which entries of a window."""
-        at, first = window.places(), self.columns[: self.n_linear, 0]
+        at, first = window.places, self.columns[: self.n_linear, 0]
         second = np.where(self.columns[: len(first), 1] < 0, first, self.columns[: len(first), 1])
         own, other = maps[:, at[first]], maps[:, at[second]]
         ratio = (window.spread[first] / window.spread[second])[:, None]
@@ -189,4 +190,4 @@ def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], window: Windo
 
 def per_column(maps: Float[Array, "... K D"], window: Window) -> Float[Array, "... K C"]:
     """What the maps leave over of a constant in a column."""
-    return np.asarray(maps[..., window.places()].sum(axis=-1))
+    return np.asarray(maps[..., window.places].sum(axis=-1))

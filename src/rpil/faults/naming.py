@@ -105,7 +105,7 @@ class Namer:
 
     def _within(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> Array:
         """Whether no column, once a fault is undone, moves farther than where the maps are known, (H,)."""
-        wide = moments.diagonal()[self.window.places()[:, 1]] * self.window.spread**2
+        wide = moments.diagonal()[self.window.places[:, 1]] * self.window.spread**2
         first, second = self.tried.columns.T
         second, far = np.where(second < 0, first, second), wide > reach
         own = far[first].astype(int) + np.where(first == second, 0, far[second])
@@ -159,22 +159,20 @@ def _namer(
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
     rest, screen = float(_above(excess, s.map_rest)), float(np.quantile(excess, share)) if share else -np.inf
     limit = np.maximum(_above(gain, s.map_tail), s.least_gain)
-    middle = window.places()[:, 1]
-    reach = [
-        s.map_reach * moments[others(fold, f)].mean(axis=0)[middle, middle] * window.spread**2 for f in range(len(maps))
-    ]
+    middle = window.places[:, 1]
+    means = np.array([moments[others(fold, f)].mean(axis=0)[middle, middle] for f in range(len(maps))])
+    reach = s.map_reach * means * window.spread**2
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
     usual_ones = excess[some] <= np.quantile(excess, s.map_power)
     power = np.append(_planted(gain[usual_ones], s), s.least_offset**2 / 2 * level.power(column[0]))
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
-    return apart, Namer(window, tried, maps, np.exp(usual), np.array(reach), level, known, rest, screen)
+    return apart, Namer(window, tried, maps, np.exp(usual), reach, level, known, rest, screen)
 
 
 def _planted(gain: Float[Array, "M H"], s: FaultSettings) -> Float[Array, " H"]:
     """What undoing each fault would gain at least in most demonstrations: what making it loses."""
-    lost, n = -np.quantile(gain, s.map_power, axis=0), gain.shape[1] - len(OF_ROWS)
-    rows = list(OF_ROWS)
+    lost, n, rows = -np.quantile(gain, s.map_power, axis=0), gain.shape[1] - len(OF_ROWS), list(OF_ROWS)
     return np.append(lost[:n], [lost[n + rows.index(opposite)] for opposite in OF_ROWS.values()])
 
 

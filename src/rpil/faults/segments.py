@@ -34,7 +34,8 @@ def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Flo
 def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
     """Where the largest value of each part is first; the parts follow one another."""
     top = np.repeat(np.maximum.reduceat(values, begins), np.diff(begins, append=len(values)))
-    return np.minimum.reduceat(np.where(values == top, np.arange(len(values)), len(values)), begins)
+    places = np.flatnonzero(values == top)
+    return np.asarray(places[np.searchsorted(places, begins)])
 
 
 def longest_runs(

@@ -127,9 +127,18 @@ def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     """What is called `name` in a group; None where nothing is, or a link."""
     import h5py
 
-    links, link = group.id.links, name.encode("utf-8", "surrogateescape")  # h5py's `get` is slow for very many groups
+    links, link = group.id.links, name.encode("utf-8", "surrogateescape")
     is_hard = links.exists(link) and links.get_info(link).type == h5py.h5l.TYPE_HARD
-    return group[name] if is_hard else None
+    return _opened_at(group, name) if is_hard else None
+
+
+def _opened_at(group: h5py.Group, path: str, fills: bool = True) -> h5py.Group | h5py.Dataset | h5py.Datatype:
+    """What is at a path that no link is on, see `_array_class`; h5py's own look-up is slow for very many groups."""
+    import h5py
+
+    one = h5py.h5o.open(group.id, path.encode("utf-8", "surrogateescape"))
+    kinds = {h5py.h5g.GroupID: h5py.Group, h5py.h5d.DatasetID: _array_class(fills)}
+    return kinds.get(type(one), h5py.Datatype)(one)
 
 
 def members(group: h5py.Group) -> dict[str, h5py.Group | h5py.Dataset]:
@@ -145,16 +154,6 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
     return {name: one for name, one in members(group).items() if isinstance(one, h5py.Group)}
 
 
-def array_at(group: h5py.Group, path: str, fills: bool = False) -> h5py.Dataset | None:
-    """The array at a path in a group; None where there is none, or it is in another file. See `_checked`."""
-    import h5py
-
-    found: h5py.Group | h5py.Dataset | None = group
-    for name in path.split("/"):
-        found = member(found, name) if isinstance(found, h5py.Group) else None
-    return _checked(found, fills) if isinstance(found, h5py.Dataset) and not _is_elsewhere(found) else None
-
-
 class Arrays(Mapping[str, Any]):
     """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
 
@@ -162,24 +161,36 @@ class Arrays(Mapping[str, Any]):
         self.group, self._fills = group, fills
         self._found: dict[str, object] = {}
 
+    @cached_property
+    def _links(self) -> dict[str, int]:
+        """The kind of each link in the group, and in the groups to which hard links lead, by path."""
+        kinds: dict[str, int] = {}
+
+        def add(path: bytes, link: h5py.h5l.LinkInfo) -> None:
+            kinds[path.decode("utf-8", "surrogateescape")] = link.type
+
+        self.group.id.links.visit(add, info=True)
+        return kinds
+
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
         """Give a `view` of an array from now on, where there is one."""
         if path in self:
             self._found[path] = view(self[path])
 
     def __getitem__(self, path: str) -> h5py.Dataset:
+        import h5py
+
         if path not in self._found:
-            self._found[path] = array_at(self.group, path, self._fills)
+            is_hard = self._links.get(path) == h5py.h5l.TYPE_HARD
+            one = _opened_at(self.group, path, self._fills) if is_hard else None
+            self._found[path] = one if isinstance(one, h5py.Dataset) and not _is_elsewhere(one) else None
         if self._found[path] is None:
             raise KeyError(path)
         return self._found[path]
 
     def paths(self) -> set[str]:
         """The paths of all that is no group with something in it; nothing is opened."""
-        paths: list[bytes] = []
-        self.group.id.links.visit(paths.append)
-        groups = {path.rpartition(b"/")[0] for path in paths}
-        return {path.decode("utf-8", "surrogateescape") for path in paths if path not in groups}
+        return {*self._links} - {path.rpartition("/")[0] for path in self._links}
 
     def __iter__(self) -> Iterator[str]:
         return iter(contents(self.group).arrays)
@@ -203,7 +214,7 @@ class Contents:
 
 
 def contents(group: h5py.Group, fills: bool = False) -> Contents:
-    """All arrays in a group; each group is visited once, in whatever circles they lie. See `_checked`."""
+    """All arrays in a group; each group is visited once, in whatever circles they lie. See `_array_class`."""
     import h5py
 
     arrays: dict[str, h5py.Dataset] = {}
@@ -218,7 +229,7 @@ def contents(group: h5py.Group, fills: bool = False) -> Contents:
             if isinstance(one, h5py.Dataset) and _is_elsewhere(one):
                 links.append(prefix + name)
             elif isinstance(one, h5py.Dataset):
-                arrays[prefix + name] = _checked(one, fills)
+                arrays[prefix + name] = _array_class(fills)(one.id)
             elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
                 seen.add(address)
                 inside[prefix + name] = one
@@ -228,17 +239,16 @@ def contents(group: h5py.Group, fills: bool = False) -> Contents:
 
 def _is_elsewhere(array: h5py.Dataset) -> bool:
     """Whether the values of an array are in another file."""
-    return bool(array.is_virtual or array.external)
-
-
-def _checked(array: h5py.Dataset, fills: bool) -> h5py.Dataset:
-    """The same array, which is read only if all its values are in the file, unless it `fills` in missing ones."""
-    return array if fills else _checked_class()(array.id)
+    return array.id.get_offset() is None and bool(array.is_virtual or array.external)
 
 
 @cache
-def _checked_class() -> Any:
+def _array_class(fills: bool) -> Any:
+    """Of arrays that are read only if all their values are in the file, unless they `fill` in missing ones."""
     import h5py
+
+    if fills:
+        return h5py.Dataset
 
     class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
         _is_whole = False
@@ -246,12 +256,21 @@ def _checked_class() -> Any:
         @cached_property
         def shape(self) -> tuple[int, ...]:
             """As the file says, which is asked once."""
-            return super().shape or ()  # of an array that holds nothing there is none
+            return tuple(self.id.shape or ())  # of an array that holds nothing there is none
+
+        @cached_property
+        def dtype(self) -> np.dtype[Any]:
+            """As the file says, which is asked once."""
+            return self.id.dtype  # type: ignore[no-any-return]
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
-            if not self._is_whole:
+            if not self._is_whole and self.id.get_offset() is None:  # else all values lie together
                 _check_whole(self)
                 self._is_whole = True
+            if isinstance(rows, slice) and rows == slice(0, *self.shape[:1]) and self.dtype.kind in "iuf":
+                values = np.empty(self.shape, self.dtype)
+                self.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values)  # faster than a selection of rows
+                return values
             return super().__getitem__(rows, new_dtype)
 
     return CheckedDataset

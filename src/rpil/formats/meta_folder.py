@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
-from rpil.data.folders import check_inside
+from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
 from rpil.formats.metadata import SIZES, Metadata
@@ -25,20 +26,94 @@ if TYPE_CHECKING:
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 
 
-def info_of(path: Path) -> dict[str, Parsed]:
-    """What ``meta/info.json`` of a folder says; a `DataError` where it is damaged."""
-    with held_bytes(path / "meta" / "info.json") as file:
-        return read_info(file.read(LARGEST_METADATA + 1), path.resolve().name)
+@dataclass(frozen=True)
+class MetaFolder:
+    """The folder ``meta`` in the folder `top`, which no link may leave."""
 
+    filesystem: fs.FileSystem
+    top: PurePosixPath
 
-def read_info(text: str | bytes, folder: str) -> dict[str, Parsed]:
-    """The content of ``meta/info.json`` in a `folder`; a `DataError` that names the file, if it is damaged."""
-    where = f"{folder}/meta/info.json", "it does not describe a data set", "write it again, or move it away"
-    with guarded(*where):
-        info = parse(text, where[0])
-        if isinstance(info, dict):
-            return info
-        raise TypeError("no object")
+    @cached_property
+    def files(self) -> list[PurePosixPath]:
+        """What is in it; a `DataError` where a link leads out of the folder, or to nothing."""
+        from pyarrow import fs
+
+        selector = fs.FileSelector(str(self.top / "meta"), recursive=True, allow_not_found=True)
+        found = [PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector)]
+        for place in found if isinstance(self.filesystem, fs.LocalFileSystem) else ():
+            if not is_hidden(place.name):
+                check_inside(str(place), str(self.top))
+        return found
+
+    def _text(self, place: PurePosixPath, limit: int) -> bytes:
+        """As much of a file as its kind has at most, and a byte more."""
+        with input_file(self.filesystem, place) as stream:
+            return bytes(stream.read_at(limit + 1, 0))
+
+    @cached_property
+    def info(self) -> dict[str, Parsed]:
+        """What ``info.json`` says; empty where it is not there, and a `DataError` where it is damaged."""
+        place, name = self.top / "meta" / "info.json", f"{self.top.name}/meta/info.json"
+        if place not in self.files:
+            return {}
+        with guarded(place, remedy="change its permissions, or move it away"):
+            text = self._text(place, LARGEST_METADATA)
+        with guarded(name, "it does not describe a data set", "write it again, or move it away"):
+            if isinstance(info := parse(text, name), dict):
+                return info
+            raise TypeError("no object")
+
+    def tables(self, name: str) -> list[PurePosixPath]:
+        """The Parquet files of a table, in order."""
+        parts = [(place, place.relative_to(self.top / "meta").parts[0]) for place in self.files]
+        own = (place for place, first in parts if first in (name, f"{name}.parquet"))
+        return sorted(place for place in own if place.suffix == ".parquet")
+
+    def rows(self, name: str, wanted: Callable[[str], bool] = lambda _: True) -> list[dict[str, Parsed]]:
+        """The rows of a table: of lines of JSON before version 3.0, of Parquet files since; none where it is not there.
+
+        Of Parquet files the columns that are `wanted` are given. Errors of reading are left as they are.
+        """
+        lines = self.top / "meta" / f"{name}.jsonl"
+        if lines in self.files:
+            return parse_lines(self._text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
+        rows: list[dict[str, Parsed]] = []
+        for place in self.tables(name):
+            table = read_table(place, None, self.filesystem)
+            rows += table.select([*filter(wanted, table.column_names)]).to_pylist()
+        return rows
+
+    @cached_property
+    def lengths(self) -> dict[Id, int]:
+        """Steps by episode; empty where it does not say, and a `DataError` where it is damaged."""
+        with guarded(self.top / "meta", "it does not say how long each episode is", "write it again"):
+            rows = self.rows("episodes", {"episode_index", "length"}.__contains__)
+            return {int(row["episode_index"]): int(row["length"]) for row in rows}
+
+    def tasks(self) -> dict[str, str] | None:
+        """Task by its number; since version 3.0 its text is the index of pandas. None where they are damaged."""
+        import pyarrow as pa
+
+        try:
+            found = {}
+            for row in self.rows("tasks"):
+                texts = [text for name, text in row.items() if name != "task_index"]
+                found[str(row["task_index"])] = str(row.get("task", *texts[:1]))
+            return found
+        except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
+
+    def listed(self, present: Sequence[str]) -> list[str]:
+        """Those of the data files `present` that it lists; all where it does not say, or lists none of them.
+
+        Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
+        """
+        template, size = self.info.get("data_path"), chunk_size(self.info)
+        if isinstance(template, str) and "episode_index" in template and size is not None:
+            with suppress(KeyError, ValueError):
+                names = {fill(template, int(m) // size, int(m)) for m in self.lengths}
+                return [place for place in present if place in names] or list(present)
+        return list(present)
 
 
 def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[str]) -> list[str]:
@@ -46,23 +121,23 @@ def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[
 
     A `DataError` that names `where` if ``meta`` is there and the data are not.
     """
-    top = PurePosixPath(place)
-    meta = (top.parent if top.name == "data" else top) / "meta"
+    folder = PurePosixPath(place)
+    meta = MetaFolder(filesystem, folder.parent if folder.name == "data" else folder)
+    by_place = {str(PurePosixPath(file).relative_to(meta.top)): file for file in files}
+    own = [place for place in by_place if not place.startswith("meta/")]
     try:
-        info = read_info(_read_start(filesystem, meta / "info.json"), meta.parent.name)
-        is_one_each = "episode_index" in str(info.get("data_path"))
-        lengths = _lengths(filesystem, meta) if is_one_each else {}
-    except (FileNotFoundError, DataError):  # the reader names what is damaged, after the data
+        listed = meta.listed(own) if meta.info else []
+    except DataError:  # the reader names what is damaged, after the data
         return files
-    own = [file for file in files if meta not in PurePosixPath(file).parents]
-    if not own and "codebase_version" in info:
-        n = str(info.get("total_episodes", "?"))[:20]
+    if not meta.info:
+        return files
+    if not own and "codebase_version" in meta.info:
+        n = str(meta.info.get("total_episodes", "?"))[:20]
         raise DataError(
             f"{where}: meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data; "
             "download it again, or record some."
         )
-    by_place = {str(PurePosixPath(file).relative_to(meta.parent)): file for file in own}
-    return [by_place[file] for file in listed_files(info, lengths, list(by_place))]
+    return [by_place[place] for place in listed]
 
 
 def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
@@ -74,35 +149,25 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     from pyarrow import fs
 
     data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
-    if data is None:
+    meta = None if data is None else MetaFolder(filesystem, data.parent)
+    if data is None or meta is None or not meta.info:
         return Metadata()
-    meta = data.parent / "meta"
-    if isinstance(filesystem, fs.LocalFileSystem):
-        folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
-        names = [meta / name for name in ("info.json", "tasks.parquet", "tasks.jsonl", "episodes.jsonl")]
-        for place in (*names, meta / "episodes", *(info.path for info in filesystem.get_file_info(folder))):
-            check_inside(str(place), str(data.parent))
-    try:
-        text = _read_start(filesystem, meta / "info.json")
-    except FileNotFoundError:
-        return Metadata()
-    info, unusable = read_info(text, data.parent.name), []
-    info |= {name: _number(info[name]) for name in ("fps", *SIZES) if name in info}
-    fps = frame_rate(info.get("fps"))
-    if fps != info.get("fps"):
-        unusable.append(f"fps = {str(info['fps'])[:40]!r}")
-    given = info.get("features", {})
+    info = meta.info | {name: _number(meta.info[name]) for name in ("fps", *SIZES) if name in meta.info}
+    fps, given, tasks = frame_rate(info.get("fps")), info.get("features", {}), meta.tasks()
     features = {k: v for k, v in given.items() if isinstance(v, dict)} if isinstance(given, dict) else {}
-    if features != given:
-        wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
-        unusable.append(f"features {quoted(wrong, 5)}" if wrong else "features")
+    wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
     sizes: dict[str, float] = {name: info[name] for name in SIZES if _is_size(info.get(name))}
-    unusable += [name for name in SIZES if name in info and name not in sizes]
-    unusable += ["chunks_size"] * (chunk_size(info) is None)
-    lengths = _lengths(filesystem, meta)
-    strays, are_all = _strays(filesystem, data, info, lengths, paths)
-    tasks = _tasks(filesystem, meta)
-    unusable += ["tasks"] * (tasks is None)
+    is_usable = {
+        f"fps = {str(info.get('fps'))[:40]!r}": fps == info.get("fps"),
+        f"features {quoted(wrong, 5)}".strip(): features == given,
+        **{name: name in sizes for name in SIZES if name in info},
+        "chunks_size": chunk_size(info) is not None,
+        "tasks": tasks is not None,
+    }
+    infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
+    places = (PurePosixPath(one.path).relative_to(data.parent) for one in infos)
+    present = [str(file) for file in places if file.suffix == ".parquet" and not file.name.startswith((".", "_"))]
+    listed, read = {*meta.listed(present)}, {str(PurePosixPath(path).relative_to(data.parent)) for path in paths}
     return Metadata(
         version=str(info.get("codebase_version", ""))[:40],
         fps=fps,
@@ -110,23 +175,11 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         tasks=tasks or {},
         videos=cameras(info, "video"),
         n_cameras=len(cameras(info, "video", "image")),
-        strays=strays,
+        strays=tuple(sorted({*present} - listed - read)),
         sizes=sizes,
-        lengths=lengths if are_all else {},
-        unusable=tuple(unusable),
+        lengths=meta.lengths if listed <= read else {},
+        unusable=tuple(what for what, holds in is_usable.items() if not holds),
     )
-
-
-def _read_start(filesystem: fs.FileSystem, path: PurePosixPath) -> bytes:
-    """As much of a file as metadata have; a `FileNotFoundError` where it is not there."""
-    remedy = "change its permissions, or move it away"
-    with (
-        guarded(path, remedy=remedy),
-        suppress(FileNotFoundError),
-        input_file(filesystem, path) as stream,
-    ):
-        return bytes(stream.read_at(LARGEST_METADATA + 1, 0))
-    raise FileNotFoundError(path)
 
 
 def _is_size(value: object) -> bool:
@@ -138,24 +191,6 @@ def frame_rate(value: object) -> float | None:
     if not isinstance(value, int | float) or isinstance(value, bool):
         return None
     return float(value) if 0 < value < 1e9 else None
-
-
-def _strays(
-    filesystem: fs.FileSystem,
-    data: PurePosixPath,
-    info: Mapping[str, Parsed],
-    lengths: Mapping[Id, int],
-    paths: Sequence[str],
-) -> tuple[tuple[str, ...], bool]:
-    """The data files that are not among `paths` nor listed by ``meta``, and whether `paths` are all the others."""
-    from pyarrow import fs
-
-    infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
-    places = (PurePosixPath(info.path).relative_to(data.parent) for info in infos)
-    present = [str(file) for file in places if file.suffix == ".parquet" and not file.name.startswith((".", "_"))]
-    others = set(present) - {str(PurePosixPath(path).relative_to(data.parent)) for path in paths}
-    strays = others - set(listed_files(info, lengths, present))
-    return tuple(sorted(strays)), others == strays
 
 
 def _number(value: Parsed) -> Parsed:
@@ -185,36 +220,6 @@ def chunk_size(info: Mapping[str, Parsed]) -> int | None:
     return int(size) if _is_size(size) and size >= 1 and size == int(size) else None
 
 
-def listed_files(info: Mapping[str, Parsed], lengths: Mapping[Id, int], present: Sequence[str]) -> list[str]:
-    """Those of the data files `present` that ``meta`` lists; all where it does not say, or lists none of them.
-
-    Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
-    """
-    template, size = info.get("data_path"), chunk_size(info)
-    if not isinstance(template, str) or "episode_index" not in template or size is None:
-        return list(present)
-    with suppress(KeyError, ValueError):
-        names = {fill(template, int(m) // size, int(m)) for m in lengths}
-        return [place for place in present if place in names] or list(present)
-    return list(present)
-
-
-def _lengths(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[Id, int]:
-    """Steps by episode: of version 3 in ``episodes/``, before in ``episodes.jsonl``; empty where neither is there."""
-    from pyarrow import fs
-
-    with guarded(meta, "it does not say how long each episode is", "write it again"):
-        try:
-            with input_file(filesystem, meta / "episodes.jsonl") as stream:
-                rows = parse_lines(stream.read_at(LARGEST_TABLE + 1, 0), str(meta / "episodes.jsonl"), LARGEST_TABLE)
-        except FileNotFoundError:
-            folder = fs.FileSelector(str(meta / "episodes"), recursive=True, allow_not_found=True)
-            files = sorted(info.path for info in filesystem.get_file_info(folder) if info.path.endswith(".parquet"))
-            wanted = ["episode_index", "length"]
-            rows = [row for file in files for row in read_table(file, wanted, filesystem).to_pylist()]
-        return {int(row["episode_index"]): int(row["length"]) for row in rows}
-
-
 def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:
     names = feature.get("names")
     if isinstance(names, dict):  # version 2 has {"motors": [...]}
@@ -222,23 +227,3 @@ def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:
     if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):  # of Unitree's converter
         names = names[0]
     return tuple(map(str, names)) if isinstance(names, list) and feature.get("shape") == [len(names)] else ()
-
-
-def _tasks(filesystem: fs.FileSystem, meta: PurePosixPath) -> dict[str, str] | None:
-    """Task by its number: a table since version 3, where its texts are the index of pandas; lines of JSON before.
-
-    Empty where there are none, None where they are damaged.
-    """
-    import pyarrow as pa
-
-    try:
-        with suppress(FileNotFoundError):
-            table = read_table(meta / "tasks.parquet", None, filesystem)
-            text = next((name for name in table.column_names if name != "task_index"), "task_index")
-            return dict(zip(map(str, table["task_index"].to_pylist()), map(str, table[text].to_pylist()), strict=True))
-        with suppress(FileNotFoundError), input_file(filesystem, meta / "tasks.jsonl") as stream:
-            rows = parse_lines(stream.read_at(LARGEST_TABLE + 1, 0), str(meta / "tasks.jsonl"), LARGEST_TABLE)
-            return {str(row["task_index"]): str(row["task"]) for row in rows}
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-    return {}

@@ -105,7 +105,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
             _parent(new).attrs["total"] = sum(cuts[name].n_steps if name in cuts else found[name] for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key in list(mask):
-            listed_names = hdf5.array_at(mask, key)
+            listed_names = hdf5.Arrays(mask).get(key)
             found_names = [] if listed_names is None else listed_names[()].tolist()
             del mask[key]
             if listed_names is not None:  # and no link, nor an array whose values are in another file
@@ -153,7 +153,8 @@ def _settings(file: h5py.File) -> Mapping[str, object]:
 
 def _task(group: h5py.Group, of_file: Mapping[str, object]) -> dict[str, str]:
     """The task of a demonstration, in words where it has some, or else the name of the environment."""
-    task = object_in(group.attrs.get("ep_meta")).get("lang") or of_file.get("env_name")
+    about = object_in(group.attrs["ep_meta"]) if "ep_meta" in group.attrs else {}
+    task = about.get("lang") or of_file.get("env_name")
     return {"task": task} if isinstance(task, str) and task else {}
 
 

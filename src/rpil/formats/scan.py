@@ -180,14 +180,17 @@ class ScannedColumns:
         return self.repeats
 
     def _add(self, name: str, values: Array, same: Array) -> None:
-        repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
-        within, always = repeats[same].all(axis=0), repeats.all(axis=0)
-        low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
+        columns = np.ascontiguousarray(values.T)  # in which numbers are compared fast
+        low, high = np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
         if name in self.low:
             low, high = np.fmin(self.low[name], low), np.fmax(self.high[name], high)
-            within, always = self._within[name] & within, self._always[name] & always
-        self.low[name], self.high[name], self._last[name] = low, high, values[-1:]
-        self._within[name], self._always[name] = within, always
+        self.low[name], self.high[name] = low, high
+        is_constant = np.ones(values.shape[1], dtype=bool)
+        within, always = self._within.get(name, is_constant), self._always.get(name, is_constant)
+        if within.any():  # and else no column is always the same either
+            repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
+            within, always = within & repeats[same].all(axis=0), always & repeats.all(axis=0)
+        self._within[name], self._always[name], self._last[name] = within, always, values[-1:]
 
     def ranges(self, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[float, float]]:
         """Smallest and largest of the numbers that are there; `names` are those of the numbers of each column."""

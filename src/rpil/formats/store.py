@@ -23,7 +23,6 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.layout import Layout
-from rpil.formats.meta_folder import choose_files, read_metadata
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_table, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
@@ -170,6 +169,8 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
 
     Of LeRobot's files those that ``meta`` lists. A `DataError` where `path` does not exist or cannot be listed.
     """
+    from rpil.formats.meta_folder import choose_files
+
     filesystem, folder, files, texts = _listed(path)
     return filesystem, choose_files(filesystem, str(path), folder, files) if folder else files, texts
 
@@ -282,6 +283,8 @@ def open_rows(
     """
     import pyarrow as pa
     from pyarrow import fs
+
+    from rpil.formats.meta_folder import read_metadata
 
     groups: list[RowGroup] = []
     columns, layout, metadata, first, begins, n_bytes = None, None, Metadata(), PurePosixPath(paths[0]).name, 0, 0

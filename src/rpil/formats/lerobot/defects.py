@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import spans
@@ -20,18 +16,11 @@ from rpil.formats.description import commas
 from rpil.formats.format import Defect, Shot
 from rpil.formats.import_process import in_child
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.episode_records import read_episodes, read_lines
-from rpil.formats.lerobot.kept import PATHS
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
 from rpil.formats.lerobot.video import load_av
-from rpil.formats.lerobot.video_faults import NEAR_SECONDS, find_faults
-from rpil.formats.meta_folder import cameras, chunk_size, fill, frame_rate, info_of
-from rpil.formats.parquet_file import read_table
-from rpil.formats.store import find_files, size_of
-from rpil.formats.table import numbers_or_missing
-from rpil.formats.times import usual_step
-from rpil.numerics.types import Array
-
-INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
+from rpil.formats.lerobot.video_faults import find_faults
+from rpil.formats.meta_folder import cameras, fill, frame_rate
+from rpil.formats.store import size_of
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
@@ -40,106 +29,6 @@ differ: LeRobot subtracts squares of short floats."""
 
 _TO_DECODE = 16
 """How many times as long it takes to decode videos as to read their bytes, at most."""
-
-
-class EpisodeRows(NamedTuple):
-    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
-
-    Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
-    """
-
-    n: int
-    first: int
-    file: str
-    start: float
-    off: float
-    fps: float
-
-
-@dataclass(frozen=True, eq=False)
-class CheckedFolder:
-    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
-
-    path: Path
-
-    @cached_property
-    def info(self) -> dict[str, Parsed]:
-        """What ``info.json`` says."""
-        return info_of(self.path)
-
-    @cached_property
-    def data(self) -> dict[int, EpisodeRows]:
-        """The rows of each episode, by the data."""
-        found: dict[int, EpisodeRows] = {}
-        for file in find_files(self.path)[1]:
-            with guarded(file):
-                table = read_table(file, ["episode_index", "index", "timestamp"])
-            columns, place = table.column_names, os.path.relpath(file, self.path)
-            times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
-            numbers, counts = np.unique(table["episode_index"], return_counts=True)
-            rows = np.split(np.argsort(table["episode_index"], kind="stable"), np.cumsum(counts)[:-1])
-            for m, own in zip(numbers.tolist(), rows, strict=True):
-                first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-                found[m] = EpisodeRows(
-                    len(own), first, place, *self._timing(np.zeros(0) if times is None else times[own, 0])
-                )
-        return found
-
-    def _timing(self, times: Array) -> tuple[float, float, float]:
-        """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
-        fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
-        if fps is None or not len(times):
-            return 0.0, 0.0, 0.0
-        if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
-            frames = frames + np.rint(times[0] * fps)
-        gaps = times - frames / fps if cameras(self.info, "video") else np.diff(times) - 1 / fps
-        off = float(np.abs(gaps).max(initial=0.0))
-        if off <= NEAR_SECONDS:
-            return float(times[0]), 0.0, 0.0
-        return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
-
-    @cached_property
-    def episodes(self) -> dict[int, dict[str, Parsed]]:
-        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
-        lines = self.path / "meta" / "episodes.jsonl"
-        if lines.exists():
-            rows = read_lines(lines)
-        elif lines.with_suffix("").exists():
-            table = read_episodes(self.path)
-            table = table.select([name for name in table.column_names if not name.startswith("stats/")])
-            rows = table.to_pylist()
-        else:
-            rows = []
-        return {int(row["episode_index"]): row for row in rows}
-
-    def shots(self, only: Collection[str] | None = None) -> list[Shot]:
-        """Where the frames of each episode that is there, `only` these or all, are, by camera."""
-        found = []
-        if chunk_size(self.info) is None:
-            said = str(self.info["chunks_size"])[:20]
-            raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
-        there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
-        for camera in cameras(self.info, "video"):
-            for m in there:
-                row = self.episodes[m]
-                # Version 2 has no such column: there, frames before the first row's time belong to no row.
-                start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
-                end = row.get(f"videos/{camera}/to_timestamp", np.inf)
-                if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
-                    said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
-                    raise DataError(f"meta/episodes, demonstration {m}: {said}.")
-                found.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
-        return found
-
-    def video(self, camera: str, m: int) -> Path:
-        """The video in which a camera saw an episode; a `DataError` where it lies outside the folder."""
-        row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
-        chunk, file = (row[name] for name in names) if names[0] in row else (m // (chunk_size(self.info) or 1), m)
-        place = self.path / fill(
-            self.info.get("video_path") or PATHS[self.info["codebase_version"]][1], chunk, file, camera
-        )
-        check_inside(place, self.path)
-        return place
 
 
 def find_shots(path: Path) -> list[Shot]:
@@ -199,13 +88,15 @@ def _named(episodes: Sequence[int], folder: CheckedFolder) -> str:
 def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
     """Faults of videos; without the package only files that are not there, unless they are to be looked at."""
     fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
+    there = {shot.path for shot in shots if shot.path.is_file()}
     try:
-        load_av()
+        if there:
+            load_av()
     except MissingExtraError:
         if look:
             raise
-        shots = [shot for shot in shots if not shot.path.is_file()]
-    return (Defect(*one) for one in find_faults(shots, fps, look)) if fps else iter(())
+        shots = [shot for shot in shots if shot.path not in there]
+    return find_faults(shots, fps, look) if fps else iter(())
 
 
 def _in_totals(folder: CheckedFolder) -> Iterator[Defect]:

@@ -6,8 +6,7 @@ import json
 import re
 import shlex
 import warnings
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -23,19 +22,11 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.defects import (
-    EPISODES_STATS,
-    INFO,
-    CheckedFolder,
-    find_defects,
-    find_shots,
-    in_times,
-    in_videos,
-)
-from rpil.formats.lerobot.episode_records import Episodes
-from rpil.formats.lerobot.kept import PATHS, Kept
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
+from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
+from rpil.formats.lerobot.kept import Kept
 from rpil.formats.lerobot.video import load_av
-from rpil.formats.meta_folder import cameras, chunk_size, info_of
+from rpil.formats.meta_folder import cameras, chunk_size
 from rpil.formats.places import Cuts
 
 read = table_folder.read
@@ -56,7 +47,7 @@ def claims(path: Path) -> bool:
 
 def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
-    info = info_of(path)
+    info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if output.suffix.lower() == ".json":
         if trim:
@@ -85,37 +76,41 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
             temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
-            where, found = path, [*in_times(old, wanted)]
+        where, found = path, [*in_times(old, wanted)]
     else:
         with new_folder(output) as new:
-            _write(old, new, info, wanted, cuts)
+            _write(Kept(old, new, info, wanted, cuts))
+            counted = not cuts or info["codebase_version"] == "v3.0"  # others keep frames that no row has
             with guarded(path / "meta"):
-                counted = not cuts or info["codebase_version"] == "v3.0"  # others keep frames that no row has
-                where, found = (
-                    output,
-                    [*in_times(CheckedFolder(new)), *(in_videos(CheckedFolder(new), False) if counted else ())],
-                )
+                written = CheckedFolder(new)
+                where, found = output, [*in_times(written), *(in_videos(written, False) if counted else ())]
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
         warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
-def _write(old: CheckedFolder, new: Path, info: dict[str, Parsed], wanted: set[str], cuts: Cuts) -> None:
-    """Write the wanted episodes of a folder to the empty folder `new`; `info` is what ``info.json`` says."""
-    path, kept = old.path, Kept(old.path, new, info, wanted, cuts)
-    with guarded(path / "meta" / "episodes"):
-        shots = old.shots(wanted)
-        episodes = Episodes.read(kept)
+def _write(kept: Kept) -> None:
+    """Write a new folder."""
+    old, info, meta = kept.old, kept.info, kept.new / "meta"
+    with guarded(old.path / "meta" / "episodes"):
+        if (old.schema is not None) != kept.is_v3:
+            raise DataError(
+                f"{old.path}: meta/episodes is not that of version {info['codebase_version'][1:]}; repair it."
+            )
+        missing = sorted(kept.wanted - set(map(str, old.episodes)))
+        if missing:
+            raise DataError(f"{old.path}, demonstration {missing[0]}: it is not in meta/episodes; repair the data set.")
         seen: dict[str, dict[int, Shot]] = {camera: {} for camera in cameras(info, "video")}
-        for shot in shots:
-            if episodes.names_places(shot.camera):
+        for shot in old.shots(kept.wanted):
+            # Before version 3.0 ``meta`` need not say where in its video an episode lies.
+            if old.schema is None or f"videos/{shot.camera}/to_timestamp" in old.schema.names:
                 seen[shot.camera][shot.episode] = shot
-    copy_folder(path / "meta", new / "meta", without=("episodes", "info.json"))
+    copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
     gone = [camera for camera, own in seen.items() if not any(shot.path.is_file() for shot in own.values())]
     for camera in gone:
         del seen[camera], info["features"][camera]
-        message = f"{path}: no video of {camera!r} is there; the new folder does not name this camera."
+        message = f"{old.path}: no video of {camera!r} is there; the new folder does not name this camera."
         warnings.warn(message, stacklevel=1)
     lost = [shot.path for own in seen.values() for shot in own.values() if not shot.path.is_file()]
     if lost:
@@ -123,24 +118,21 @@ def _write(old: CheckedFolder, new: Path, info: dict[str, Parsed], wanted: set[s
     if not kept.is_v3:
         kept.find_heads(seen)
     kept.copy_data()
-    with guarded(path / "meta" / "episodes"):
-        by_episode = episodes.write(seen, Counter(old.video(camera, m) for camera in seen for m in old.episodes), gone)
-        n = len(kept.numbers)
-        data, videos = PATHS[info["codebase_version"]]
-        info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": data, "splits": {"train": f"0:{n}"}}
-        info |= {"video_path": videos} if seen else {}
+    with guarded(old.path / "meta" / "episodes"):
+        by_episode = kept.write_episodes(seen, gone)
+        n, (data, videos) = len(kept.numbers), PATHS[info["codebase_version"]]
+        info |= {"total_episodes": n, "total_frames": kept.lengths.total(), "data_path": data}
+        info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": videos} if seen else {})
         of_v2 = {"total_videos": n * len(seen), "total_chunks": -(-n // int(info["chunks_size"]))}
         info |= {name: value for name, value in of_v2.items() if name in info}
-        (new / "meta" / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
-    with guarded(path / "meta" / "stats.json"):
+        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
+    with guarded(old.path / "meta" / "stats.json"):
         _write_statistics(kept, by_episode, gone)
 
 
-def _write_statistics(
-    kept: Kept, by_episode: Sequence[Mapping[str, stats.ColumnStatistics]], gone: Sequence[str]
-) -> None:
+def _write_statistics(kept: Kept, by_episode: Sequence[stats.ByFeature], gone: Sequence[str]) -> None:
     """Write the statistics of all features that the file of statistics has, by the new data, or else by episode."""
-    place = kept.new / "meta" / "stats.json"
+    place = kept.new / STATS
     if not place.is_file():
         return
     old = {name: one for name, one in read_json(place).items() if name not in gone}
@@ -149,7 +141,7 @@ def _write_statistics(
     found |= {name: stats.joined([own[name] for own in by_episode]) for name in old if name in common - found.keys()}
     left = [name for name in old if name not in found]
     if left:
-        message = f"{kept.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
+        message = f"{kept.old.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
         warnings.warn(f"{message}recording does not say them by episode.", stacklevel=1)
     place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
 
@@ -161,7 +153,7 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
     """
     is_list, version = Path(output).suffix.lower() == ".json", ""
     with suppress(DataError):
-        version = str(info_of(path).get("codebase_version"))
+        version = str(CheckedFolder(path).info.get("codebase_version"))
     if Path(output).name and not is_list:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
         return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]

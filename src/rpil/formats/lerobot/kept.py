@@ -1,10 +1,12 @@
-"""The data files of a new folder of LeRobot, with some of the episodes of another and new numbers."""
+"""What is written of some episodes of a folder of LeRobot: their rows, what ``meta`` says of them, and their videos."""
 
 from __future__ import annotations
 
+import json
+import shutil
 import warnings
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +19,8 @@ from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Shot
-from rpil.formats.lerobot import video
+from rpil.formats.lerobot import stats, video
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, CheckedFolder
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
@@ -31,36 +34,27 @@ if TYPE_CHECKING:
 
 REWARD = "next.reward"
 
-PATHS = {
-    "v3.0": (
-        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-    )
-} | dict.fromkeys(
-    ("v2.1", "v2.0"),
-    (
-        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
-        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
-    ),
-)
-"""Where LeRobot has its data and its videos, by its version."""
+_EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+
+Videos = Mapping[str, Mapping[int, Shot]]
+"""Where each camera saw each episode."""
 
 
 @dataclass
 class Kept:
     """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
 
-    path: Path
+    old: CheckedFolder
     new: Path
     info: dict[str, Parsed]  # what meta/info.json says
     wanted: set[str]
     cuts: Cuts  # by the old numbers
     numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
-    files: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file by the new number
+    places: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file of the data, by the new number
     lengths: Counter[int] = field(default_factory=Counter)
-    n_steps: int = 0
     skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
-    place: tuple[int, int] = (0, 0)
+    n_steps: int = 0
+    place: tuple[int, int] = (0, 0)  # of the data file that is written
 
     @property
     def is_v3(self) -> bool:
@@ -76,10 +70,12 @@ class Kept:
         return (chunk, file) if self.is_v3 else (chunk, number)
 
     def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> Path:
-        """The place of a new file."""
-        return self.new / fill(PATHS[self.info["codebase_version"]][of_videos], chunk, file, camera)
+        """The place of a new file, in a folder that is there."""
+        place = self.new / fill(PATHS[self.info["codebase_version"]][of_videos], chunk, file, camera)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return place
 
-    def find_heads(self, videos: Mapping[str, Mapping[int, Shot]]) -> None:
+    def find_heads(self, videos: Videos) -> None:
         """Find where trimmed videos of version 2 can begin: with a frame, the same in all cameras, that needs no other.
 
         Version 2 cannot say that an episode begins within its video, so that the times of its rows begin there.
@@ -103,15 +99,16 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        n_files, files = 0, [*map(Path, find_files(self.path)[1])]
+        n_files, files = 0, [*map(Path, find_files(self.old.path)[1])]
         rewarded = [name for file in files if self.cuts for name in self._rewarded(file)]
         if rewarded:
-            message = f"{self.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
+            message = (
+                f"{self.old.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
+            )
             warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
         for file in files:
             self.place = self.place_of(n_files)
             target = self.target(0, *self.place)
-            target.parent.mkdir(parents=True, exist_ok=True)
             options = ColumnOptions(id="episode_index")
             if keep_rows(file, target, self.wanted, options, self.cuts, self.renumbered):
                 n_files += 1
@@ -145,20 +142,84 @@ class Kept:
         last, (episodes, offsets, _) = len(self.numbers) - 1, group_rows(old)
         numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in episodes.tolist()]
         if np.any(np.diff([last, *numbers]) < 0):
-            raise DataError(f"{self.path}: its episodes lie within each other; sort the rows by episode_index.")
+            raise DataError(f"{self.old.path}: its episodes lie within each other; sort the rows by episode_index.")
         for number, n in zip(numbers, np.diff(offsets).tolist(), strict=True):
             self.lengths[number] += n
-            self.files.setdefault(number, self.place)
+            self.places.setdefault(number, self.place)
         first, self.n_steps = self.n_steps, self.n_steps + len(old)
         table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
         return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
-    def rows(self, number: int) -> pa.Table:
-        """The new rows of an episode."""
+    def write_episodes(self, videos: Videos, gone: Sequence[str]) -> list[stats.ByFeature]:
+        """Write what is said of the kept episodes, with their new numbers and places, and their videos.
+
+        `gone` are the cameras that are left out. Returned are the statistics of each episode, if there are any.
+        """
+        import pyarrow as pa
+
+        rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
+        start, found = 0, []
+        for m, new in self.numbers.items():
+            n = self.lengths[new]
+            rows[m].update(episode_index=new, length=n)
+            if self.is_v3:
+                rows[m].update(dataset_from_index=start, dataset_to_index=start + n)
+                for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
+                    rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
+            if statistics:
+                own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
+                found.append(self._renewed(m, start, own))
+            start += n
+        for camera, shots in videos.items():
+            for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
+                rows[m] |= said if self.is_v3 else {}
+        if self.old.schema is not None:
+            of_gone = tuple(f"{what}/{camera}/" for camera in gone for what in ("videos", "stats"))
+            left = [field for field in self.old.schema if not field.name.startswith(of_gone)]
+            _write_table(self.new / _EPISODES, rows.values(), found, pa.schema(left, self.old.schema.metadata))
+        else:
+            _write_lines(self.new / "meta" / "episodes.jsonl", rows.values())
+            if found:
+                lines = [{"episode_index": new, "stats": own} for new, own in enumerate(found)]
+                _write_lines(self.new / EPISODES_STATS, lines)
+        return found
+
+    def _renewed(self, m: int, start: int, own: stats.ByFeature) -> stats.ByFeature:
+        """Statistics of an episode that begins at step `start`: shifted where numbers are counted again, or new."""
         import pyarrow.compute as pc
 
-        table = read_table(self.target(0, *self.files[number]))
-        return table.filter(pc.equal(table["episode_index"], number))
+        new = self.numbers[m]
+        for feature, number in (("episode_index", new), ("index", start)):
+            if feature in own:
+                own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
+        if str(m) not in self.cuts:
+            return own
+        rows = read_table(self.target(0, *self.places[new]))
+        return own | stats.of_table(rows.filter(pc.equal(rows["episode_index"], new)), own)
+
+    def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
+        """Write the videos of a camera; by the old number of each episode, where in them it lies.
+
+        A file of which all episodes are kept whole is copied; of others, the frames of the kept ones.
+        """
+        n_episodes = Counter(self.old.video(camera, m) for m in self.old.episodes)
+        by_file, said = defaultdict[Path, list[Shot]](list), {}
+        for shot in shots:
+            by_file[shot.path].append(shot)
+        for number, (source, own) in enumerate(by_file.items()):
+            chunk, file = self.place_of(number)
+            target = self.target(1, chunk, file, camera)
+            spans = [(shot.start, shot.end) for shot in own]
+            if len(own) == n_episodes[source] and not any(str(shot.episode) in self.cuts for shot in own):
+                shutil.copyfile(source, target)
+            else:
+                parts = [self.span(shot) for shot in own]
+                starts = video.cut(source, target, parts, self.fps)
+                spans = [(start, start + b - a) for start, (a, b) in zip(starts, parts, strict=True)]
+            for shot, (start, end) in zip(own, spans, strict=True):
+                where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}
+                said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
+        return said
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
@@ -167,3 +228,20 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
+
+
+def _write_table(
+    place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[stats.ByFeature], schema: pa.Schema
+) -> None:
+    """Write the table of version 3.0, with the statistics of each episode."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for row, own in zip(rows, found, strict=True):
+        row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
+    place.parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist([*rows], schema), place)
+
+
+def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
+    place.write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")

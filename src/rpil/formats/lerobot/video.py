@@ -1,4 +1,7 @@
-"""Video files, by PyAV: frames are copied without a new encoding, counted, and looked at in a few of their pixels."""
+"""Video files, by PyAV: frames are copied without a new encoding, counted, and looked at in a few of their pixels.
+
+FFmpeg is given files of others in processes of their own: all but `picture` are for one that is such already.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,15 @@ from fractions import Fraction
 from pathlib import Path
 from threading import BoundedSemaphore
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import check_readable
 from rpil.data.guard import guarded
+from rpil.data.json_files import Parsed
+from rpil.formats.import_process import in_child
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -26,7 +31,7 @@ _FRESH = {"h264": (4, 0, (5,)), "hevc": (21, 1, (19, 20))}
 
 PIXELS = 32  # of a frame that are looked at, in each direction
 LARGEST_FRAME = 67_000_000  # pixels, each of which takes up to 3 bytes
-_DECODING = BoundedSemaphore(2)  # the review may ask for many frames at once
+_AT_ONCE = BoundedSemaphore(2)  # the review may ask for many frames
 
 
 def load_av() -> ModuleType:
@@ -92,6 +97,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
             size = f"{codec.width} x {codec.height} pixels, over {LARGEST_FRAME:,}"
             raise DataError(f"{path}: its frames have {size}; write it with smaller ones.")
         codec.options = {"max_pixels": str(LARGEST_FRAME)}  # where the header says less than there is
+        codec.thread_count = 1  # which takes the least work, and memory for one frame
         yield source
 
 
@@ -99,14 +105,6 @@ def _open_mp4(path: Path) -> InputContainer:
     """The open file: a guess at its kind might take it for a list of other files, which would be opened."""
     source: InputContainer = load_av().open(str(path.absolute()), format="mp4")
     return source
-
-
-class _Run(NamedTuple):
-    """Packets ``first:end`` of a file, which are copied and shown later by `shift` units."""
-
-    first: int
-    end: int
-    shift: int
 
 
 def cut(path: Path, new: Path, spans: Sequence[tuple[float, float]], fps: float) -> list[float]:
@@ -118,11 +116,10 @@ def cut(path: Path, new: Path, spans: Sequence[tuple[float, float]], fps: float)
     """
     packets = Packets.of(path)
     places = [_find(packets, span, 0.5 / fps, path) for span in spans]
-    runs = _runs(packets, places)
+    wanted, shift = _shifts(packets, places)
     with guarded(path):
-        _copy(path, new, packets, runs)
-    shifts = [next(run.shift for run in runs if run.first <= first < run.end) for first, _, _ in places]
-    return [(shown + shift) * packets.unit for (_, _, shown), shift in zip(places, shifts, strict=True)]
+        _copy(path, new, packets, wanted, shift)
+    return [(shown + int(shift[first])) * packets.unit for first, _, shown in places]
 
 
 def _find(packets: Packets, span: tuple[float, float], half: float, path: Path) -> tuple[int, int, int]:
@@ -135,27 +132,30 @@ def _find(packets: Packets, span: tuple[float, float], half: float, path: Path) 
     return int(first), int(inside.max()) + 1, shown
 
 
-def _runs(packets: Packets, places: Sequence[tuple[int, int, int]]) -> list[_Run]:
-    """The packets of all places, those that overlap or touch as one, each shown after the one before."""
-    runs: list[_Run] = []
-    shown = decoded = 0  # where the next may begin
+def _shifts(packets: Packets, places: Sequence[tuple[int, int, int]]) -> tuple[Array, Array]:
+    """Which packets are copied, (P,), and the units by which they are shown later: one place after the other.
+
+    Places that overlap or touch are one; frames that need others before it are left out.
+    """
+    runs: list[list[int]] = []
     for first, end, _ in sorted(places):
-        if runs and first <= runs[-1].end:
-            runs[-1] = _Run(runs[-1].first, max(end, runs[-1].end), runs[-1].shift)
+        if runs and first <= runs[-1][1]:
+            runs[-1][1] = max(end, runs[-1][1])
         else:
-            shift = shown - int(packets.shown[first])
-            runs.append(_Run(first, end, max(shift, decoded - int(packets.decoded[first])) if runs else shift))
-        run = slice(*runs[-1][:2])
-        shown = int((packets.shown[run] + packets.length[run]).max()) + runs[-1].shift
-        decoded = int(packets.decoded[run][-1]) + 1 + runs[-1].shift
-    return runs
+            runs.append([first, end])
+    wanted, shift = np.zeros_like(packets.is_key), np.zeros_like(packets.shown)
+    shown = decoded = 0  # where the next may begin
+    for run in (slice(*bounds) for bounds in runs):
+        by = shown - int(packets.shown[run][0])
+        by = max(by, decoded - int(packets.decoded[run][0])) if wanted.any() else by
+        wanted[run], shift[run] = packets.shown[run] >= packets.shown[run][0], by
+        shown = int((packets.shown[run] + packets.length[run]).max()) + by
+        decoded = int(packets.decoded[run][-1]) + 1 + by
+    return wanted, shift
 
 
-def _copy(path: Path, new: Path, packets: Packets, runs: Sequence[_Run]) -> None:
-    """Copy the packets of the runs, without frames that need others before their run."""
-    shift, wanted = np.zeros_like(packets.shown), np.zeros_like(packets.is_key)
-    for first, end, by in runs:
-        shift[first:end], wanted[first:end] = by, packets.shown[first:end] >= packets.shown[first]
+def _copy(path: Path, new: Path, packets: Packets, wanted: Array, shift: Array) -> None:
+    """Copy the `wanted` packets."""
     av = load_av()
     with _open_mp4(path) as source, av.open(str(new), "w", format="mp4") as target:
         stream = source.streams.video[0]
@@ -173,9 +173,7 @@ def look(path: Path) -> tuple[Array, Array]:
     """Seconds at which the F frames of a video are shown, (F,), and the brightness of some pixels, (F, K), to 255."""
     times, pictures = [], []
     with _opened(path) as source:
-        stream = source.streams.video[0]
-        stream.codec_context.thread_count = 1  # which takes the least work
-        for frame in source.decode(stream):
+        for frame in source.decode(source.streams.video[0]):
             if "yuv" not in frame.format.name or frame.format.components[0].bits != 8:
                 frame = frame.reformat(format="gray")
             plane = frame.planes[0]
@@ -189,16 +187,22 @@ def look(path: Path) -> tuple[Array, Array]:
 
 def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
     """The frame that a video shows at `seconds`, as a JPEG file with `width` pixels in a row; a `DataError` if none."""
-    encoder = load_av().CodecContext.create("mjpeg", "w")
-    with _DECODING, _opened(path) as source:
-        stream = source.streams.video[0]
-        source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
-        shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
-        frame = next(shown, None)
-        if frame is None:
-            raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
-        encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
-        encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
-        small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
-        small.pts, small.time_base = 0, encoder.time_base
-        return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)])
+
+    def work() -> Parsed:
+        encoder = load_av().CodecContext.create("mjpeg", "w")
+        with _opened(path) as source:
+            stream = source.streams.video[0]
+            source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
+            shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
+            frame = next(shown, None)
+            if frame is None:
+                raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
+            encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
+            encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
+            small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
+            small.pts, small.time_base = 0, encoder.time_base
+            return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)]).hex()
+
+    load_av()  # once, for all processes
+    with _AT_ONCE:
+        return bytes.fromhex(in_child(work, str(path), path.stat().st_size))

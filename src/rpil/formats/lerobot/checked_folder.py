@@ -1,0 +1,167 @@
+"""A folder of LeRobot: what ``meta`` says of its episodes, which rows the data have of them, and where videos are."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rpil.data.arrays import group_rows
+from rpil.data.errors import DataError
+from rpil.data.folders import check_inside
+from rpil.data.guard import guarded
+from rpil.data.json_files import Parsed
+from rpil.formats.format import Shot
+from rpil.formats.lerobot.stats import ByFeature
+from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
+from rpil.formats.parquet_file import read_table
+from rpil.formats.store import find_files
+from rpil.formats.table import numbers_or_missing
+from rpil.formats.times import usual_step
+from rpil.numerics.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
+
+PATHS = {
+    "v3.0": (
+        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+    )
+} | dict.fromkeys(
+    ("v2.1", "v2.0"),
+    (
+        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+    ),
+)
+"""Where LeRobot has its data and its videos, by its version."""
+
+NEAR_SECONDS = 1e-4
+"""Seconds by which a timestamp may differ from a frame: LeRobot loads no others."""
+
+
+class EpisodeRows(NamedTuple):
+    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
+
+    Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
+    """
+
+    n: int
+    first: int
+    file: str
+    start: float
+    off: float
+    fps: float
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedFolder:
+    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
+
+    path: Path
+
+    @cached_property
+    def meta(self) -> MetaFolder:
+        from pyarrow import fs
+
+        return MetaFolder(fs.LocalFileSystem(), PurePosixPath(self.path.absolute().as_posix()))
+
+    @property
+    def info(self) -> dict[str, Parsed]:
+        """What ``info.json`` says."""
+        return self.meta.info
+
+    @cached_property
+    def data(self) -> dict[int, EpisodeRows]:
+        """The rows of each episode, by the data."""
+        found: dict[int, EpisodeRows] = {}
+        for file in find_files(self.path)[1]:
+            with guarded(file):
+                table = read_table(file, ["episode_index", "index", "timestamp"])
+            columns, place = table.column_names, os.path.relpath(file, self.path)
+            times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
+            numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
+            of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
+            for m, own in zip(numbers.tolist(), of_each, strict=True):
+                first = table["index"][int(own[0])].as_py() if "index" in columns else -1
+                timing = self._timing(np.zeros(0) if times is None else times[own, 0])
+                found[m] = EpisodeRows(len(own), first, place, *timing)
+        return found
+
+    def _timing(self, times: Array) -> tuple[float, float, float]:
+        """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
+        fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
+        if fps is None or not len(times):
+            return 0.0, 0.0, 0.0
+        if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
+            frames = frames + np.rint(times[0] * fps)
+        gaps = times - frames / fps if cameras(self.info, "video") else np.diff(times) - 1 / fps
+        off = float(np.abs(gaps).max(initial=0.0))
+        if off <= NEAR_SECONDS:
+            return float(times[0]), 0.0, 0.0
+        return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
+
+    @cached_property
+    def episodes(self) -> dict[int, dict[str, Parsed]]:
+        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        rows = self.meta.rows("episodes", lambda column: not column.startswith("stats/"))
+        return {int(row["episode_index"]): row for row in rows}
+
+    @cached_property
+    def schema(self) -> pa.Schema | None:
+        """That of the table of the episodes; None where it is no Parquet file."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schemas = [pq.read_schema(str(place)) for place in self.meta.tables("episodes")]
+        return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
+
+    def statistics(self) -> dict[int, ByFeature]:
+        """Those of each episode by feature; empty where ``meta`` has none by episode."""
+        if self.schema is None:
+            return {int(row["episode_index"]): row["stats"] for row in self.meta.rows("episodes_stats")}
+        found: dict[int, ByFeature] = {}
+        for row in self.meta.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
+            m, own = int(row.pop("episode_index")), defaultdict[str, dict[str, Parsed]](dict)
+            for column in row:
+                feature, _, name = column.removeprefix("stats/").rpartition("/")
+                own[feature][name] = row[column]
+            found[m] = {**own}
+        return found
+
+    def shots(self, only: Collection[str] | None = None) -> list[Shot]:
+        """Where the frames of each episode that is there, `only` these or all, are, by camera."""
+        found = []
+        if chunk_size(self.info) is None:
+            said = str(self.info["chunks_size"])[:20]
+            raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
+        there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
+        for camera in cameras(self.info, "video"):
+            for m in there:
+                row = self.episodes[m]
+                # Version 2 has no such column: there, frames before the first row's time belong to no row.
+                start = row.get(f"videos/{camera}/from_timestamp", self.data[m].start)
+                end = row.get(f"videos/{camera}/to_timestamp", np.inf)
+                if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
+                    said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
+                    raise DataError(f"meta/episodes, demonstration {m}: {said}.")
+                found.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
+        return found
+
+    def video(self, camera: str, m: int) -> Path:
+        """The video in which a camera saw an episode; a `DataError` where it lies outside the folder."""
+        row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+        chunk, file = (row[name] for name in names) if names[0] in row else (m // (chunk_size(self.info) or 1), m)
+        template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
+        place = self.path / fill(template, chunk, file, camera)
+        check_inside(place, self.path)
+        return place
