@@ -67,6 +67,13 @@ def test_the_extra_all_holds_every_extra_for_users():
     assert set(re.findall(r"\w+", everything)) == {"rpil", *FOR_USERS}
 
 
+def test_the_citation_is_of_this_version_and_licence():
+    citation = dict(re.findall(r"^(\S+): (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE))
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"]
+    assert citation["repository-code"] == PROJECT["urls"]["Repository"]
+
+
 def test_every_file_of_the_library_is_in_the_package():
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
     patterns = tool["setuptools"]["package-data"]["rpil"]

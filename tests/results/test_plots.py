@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from audits import make_audit
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.results import plots
 from rpil.results.words import COLOURS, SIDES
 
@@ -34,6 +34,13 @@ def closed_figures() -> Iterator[None]:
 def test_importing_plots_does_not_import_matplotlib() -> None:
     code = "import sys, rpil.results.plots; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_without_matplotlib_the_extra_is_named(picture: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    with pytest.raises(MissingExtraError, match=r"^To draw a picture needs an optional package.*rpil\[plot\]"):
+        getattr(make_audit().plot, picture)()
 
 
 @pytest.mark.parametrize("picture", PICTURES)

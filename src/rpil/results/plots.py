@@ -1,6 +1,6 @@
 """Pictures of an audit; each is drawn on the axes of the caller or on new ones, which it returns.
 
-Matplotlib is imported when something is drawn, not before.
+Matplotlib, of the extra `plot`, is imported when something is drawn, not before.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data.errors import MissingExtraError
 from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.result import AuditResult
@@ -53,7 +54,8 @@ class AuditPlots:
         DataError
             If there is none.
         """
-        ax, index = _axes(ax, (9.0, 2.8)), self._index(demonstration)
+        ax, lowest = _axes(ax, (9.0, 2.8)), int(self.audit.ranking()[-1])
+        index = lowest if demonstration is None else self.audit.index(demonstration)
         ratio, marks = self.audit.step_log_ratio[self.audit.steps(index)], self.audit.worst_steps(index)
         steps, mean = np.arange(len(ratio)), running_mean(ratio)
         ax.plot(steps, ratio, ".", color=COLOURS["open"], markersize=3, alpha=0.6)
@@ -99,16 +101,14 @@ class AuditPlots:
         ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Log-odds (nats)")
         return ax
 
-    def _index(self, demonstration: Hashable) -> int:
-        """The number of the demonstration with this id, or of the least trusted one without an id."""
-        return int(self.audit.ranking()[-1]) if demonstration is None else self.audit.index(demonstration)
-
 
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
     """The axes of the caller, or new ones."""
     if ax is None:
-        import matplotlib.pyplot as plt
-
+        try:
+            import matplotlib.pyplot as plt
+        except ImportError as error:
+            raise MissingExtraError("To draw a picture", "plot") from error
         _, ax = plt.subplots(figsize=size, layout="constrained")
     ax.spines[["top", "right"]].set_visible(False)
     return ax
