@@ -47,8 +47,9 @@ class Clean:
 
     def of_rule(self, rule: str) -> Array:
         """Whether each column measures something and is one of those that the rule is about."""
-        kind = {"frozen sensor": "observation", "frozen action": "action"}.get(rule, "")
-        return self.distinct & np.array([name.startswith(kind) for name in self.names])
+        is_action = np.arange(len(self.names)) >= self.n_observations
+        of_kind = {"frozen sensor": ~is_action, "frozen action": is_action}
+        return self.distinct & of_kind.get(rule, True)
 
     def columns(self, rule: str) -> Array:
         """Numbers of the columns of which the rule says that it can know."""

@@ -149,7 +149,7 @@ def test_other_columns_with_the_fault_are_counted():
     ends = np.full((M, 3), 0.0), np.full((M, 3), 10.0)
     rule = applied(FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, of=columns(3))
     (fault,) = rule.findings()
-    assert fault.sentence.endswith("(12 at most are usual), and 1 more column")
+    assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")
 
 
 @pytest.mark.parametrize(
@@ -234,8 +234,8 @@ def test_what_has_no_number_is_written_as_none():
 
 def test_steps_are_told_with_their_time_where_it_is_known():
     data = Measurements(None, {}, (), np.array([3]), 1.0)
-    assert data.duration(2) == "2 steps (2000 ms)"
-    assert Measurements(None, {}, (), np.array([3]), None).duration(1) == "1 step"
+    assert data.in_steps(2) == "2 steps (2000 ms)"
+    assert Measurements(None, {}, (), np.array([3]), None).in_steps(1) == "1 step"
     assert issubclass(Length, ComparingRule)
 
 

@@ -17,7 +17,6 @@ X, A = CLEAN[M]
 T = len(X)
 WHOLE, SECOND = (0, T - 1), np.array([1, -1, 1])
 HIGH, LOW = max(x[:, 1].max() for x, _ in CLEAN), min(x[:, 1].min() for x, _ in CLEAN)
-UNDONE = "; undone, it fits the others"
 
 
 def edited(values, rows, columns, new):
@@ -39,89 +38,89 @@ def inserted(at, n):
 
 
 def held(value, column):
-    stays = f"{column} stays at {value:.4g} for 40 steps from step 50 while others move (12 at most are usual)"
+    stays = f"{column} stays at {value:.4g} for 40 steps from step 50 while others move (usual: up to 12 steps)"
     return (50, 89), column, stays, 39 / 12
 
 
 PLANTED = {
     "spike": (
         {"observations": edited(X, 60, 1, X[60, 1] + 20)},
-        *((60, 60), "observation '1'", "19.9 away from its neighbours at step 60 (0.21 at most is usual)", 94.783533),
+        *((60, 60), "observation 1", "leaps by 19.9 for one step at step 60 (usual: up to 0.21)", 94.783533),
     ),
     "spike at the third step": (
         {"observations": edited(X, 2, 1, X[2, 1] + 20)},
-        *((2, 2), "observation '1'", "19.9 away from its neighbours at step 2 (0.21 at most is usual)", 94.851021),
+        *((2, 2), "observation 1", "leaps by 19.9 for one step at step 2 (usual: up to 0.21)", 94.851021),
     ),
     "jump": (
         {"actions": edited(A, slice(80, None), 2, A[80:, 2] + 20)},
-        *((79, 80), "action 2", "action 2 leaps by 19.9 at step 80 (0.259 at most is usual)", 77.1246),
+        *((79, 80), "action 2", "action 2 jumps by 19.9 at step 80 (usual: up to 0.259)", 77.1246),
     ),
     "jump at the last steps": (
         {"actions": edited(A, slice(T - 2, None), 2, A[T - 2 :, 2] - 20)},
-        *((T - 3, T - 2), "action 2", "action 2 leaps by 19.9 at step 154 (0.259 at most is usual)", 76.838955),
+        *((T - 3, T - 2), "action 2", "action 2 jumps by 19.9 at step 154 (usual: up to 0.259)", 76.838955),
     ),
     "frozen sensor": (
         {"observations": edited(X, slice(50, 90), 1, X[50, 1])},
-        *held(X[50, 1], "observation '1'"),
+        *held(X[50, 1], "observation 1"),
     ),
     "frozen action": ({"actions": edited(A, slice(50, 90), 0, A[50, 0])}, *held(A[50, 0], "action 0")),
-    "saturation": ({"observations": edited(X, slice(50, 90), 1, HIGH + 1)}, *held(HIGH + 1, "observation '1'")),
+    "saturation": ({"observations": edited(X, slice(50, 90), 1, HIGH + 1)}, *held(HIGH + 1, "observation 1")),
     "saturation below": (
         {"observations": edited(X, slice(50, 90), 1, LOW - 1)},
-        *held(LOW - 1, "observation '1'"),
+        *held(LOW - 1, "observation 1"),
     ),
     "scale": (
         {"observations": X * [1, 1, 57.3]},
-        *(WHOLE, "observation '2'", "has 57.8 times its usual size, and so have its changes: perhaps", 3.6065321),
+        *(WHOLE, "observation 2", "and its changes are 57.8 times larger than usual: perhaps another unit", 3.6065321),
     ),
     "scale of less": (
         {"observations": X * [1, 1e-3, 1]},
-        *(WHOLE, "observation '1'", "has 1 / 399 of its usual size, and so have its changes: perhaps", 31.479157),
+        *(WHOLE, "observation 1", "399 times smaller than usual: perhaps another unit, perhaps little", 31.479157),
     ),
     "lag": (
         {"actions": delayed(A, 4)},
-        *(WHOLE, "", "the state follows the action 4 steps sooner than is usual", 8.9303883),
+        *(WHOLE, "", "the state follows the action 4 steps sooner than usual", 8.9303883),
     ),
     "lag of more": (
         {"actions": delayed(A, -4)},
-        *(WHOLE, "", "the state follows the action 4 steps later than is usual", 9.0059537),
+        *(WHOLE, "", "the state follows the action 4 steps later than usual", 9.0059537),
     ),
-    "idle head": (inserted(0, 40), (0, 39), "", "nothing moves in the first 40 steps (10 at most are usual)", 4.0),
-    "idle tail": (inserted(T - 1, 40), (T, T + 39), "", "moves in the last 40 steps (10 at most are usual)", 4.0),
-    "length": (of_rows(slice(15)), (0, 14), "", "it has 15 steps (76 to 362 are usual)", 5.1),
+    "idle head": (inserted(0, 40), (0, 39), "", "nothing moves for the first 40 steps (usual: up to 10 steps)", 4.0),
+    "idle tail": (inserted(T - 1, 40), (T, T + 39), "", "moves for the last 40 steps (usual: up to 10 steps)", 4.0),
+    "length": (of_rows(slice(15)), (0, 14), "", "it has 15 steps (usual: 76 to 362 steps)", 5.1),
     "length of more": (
         of_rows(np.tile(np.arange(T), 4)),
-        *((0, 4 * T - 1), "", "it has 624 steps (77 to 382 are usual)", 624 / 382),
+        *((0, 4 * T - 1), "", "it has 624 steps (usual: 77 to 382 steps)", 624 / 382),
     ),
     "repeated frames": (
         inserted(70, 2),
-        *((71, 72), "", "2 rows repeat the row before while all moves, the longest from step 71 (1 at", 2 / 0.9),
+        *((71, 72), "", "2 rows repeat the row before while all moves, most from step 71 (usual: up to 1)", 2 / 0.9),
     ),
-    "sign": ({"observations": X * SECOND}, WHOLE, "action 1", f"has the other sign{UNDONE}", 12.340311),
-    "sign of an action": ({"actions": A * SECOND}, WHOLE, "observation '1'", "has the other sign", 13.280863),
+    "sign": ({"observations": X * SECOND}, WHOLE, "action 1", "once its sign is changed: perhaps", 12.340311),
+    "sign of an action": ({"actions": A * SECOND}, WHOLE, "observation 1", "once its sign is changed", 13.280863),
     "exchanged": (
         {"actions": A[:, [2, 1, 0]]},
-        *(WHOLE, "observation '0' and observation '2'", f"'2' are exchanged{UNDONE}", 23.498759),
+        *(WHOLE, "observation 0 and observation 2", "fit the others once they are exchanged", 23.498759),
     ),
     "offset": (
         {"actions": A + 0.5 * (SECOND < 0)},
-        *(WHOLE, "observation '1'", f"is off by a constant: perhaps its zero has moved{UNDONE}", 54.170076),
+        *(WHOLE, "observation 1", "once a constant is taken off: perhaps its zero has moved", 54.170076),
     ),
     "shifted action": (
         {"observations": X[:-1], "actions": A[1:]},
-        *((0, T - 2), "", f"the actions are one step early{UNDONE}", 16.043488),
+        *((0, T - 2), "", "once they are one step later: perhaps they are recorded early", 16.043488),
     ),
     "next state": (
         {"observations": X[:-1], "actions": X[1:]},
-        *((0, T - 2), "", "100 % of the actions that move are the state at the next step", 2.0),
+        *((0, T - 2), "", "100 % of the actions that move are the next state (usual: up to 50 %)", 2.0),
     ),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},
-        *(WHOLE, "action 1", "action 1 never moves, and in the others it does", 2.0),
+        *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.0),
     ),
     "two episodes": (
         {name: np.vstack([CLEAN[M][k], CLEAN[3][k]]) for k, name in enumerate(("observations", "actions"))},
-        *((T - 1, T), "", f"step {T} is like a beginning, and the one before like an end: perhaps", 2.2333886),
+        *((T - 1, T), "", f"at step {T} it looks like an end and a new beginning: perhaps two episodes", 2.2333886),
     ),
 }
 """What is changed, and the finding: its steps, its column, a part of its sentence, and its severity."""
@@ -152,7 +151,7 @@ def test_without_it_there_is_no_fault_and_nothing_is_unknown():
     report = check(demonstrations(CLEAN))
     assert (report.findings, report.unknown, report.trims) == ((), {}, {})
     assert set(report.not_checked) == {"dropped frames", "frame count"}
-    assert report.usual == {"lag": "observation '0' follows action 0 after 2 steps"}
+    assert report.usual == {"lag": "observation 0 follows action 0 after 2 steps"}
 
 
 def slow_motor(rows):
@@ -170,14 +169,14 @@ def slow_motor(rows):
 @pytest.mark.parametrize(
     ("rule", "rows", "words", "severity"),
     [
-        ("frame rate", slice(None, None, 2), "every other step is missing", 8.8425021),
-        ("reversed", slice(None, None, -1), "time is reversed: it runs backwards", 17.064414),
+        ("frame rate", slice(None, None, 2), "perhaps steps are missing, perhaps it is fast", 8.8425021),
+        ("reversed", slice(None, None, -1), "once its steps are reversed: perhaps time runs backwards", 17.064414),
     ],
 )
 def test_other_times_are_found_where_a_motor_is_slow(rule, rows, words, severity):
     (fault,) = [fault for fault in check(slow_motor(rows)).findings if fault.rule == rule]
     assert (fault.id, fault.first) == (M, 0)
-    assert words + UNDONE in fault.sentence
+    assert words in fault.sentence
     assert fault.severity == pytest.approx(severity, rel=1e-6)
     assert check(slow_motor(slice(None))).findings == ()
 
@@ -189,9 +188,9 @@ BEGIN = sum(len(x) for x, _ in CLEAN[:M])
 @pytest.mark.parametrize(
     ("rule", "steps", "words", "severity"),
     [
-        ("dropped frames", 3, "about 3 frames are missing, the worst at step 30: 80 ms after the one before (20 ms", 6),
-        ("repeated frames", -0.75, "1 frames come too soon, the worst at step 30: 5 ms after the one before", 1.5),
-        ("dropped frames", np.nan, "about 0 frames are missing, the worst at step 30: nan ms after the one", 2000),
+        ("dropped frames", 3, "about 3 frames are missing: 80 ms pass before 0.60 s (usual: 20 ms)", 6),
+        ("repeated frames", -0.75, "1 frame comes too soon: 5 ms pass before 0.60 s (usual: 20 ms)", 1.5),
+        ("dropped frames", np.nan, "the time at 0.60 s is missing (usual: 20 ms)", 2000),
     ],
 )
 def test_times_that_are_off_are_found(rule, steps, words, severity):
@@ -213,7 +212,7 @@ def test_missing_values_and_frames_are_found():
     (fault,) = check(damaged, times=Times(frames={})).findings
     assert (fault.rule, fault.id, fault.first, fault.last, fault.value) == ("missing values", M, 30, 32, 3)
     assert (fault.threshold, fault.severity) == (0, np.inf)
-    assert fault.sentence == "observation '1' is nan at step 30, and 2 more values up to step 32 are missing"
+    assert fault.sentence == "observation 1 is nan at step 30; 2 more missing values up to step 32"
     frames = {m: len(x) for m, (x, _) in enumerate(CLEAN)} | {M: T - 2, 3: 1000, "absent": 40}
     many, absent, few = check(demonstrations(CLEAN), times=Times(frames=frames)).findings
     n = len(CLEAN[3][0])
@@ -223,9 +222,9 @@ def test_missing_values_and_frames_are_found():
         (0, 0, 0, 40),
         (0, T - 1, T, T - 2),
     ]
-    assert many.sentence == f"it has {n} frames, and the recording says 1000: {1000 - n} are missing"
-    assert absent.sentence == "it is not in the data, and the recording says it has 40 frames"
-    assert few.sentence == f"it has {T} frames, and the recording says {T - 2}: 2 are too many"
+    assert many.sentence == f"it has {n} steps, {1000 - n} fewer than the 1,000 that the recording says"
+    assert absent.sentence == "it is not in the data, and the recording says that it has 40 steps"
+    assert few.sentence == f"it has {T} steps, 2 more than the {T - 2} that the recording says"
 
 
 def resting(values, columns=(1,)):
@@ -278,8 +277,8 @@ def test_rules_say_where_nothing_can_be_known(data):
     for rule in NOTHING[data] - {"lag"}:
         assert report.not_checked[rule] == RULES[rule].unknown
     if data == "resting":
-        kept = dict.fromkeys(("saturation", "spike", "jump", "scale"), ("observation '1'", "action 1"))
-        assert report.unknown == {"frozen sensor": ("observation '1'",), "frozen action": ("action 1",)} | kept
+        kept = dict.fromkeys(("saturation", "spike", "jump", "scale"), ("observation 1", "action 1"))
+        assert report.unknown == {"frozen sensor": ("observation 1",), "frozen action": ("action 1",)} | kept
 
 
 def test_few_demonstrations_tell_nothing():

@@ -140,7 +140,7 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     stamps[d.offsets[3] + 40 : d.offsets[4]] += 2 / 50
     (fault,) = check(d, times=Times(stamps, 50.0)).findings
     assert fault.last == step
-    assert fault.sentence.startswith("about 5 frames are missing, the worst at")
+    assert fault.sentence.startswith("about 5 frames are missing: ")
 
 
 def test_the_time_that_is_declared_is_told_where_it_is_another():
@@ -230,7 +230,7 @@ def test_those_most_correlated_come_first():
 
 def test_the_action_may_follow_the_state():
     report = check(demonstrations([(a, x) for x, a in CLEAN]))
-    assert report.usual == {"lag": "action 0 follows observation '0' after 2 steps"}
+    assert report.usual == {"lag": "action 0 follows observation 0 after 2 steps"}
 
 
 def test_a_demonstration_that_never_moves_is_not_cut():

@@ -34,6 +34,24 @@ def counted(size: int, noun: str) -> str:
     return f"{size:,} {noun}{'' if size == 1 else 's'}"
 
 
+def shortened(text: str, most: int) -> str:
+    """At most so many characters of a line, of which the last three are dots where it goes on."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def duration(steps: float, seconds: float | None) -> str:
+    """The time that steps take, at so many `seconds` each, as ``4.20 s``; where these are unknown ``85 steps``."""
+    if seconds is None:
+        return counted(round(steps), "step")
+    time = steps * seconds
+    return f"{time:.1f} s" if time >= 10 else f"{time:.2f} s"
+
+
+def moment(step: int, seconds: float | None) -> str:
+    """When a step is, from the first on: ``49.8 s``, or ``step 995``."""
+    return f"step {step}" if seconds is None else duration(step, seconds)
+
+
 def _visible(character: str, kept: str) -> str:
     is_invisible = unicodedata.category(character).startswith("C") and character not in kept
     return character.encode("unicode_escape").decode("ascii") if is_invisible else character

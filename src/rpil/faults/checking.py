@@ -69,10 +69,9 @@ def check(
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
-    learned = Learned.of(demonstrations, settings)
-    measured, kept, missing = _measure(demonstrations, learned)
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
+    measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations, settings), seconds)
     of_times = find_frame_times(times, demonstrations, seconds, settings)
     findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
     why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
@@ -123,7 +122,7 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
 
 
 def _measure(
-    demonstrations: Demonstrations | Dataset, learned: Learned
+    demonstrations: Demonstrations | Dataset, learned: Learned, seconds: float | None
 ) -> tuple[dict[Measure, tuple[Array, ...]], Bool[Array, " M"], list[Fault]]:
     """What was measured of the demonstrations without missing values, block by block; a mask of these demonstrations;
     and what is missing in the others."""
@@ -135,7 +134,7 @@ def _measure(
             block, kept = set_aside(whole)
             masks.append(kept)
             if not kept.all():
-                missing += MissingValues.find(whole, demonstrations.ids, column_labels(demonstrations))
+                missing += MissingValues.find(whole, demonstrations.ids, column_labels(demonstrations), seconds)
             if kept.any():
                 moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns, learned.settings)
                 parts.append([measure(moving, learned) for measure in measures])

@@ -4,6 +4,7 @@ usually move."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 
 import numpy as np
 
@@ -92,11 +93,12 @@ class MovingBlock:
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
-    """What findings call the columns: all observations, then all actions, by their numbers where they have no names."""
-    names = dict(enumerate(demonstrations.action_names))
-    n_actions = 0 if demonstrations.is_discrete else demonstrations.n_actions
-    actions = (f"action {names.get(a, a)!r}" for a in range(n_actions))
-    return (*(f"observation {name!r}" for name in demonstrations.observation_names), *actions)
+    """What findings call the columns, all observations, then all actions: their names, where these tell them apart."""
+    states, named = demonstrations.observation_names, dict(enumerate(demonstrations.action_names))
+    actions = [str(named.get(a, a)) for a in range(0 if demonstrations.is_discrete else demonstrations.n_actions)]
+    vague = {*states} & {*actions}
+    columns = [*zip(repeat("observation"), states, strict=False), *zip(repeat("action"), actions, strict=False)]
+    return tuple(f"{kind} {name}" if name.isdigit() or name in vague else name for kind, name in columns)
 
 
 def all_values(block: Block) -> Float[Array, "T K"]:

@@ -38,7 +38,7 @@ class Leap(ComparingRule):
 
 class Spike(Leap):
     name, words = "spike", "one value is far from both its neighbours"
-    sentence = "{column} is {value:.3g} away from its neighbours at step {last} ({threshold:.3g} at most is usual)"
+    sentence = "{column} leaps by {value:.3g} for one step at {last} (usual: up to {threshold:.3g})"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -54,9 +54,9 @@ class Spike(Leap):
 
 
 class Jump(Leap):
-    name, words = "jump", "a column leaps from one step to the next and stays there"
+    name, words = "jump", "a column jumps from one step to the next and stays there"
     causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
-    sentence = "{column} leaps by {value:.3g} at step {last} ({threshold:.3g} at most is usual)"
+    sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -84,6 +84,7 @@ class Jump(Leap):
 class HeldValue(ComparingRule):
     """One value for long, while others move."""
 
+    sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
     causes = ("length",)
     kinds: tuple[bool, ...] = (False, True)
     """Whether the columns that the rule is about are actions."""
@@ -115,9 +116,8 @@ class HeldValue(ComparingRule):
         value = np.where((is_extreme == self.is_extreme) & ~may_rest, still, 0)
         return above(value, np.where(self.columns.moving[chosen] >= s.min_moving, limit, np.inf))
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        stays = f"{fault.column} stays at {self.at[m, c]:.4g} for {fault.last - fault.first + 1} steps"
-        return f"{stays} from step {fault.first} while others move ({fault.threshold:.0f} at most are usual)"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
 
 
 class FrozenSensor(HeldValue):
@@ -143,10 +143,7 @@ class RepeatedFrames(ComparingRule):
 
     name = "repeated frames"
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
-    sentence = (
-        "{value:.0f} rows repeat the row before while all moves, the longest from step {first} "
-        "({threshold:.0f} at most are usual)"
-    )
+    sentence = "{rows} the row before while all moves, most from {first} (usual: up to {threshold:.0f})"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -168,6 +165,10 @@ class RepeatedFrames(ComparingRule):
         repeats, self.first, length = self.measured
         self.last = self.first + length - 1
         return above(repeats, self.fence(repeats, self.settings.usual_factor, self.settings.smallest_repeat))
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
+        return super().say(fault, m, c, rows=rows)
 
 
 class IdleEnd(ComparingRule):
@@ -203,13 +204,13 @@ class IdleEnd(ComparingRule):
 
 class IdleHead(IdleEnd):
     name, words = "idle head", "nothing moves for long at the beginning"
-    sentence = "nothing moves in the first {value:.0f} steps ({threshold:.0f} at most are usual)"
+    sentence = "nothing moves for the first {long} (usual: up to {most})"
     at_head = True
 
 
 class IdleTail(IdleEnd):
     name, words = "idle tail", "nothing moves for long at the end"
-    sentence = "nothing moves in the last {value:.0f} steps ({threshold:.0f} at most are usual)"
+    sentence = "nothing moves for the last {long} (usual: up to {most})"
 
 
 def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
@@ -227,7 +228,8 @@ class Scale(ComparingRule):
     A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
     """
 
-    name, words = "scale", "a column has another unit or scale than elsewhere"
+    name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
+    sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
     needs = OF_COLUMNS
 
     @staticmethod
@@ -249,16 +251,17 @@ class Scale(ComparingRule):
         severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.min_moving)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        times = f"{fault.value:.3g} times" if fault.value >= 1 else f"1 / {1 / fault.value:.3g} of"
-        return f"{fault.column} has {times} its usual size, and so have its changes: perhaps another unit"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        if fault.value >= 1:
+            return super().say(fault, m, c, times=f"{fault.value:.3g} times larger", motion="wild motion")
+        return super().say(fault, m, c, times=f"{1 / fault.value:.3g} times smaller", motion="little motion")
 
 
 class NeverMoves(ComparingRule):
     """Columns that move in the others, about as far in each, and never in this one."""
 
-    name, words = "never moves", "a column that moves in the others never does"
-    sentence = "{column} never moves, and in the others it does"
+    name, words = "never moves", "a column does not move, and in the others it does"
+    sentence = "{column} does not move, and in the others it does"
     needs = OF_COLUMNS
 
     measure = staticmethod(HeldValue.measure)

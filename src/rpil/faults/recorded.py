@@ -9,6 +9,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Block, DemonstrationSet
+from rpil.data.text import counted, moment
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames
 from rpil.faults.rule import Fault, Rule
@@ -21,22 +22,23 @@ class MissingValues(Rule):
     name, words = "missing values", "a value is NaN or infinite"
 
     @classmethod
-    def find(cls, block: Block, ids: tuple[Id, ...], labels: tuple[str, ...]) -> Iterator[Fault]:
+    def find(cls, block: Block, ids: tuple[Id, ...], labels: tuple[str, ...], seconds: float | None) -> Iterator[Fault]:
         """Those of each demonstration; `ids` are those of all the data, `labels` those of `column_labels`."""
         values = all_values(block)
         for m, (begin, end) in enumerate(itertools.pairwise(block.offsets)):
             steps, columns = np.nonzero(~np.isfinite(values[begin:end]))
             if len(steps):
                 first, last, column = int(steps[0]), int(steps[-1]), int(columns[0])
-                sentence = f"{labels[column]} is {values[begin + first, column]} at step {first}"
+                sentence = f"{labels[column]} is {values[begin + first, column]} at {moment(first, seconds)}"
                 if len(steps) > 1:
-                    sentence += f", and {len(steps) - 1} more values up to step {last} are missing"
+                    more = counted(len(steps) - 1, "more missing value")
+                    sentence += f"; {more} up to {moment(last, seconds)}"
                 name, n = ids[block.first + m], float(len(steps))
                 yield Fault(cls.name, name, first, last, labels[column], n, 0.0, np.inf, sentence)
 
 
 class FrameCount(Rule):
-    name, words = "frame count", "the recording says that it has more or fewer frames"
+    name, words = "frame count", "it has more or fewer steps than the recording says"
 
     @classmethod
     def find(cls, times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
@@ -44,13 +46,13 @@ class FrameCount(Rule):
         for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
             declared = times.frames.get(name, length)
             if declared != length:
-                kind = f"{declared - length} are missing" if declared > length else f"{length - declared} are too many"
-                sentence = f"it has {length} frames, and the recording says {declared}: {kind}"
+                off = f"{declared - length:,} fewer" if declared > length else f"{length - declared:,} more"
+                sentence = f"it has {counted(length, 'step')}, {off} than the {declared:,} that the recording says"
                 severity = 1.0 + abs(declared - length)
                 yield Fault(cls.name, name, 0, length - 1, "", length, declared, severity, sentence)
         for name in times.frames.keys() - set(demonstrations.ids):
             declared = times.frames[name]
-            sentence = f"it is not in the data, and the recording says it has {declared} frames"
+            sentence = f"it is not in the data, and the recording says that it has {counted(declared, 'step')}"
             yield Fault(cls.name, name, 0, 0, "", 0, declared, 1.0 + declared, sentence)
 
 
@@ -88,8 +90,8 @@ def find_frame_times(
     frames = np.where(_within(demonstrations), np.diff(times.timestamps), usual) / usual
     limit = settings.frame_gap
     for rule, off, threshold, what in (
-        (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} frames are missing"),
-        (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} frames come too soon"),
+        (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} missing"),
+        (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} too soon"),
     ):
         places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
         owner = np.searchsorted(demonstrations.offsets, places + 1, side="right") - 1
@@ -99,10 +101,16 @@ def find_frame_times(
             step = worst + 1 - int(demonstrations.offsets[m])
             lost = int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum())
             time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
-            sentence = (
-                f"{what.format(lost=lost, n=len(wrong))}, the worst at step {step}: {time:.4g} ms after the one before "
-                f"({1e3 * usual:.4g} ms is usual)"
-            )
+            texts = {"lost": _of_frames(lost, "is", "are"), "n": _of_frames(len(wrong), "comes", "come")}
+            at = moment(step, usual)
+            said = f"{what.format(**texts)}: {time:.4g} ms pass before {at}"
+            said = f"the time at {at} is missing" if np.isnan(time) else said
+            sentence = f"{said} (usual: {1e3 * usual:.4g} ms)"
             yield Fault(
                 rule, demonstrations.ids[m], step - 1, step, "", time, 1e3 * usual * threshold, severity, sentence
             )
+
+
+def _of_frames(n: int, one: str, more: str) -> str:
+    """A number of frames with its verb."""
+    return f"{counted(n, 'frame')} {one if n == 1 else more}"

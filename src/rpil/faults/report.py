@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import Id
+from rpil.data.text import counted, one_line, printable, shortened
 from rpil.faults import duplicates, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
 
@@ -103,6 +104,17 @@ class FaultReport:
             "set_aside": list(self.set_aside),
             "expected": self.n_expected,
         }
+
+
+def odd_lines(report: FaultReport, command: str, width: int = 80) -> list[str]:
+    """Two lines, no longer than `width`, unless the `command` is, which lists all: how many recordings are odd, and
+    what is seen in the worst. Nothing where none is."""
+    n = len({found.id for found in report.findings})
+    if not n:
+        return []
+    worst = report.findings[0]
+    seen = f"  {printable(worst.id)}: {one_line(worst.sentence)}"
+    return [f"{counted(n, 'recording')} look{'s' * (n == 1)} odd; what is seen: {command}", shortened(seen, width)]
 
 
 def explain(findings: Iterable[Fault], name: object) -> str | None:

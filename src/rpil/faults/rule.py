@@ -16,7 +16,7 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.text import counted
+from rpil.data.text import counted, duration, moment
 from rpil.faults.ends import Ends, learn_ends
 from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
@@ -112,7 +112,7 @@ class Measurements:
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}
 
-    def duration(self, steps: int) -> str:
+    def in_steps(self, steps: int) -> str:
         """Steps in words, with their time where it is known."""
         time = "" if self.seconds is None else f" ({1e3 * self.seconds * steps:.0f} ms)"
         return f"{counted(steps, 'step')}{time}"
@@ -161,7 +161,7 @@ class ComparingRule(Rule):
 
     needs: tuple[str, ...] = ("several",)
     sentence: str
-    """A fault in words, which may name the fields of `Fault`."""
+    """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
 
     def __init__(self, data: Measurements) -> None:
         self.data, self.columns, self.settings = data, data.learned.columns, data.learned.settings
@@ -184,9 +184,13 @@ class ComparingRule(Rule):
         """Compare what was measured of all demonstrations."""
         raise NotImplementedError
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        """A fault of a demonstration and a column in words."""
-        return self.sentence.format(**vars(fault))
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        """What is seen in a demonstration and a column. The sentence may name `others`, and as times where they are
+        known, or else as steps: `first`, `last`, `long` from one to the other, and `most`, the threshold."""
+        seconds, length = self.data.seconds, fault.last - fault.first + 1
+        times = {"first": moment(fault.first, seconds), "last": moment(fault.last, seconds)}
+        times |= {"long": duration(length, seconds), "most": duration(fault.threshold, seconds)}
+        return self.sentence.format(**vars(fault) | times | others)
 
     @property
     def silent(self) -> tuple[str, ...]:
@@ -200,7 +204,7 @@ class ComparingRule(Rule):
         for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
             c = int(np.argmax(severity[m]))
             more = int((severity[m] > 1.0).sum()) - 1
-            also = f", and {counted(more, 'more column')}" if more else ""
+            also = f"; the same in {counted(more, 'more column')}" if more else ""
             value, threshold, worst = (float(of_each[m, c]) for of_each in (self.value, self.threshold, severity))
             place = self.data.ids[m], int(self.first[m, c]), int(self.last[m, c]), self.names[c]
             fault = Fault(self.name, *place, value, threshold, worst, sentence="")

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rpil.data.text import duration
 from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -19,6 +20,7 @@ of a hand, may be so always."""
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others"
+    sentence = "it has {value:.0f} steps{seconds} (usual: {low:.0f} to {high:.0f} steps)"
     causes = ("frame rate", "two episodes")
 
     def compare(self) -> Compared:
@@ -28,12 +30,15 @@ class Length(ComparingRule):
         severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
         return lengths, np.where(lengths > high, high, low), severity
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        return f"it has {fault.value:.0f} steps ({self.low:.0f} to {self.high:.0f} are usual)"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        seconds = self.data.seconds
+        lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
+        return super().say(fault, m, c, seconds=lasts, low=self.low, high=self.high)
 
 
 class OtherLag(ComparingRule):
-    name, words = "lag", "the state follows the action sooner or later than elsewhere"
+    name, words = "lag", "the state follows the action sooner or later than usual"
+    sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
@@ -50,9 +55,9 @@ class OtherLag(ComparingRule):
         severity = np.where(steps >= s.min_shift, gain / least_gain, 0.0)
         return steps, s.min_shift, severity if agree and np.isfinite(least_gain) else np.full(len(steps), np.nan)
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        steps = self.data.duration(int(fault.value))
-        return f"the state follows the action {steps} {'later' if self.shift[m] > 0 else 'sooner'} than is usual"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
+        return super().say(fault, m, c, steps=steps, when=when)
 
     def usual(self) -> dict[str, str]:
         """The usual lag in words, where most demonstrations have the same."""
@@ -61,7 +66,7 @@ class OtherLag(ComparingRule):
         best = self.data.learned.pairs[0]
         names = [self.columns.names[c] for c in (best.action, best.state)]
         first, second = names if best.lag >= 0 else names[::-1]
-        return {self.name: f"{second} follows {first} after {self.data.duration(abs(best.lag))}"}
+        return {self.name: f"{second} follows {first} after {self.data.in_steps(abs(best.lag))}"}
 
 
 class Undone(ComparingRule):
@@ -98,47 +103,50 @@ class Undone(ComparingRule):
         self.names += tuple(outside.tolist())
         return above(np.pad(value, ((0, 0), (0, len(outside)))), np.append(limit, np.full(len(outside), np.inf)))
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        return f"{self.texts[c].format(fault.column)}; undone, it fits the others"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        return self.texts[c].format(fault.column)
 
 
 class Sign(Undone):
-    name, words = "sign", "a column has the other sign"
-    sentences: ClassVar = {"sign": "{} has the other sign"}
+    name, words = "sign", "a column fits the others once its sign is changed"
+    sentences: ClassVar = {"sign": "{} fits the others once its sign is changed: perhaps it has the other sign"}
 
 
 class Exchanged(Undone):
-    name, words = "exchanged", "two columns are exchanged"
-    sentences: ClassVar = {"exchanged": "{} are exchanged"}
+    name, words = "exchanged", "two columns fit the others once they are exchanged"
+    sentences: ClassVar = {"exchanged": "{} fit the others once they are exchanged: perhaps each has the other's name"}
 
 
 class Offset(Undone):
-    name, words = "offset", "a constant is added to a column"
-    sentences: ClassVar = {"offset": "{} is off by a constant: perhaps its zero has moved"}
+    name, words = "offset", "a column fits the others once a constant is taken off"
+    sentences: ClassVar = {"offset": "{} fits the others once a constant is taken off: perhaps its zero has moved"}
 
 
 class ShiftedAction(Undone):
-    name, words = "shifted action", "the actions are one step early or late"
+    name, words = "shifted action", "the actions fit the others once they are moved by one step"
     sentences: ClassVar = {
-        "actions late": "the actions are one step late",
-        "actions early": "the actions are one step early",
+        "actions late": "the actions fit the others once they are one step earlier: perhaps they are recorded late",
+        "actions early": "the actions fit the others once they are one step later: perhaps they are recorded early",
     }
 
 
 class Reversed(Undone):
-    name, words = "reversed", "time runs backwards"
-    sentences: ClassVar = {"reversed": "time is reversed: it runs backwards"}
+    name, words = "reversed", "it fits the others once its steps are reversed"
+    sentences: ClassVar = {"reversed": "it fits the others once its steps are reversed: perhaps time runs backwards"}
 
 
 class FrameRate(Undone):
-    name, words = "frame rate", "it has half the frame rate of the others"
-    sentences: ClassVar = {"frame rate": "it has half the frame rate of the others: every other step is missing"}
+    name, words = "frame rate", "it moves in one step as the others do in two"
+    sentences: ClassVar = {
+        "frame rate": "it moves in one step as the others do in two: perhaps steps are missing, perhaps it is fast"
+    }
 
 
 class NextState(ComparingRule):
     """The actions are the next state, and in the others they are not."""
 
-    name, words = "next state", "the action is the next state"
+    name, words = "next state", "the action is the next state, and in the others it is not"
+    sentence = "{share} of the actions that move are the next state (usual: up to {most_usual}): perhaps no commands"
     unknown = "the action is the next state in most"
 
     @staticmethod
@@ -160,15 +168,16 @@ class NextState(ComparingRule):
         usual = float(np.median(share))
         return above(share, (1.0 + usual) / 2 if usual < USUAL_NEXT_STATE else np.inf)
 
-    def say(self, fault: Fault, m: int, c: int) -> str:
-        return f"{100 * fault.value:.0f} % of the actions that move are the state at the next step"
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        shares = {"share": fault.value, "most_usual": fault.threshold}
+        return super().say(fault, m, c, **{name: f"{100 * share:.0f} %" for name, share in shares.items()})
 
 
 class TwoEpisodes(ComparingRule):
     """It holds an end and then a beginning."""
 
-    name, words = "two episodes", "it holds two episodes"
-    sentence = "step {last} is like a beginning, and the one before like an end: perhaps two episodes in one"
+    name, words = "two episodes", "an end is followed by a beginning"
+    sentence = "at {last} it looks like an end and a new beginning: perhaps two episodes, perhaps a second try"
     needs, unknown = ("observations", "several"), "beginnings and ends are not unlike the rest"
 
     @staticmethod

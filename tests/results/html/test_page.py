@@ -170,7 +170,7 @@ def test_faults_are_a_line_a_kind() -> None:
     report = FaultReport(findings, {"sign": "too few", "scale": "too few"}, {}, {}, {}, 10, 99)
     page = Page(render(make_audit(), faults=report))
     assert [button["data-rule"] for button in page.all("button") if "data-rule" in button] == ["jump", "lag"]
-    assert "jump 3 a column leaps" in page.text
+    assert "jump 3 a column jumps" in page.text
     assert page.text.count("too few") == 1
     nothing = FaultReport((), {"sign": "too few"}, {}, {}, {}, 10, 99)
     assert "Recording faults None found." in Page(render(make_audit(), faults=nothing)).text
