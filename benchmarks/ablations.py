@@ -160,23 +160,21 @@ def markdown(result: Row) -> str:
     text = (
         "Words with other values in `rpil.inference.settings`, or without a rule (benchmarks/ablations.py): right and "
     )
-    text += (
-        "wrong ones where some are bad, and good demonstrations that are called unlike. A combination changes several."
-    )
+    text += "wrong ones where some are bad, and good demonstrations called outliers. A combination changes several."
     families = [
         family for family in FAMILIES if any(row["kind"] == family for row in next(iter(result["rules"].values())))
     ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
     told = [row for name, rows in result["answers"].items() for row in claims.counted(name, rows)]
-    named = claims.HEAD[0].replace("kind", "variant").replace("unlike", "called bad")
-    named = named.replace("typical", "called good").replace("sets |", "draws |", 1)
+    named = claims.HEAD[0].replace("kind", "variant").replace("outlier", "called bad")
+    named = named.replace("similar", "called good").replace("sets |", "draws |", 1)
     parts = ["## Ablations", "", text, "", *head, *rules, "", f"After {LABELS} random labels, the rest:", ""]
     return "\n".join([*parts, named, claims.HEAD[1], *told])
 
 
 def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
-    """Right and wrong words of each family, and good ones called unlike; the last alone where nobody is bad."""
+    """Right and wrong words of each family, and good ones called outliers; the last alone where nobody is bad."""
     for family in families:
         own = [row for row in rows if row["kind"] == family]
         count = claims.counts(own)

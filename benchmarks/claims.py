@@ -39,10 +39,10 @@ from worlds.simulated import PAPER, grid, of_grid, of_paper, walks
 Row = dict[str, Any]
 KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "point mass", *kinds.KINDS)
 P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
-"""Edges of the bins of P(typical) in which good demonstrations are counted."""
+"""Edges of the bins of P(similar) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
 HEAD = (
-    "| kind | sets | unlike: bad, good | typical: good, bad | sets with a good one unlike | share with a word |",
+    "| kind | sets | outlier: bad, good | similar: good, bad | sets with a good outlier | share with a word |",
     "|---|---|---|---|---|---|",
 )
 
@@ -130,7 +130,7 @@ def audited(job: Job, settings: Settings | None = None) -> Row:
         warnings.simplefilter("ignore")
         model = RPIL(random_state=job.seed, settings=settings)
         audit = model.fit(world.demonstrations, demonstrators=world.people if job.people else None).audit_
-    words = [{"typical": 1, "open": 0, "unlike": -1}[verdict] for verdict in audit.verdicts]
+    words = [{"similar": 1, "open": 0, "outlier": -1}[verdict] for verdict in audit.verdicts]
     pair = [int(good[audit.index(name)]) for name in audit.pair]
     values = {"good": good.tolist(), "words": words, "log_odds": audit.log_odds.tolist(), "pair": pair}
     values["ids"] = list(audit.ids) if job.kind == "changes" else []
@@ -149,7 +149,7 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Words of audits without answers, compared with the truth: `unlike` counts as bad, `typical` as good."
+    explained = "Verdicts of audits without answers, against the truth: `outlier` counts as bad, `similar` as good."
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
@@ -197,10 +197,10 @@ def pairs_asked(rows: list[Row]) -> list[str]:
 
 
 def good_by_proba(rows: list[Row]) -> list[str]:
-    """How many demonstrations with such a P(typical) are good, of the recorded sets with words: in the others P is 1/2.
+    """How many demonstrations with such a P(similar) are good, of the recorded sets with words: in the others P is 1/2.
     Those of middling quality are left out.
 
-    `rpil.results.words` quotes the last line.
+    `rpil.results.vocabulary` quotes the last line.
     """
     rows = [row for row in rows if any(row["words"])]
     if not rows:
@@ -209,7 +209,7 @@ def good_by_proba(rows: list[Row]) -> list[str]:
     source = np.repeat(np.arange(len(rows)), [len(row["good"]) for row in rows])[good >= 0]
     good, proba = good[good >= 0], proba[good >= 0]
     which = np.clip(np.searchsorted(P_BINS, proba, side="right") - 1, 0, len(P_BINS) - 2)
-    lines = ["| P(typical) | demonstrations | good | share good | sets |", "|---|---|---|---|---|"]
+    lines = ["| P(similar) | demonstrations | good | share good | sets |", "|---|---|---|---|---|"]
     for k, (low, high) in enumerate(pairwise(P_BINS)):
         own = which == k
         share = f"{good[own].mean():.0%}" if own.any() else ""
@@ -217,14 +217,14 @@ def good_by_proba(rows: list[Row]) -> list[str]:
         lines.append(f"| {low:g} to {high:g} | {counts} |")
     most, least = good[proba >= 0.9], good[proba <= 0.1]
     if len(most) and len(least):
-        text = f"{most.mean():.0%} of the demonstrations with P(typical) of .9 or more were good, "
+        text = f"{most.mean():.0%} of the demonstrations with P(similar) of .9 or more were good, "
         text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
         lines += ["", f"In {len(rows)} recorded sets with words {text}."]
     return lines
 
 
 def counts(rows: Sequence[Row]) -> dict[tuple[int, int], int]:
-    """Demonstrations by word (1 typical, -1 unlike) and truth (1 good, 0 bad)."""
+    """Demonstrations by word (1 similar, -1 outlier) and truth (1 good, 0 bad)."""
     words, good = (np.concatenate([row[name] for row in rows]) for name in ("words", "good"))
     every = product((1, -1), (1, 0))
     return {(word, truth): int(((words == word) & (good == truth)).sum()) for word, truth in every}
@@ -239,9 +239,9 @@ def counted(title: str, rows: Sequence[Row]) -> list[str]:
     shares = np.array([float((words[good >= 0] != 0).mean()) for good, words in pairs])
     error = shares.std(ddof=1) / np.sqrt(len(shares)) if len(shares) > 1 else np.nan
     of_good = sum(int((good == 1).sum()) for good, _ in pairs)
-    unlike = f"{count[-1, 0]}, {count[-1, 1]} of {of_good} good"
+    outlier = f"{count[-1, 0]}, {count[-1, 1]} of {of_good} good"
     return [
-        f"| {title} | {len(rows)} | {unlike} | {count[1, 1]}, {count[1, 0]} | {sets} | "
+        f"| {title} | {len(rows)} | {outlier} | {count[1, 1]}, {count[1, 0]} | {sets} | "
         f"{shares.mean():.2f} (standard error {error:.2f}) |"
     ]
 
@@ -296,7 +296,7 @@ def point_masses(rows: list[Row]) -> list[str]:
 
 def described(row: Row) -> list[str]:
     """A line for each recorded set, and for each other audit with a wrong word; of a point mass, with a good one that
-    is called unlike."""
+    is called an outlier."""
     wrong = counts([row])[-1, 1] if row["kind"] == "point mass" else n_wrong(row)
     if row["kind"] != "recorded" and (not wrong or row["kind"] in ("changes", "people")):
         return []

@@ -1,6 +1,6 @@
 """How demonstrations are ranked without answers: the AUROC of each set, the mean rank of each kind, from 0 to 1.
 
-Also how many good ones are called unlike.
+Also how many good ones are called outliers.
 
     python benchmarks/ranking.py --data ../shared/data --worlds worlds --json ranking.json
     python benchmarks/ranking.py --quick
@@ -93,8 +93,8 @@ def main(arguments: list[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that groups are ambiguous
             audit = RPIL().fit(demonstrations).audit_
-        log_odds, unlike = audit.log_odds, np.array(audit.verdicts) == "unlike"
-        counts = np.array([(unlike & (is_good == 1)).sum(), (is_good == 1).sum()])
+        log_odds, outlier = audit.log_odds, np.array(audit.verdicts) == "outlier"
+        counts = np.array([(outlier & (is_good == 1)).sum(), (is_good == 1).sum()])
         accused[family] = accused.get(family, 0) + counts
         found[family][name] = auroc(log_odds, is_good)
         for kind, rank in zip(kinds, (rankdata(log_odds) - 1) / (len(kinds) - 1), strict=True):
@@ -104,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
         said = "; ".join(f"{kind} {np.mean(every):.2f}" for kind, every in ranks[family].items())
         print(
             f"{family}: {np.mean(list(of_sets.values())):.3f} (worst {worst}, {of_sets[worst]:.2f}); ranks: {said}; "
-            f"good ones called unlike: {accused[family][0]} of {accused[family][1]}"
+            f"good ones called outliers: {accused[family][0]} of {accused[family][1]}"
         )
     if options.json:
         options.json.write_text(json.dumps(found, indent=1))

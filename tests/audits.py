@@ -11,11 +11,11 @@ from rpil.inference.answers import Answers
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.words import SIDES, Verdict
+from rpil.results.vocabulary import SIDES, Verdict
 
 
 def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
-    """Two parts of the action of a demonstration that leaves the band of the typical in the middle half."""
+    """Two parts of the action of a demonstration that leaves the band of the similar in the middle half."""
     rng = np.random.default_rng(seed)
     mean = np.cumsum(rng.normal(size=(n_steps, 2)), axis=0)
     middle = np.abs(np.arange(n_steps) - n_steps / 2) < n_steps / 4
@@ -27,7 +27,7 @@ def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
 
 
 def make_audit(
-    verdicts: Sequence[Verdict] = ("typical",) * 5 + ("open",) + ("unlike",) * 4,
+    verdicts: Sequence[Verdict] = ("similar",) * 5 + ("open",) + ("outlier",) * 4,
     *,
     ids: Sequence[Any] | None = None,
     lengths: Sequence[int] | None = None,
@@ -57,7 +57,7 @@ def make_audit(
     fields: dict[str, Any] = {
         "ids": tuple(range(size)) if ids is None else tuple(ids),
         "offsets": offsets.astype(np.int64),
-        "finding": "some are unlike",
+        "finding": "outliers",
         "log_odds": log_odds,
         "expert_proba": 1 / (1 + np.exp(-log_odds)),
         "reliability": reliability,

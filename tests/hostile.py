@@ -105,7 +105,7 @@ def keep_first(path: str) -> None:
 def write_letters(path: Path, n: int, column: str = "comment") -> None:
     """A text of `n` letters in one column, in `n` / 30,000 bytes, and short ones in the others."""
     columns = {"episode_index": [0, 0], "observation.x": [0.5, 1.0], "action": [0, 1], "task_index": [0, 1]}
-    columns |= {"id": ["a", "b"], "verdict": ["typical", "typical"], column: ["a" * n, ""]}
+    columns |= {"id": ["a", "b"], "verdict": ["similar", "similar"], column: ["a" * n, ""]}
     pq.write_table(pa.table(columns), path, compression="zstd", use_dictionary=False, write_statistics=False)
 
 

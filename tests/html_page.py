@@ -13,7 +13,7 @@ class Page(HTMLParser):
     def __init__(self, page: str) -> None:
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
+        self.vocabulary: list[str] = []
         self.open: list[str] = []
         self.feed(page)
         self.close()
@@ -32,7 +32,7 @@ class Page(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         if self.open and self.open[-1] not in ("style", "script"):
-            self.words.append(data)
+            self.vocabulary.append(data)
 
     def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
         wanted = attributes.items()
@@ -40,4 +40,4 @@ class Page(HTMLParser):
 
     @property
     def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
+        return " ".join(" ".join(self.vocabulary).split())

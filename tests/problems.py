@@ -71,7 +71,7 @@ class Toy:
 
     def is_judged_right(self, audit: Audit) -> bool:
         """Whether the good demonstrations have the word for the better ones, and the bad ones the other."""
-        return audit.verdicts == tuple(np.where(self.is_good, audit.words.upper, audit.words.lower))
+        return audit.verdicts == tuple(np.where(self.is_good, audit.vocabulary.upper, audit.vocabulary.lower))
 
     def problem(self, features: str = "raw") -> FitData:
         """As EM wants it."""

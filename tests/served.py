@@ -7,6 +7,7 @@ import json
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -70,8 +71,8 @@ class Client:
 def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
     """What a server shows of an audit, without answers from before."""
     return Review(
-        session=Session(audit, labels, None, None),
-        about=About("Review of d.parquet", "d.parquet", fps=10.0, command="rpil audit d.parquet"),
+        session=Session(replace(audit, fps=10.0), labels, None, None),
+        about=About("Review of d.parquet", "d.parquet", command="rpil audit d.parquet"),
         videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
         finish=finish or (lambda audit, agreed: {"lines": []}),
         page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),

@@ -49,12 +49,12 @@ def test_a_processor_stands_for_no_newer_one(tool, monkeypatch, capsys):
 
 def test_findings_pairs_and_words_are_compared(tool):
     plain = {"set": {"finding": "in doubt", "pair": ["1", "2"], "words": {"1": "open", "2": "open"}}}
-    other = {"set": {"finding": "two groups", "pair": ["2", "1"], "words": {"1": "open", "2": "unlike"}}}
+    other = {"set": {"finding": "two groups", "pair": ["2", "1"], "words": {"1": "open", "2": "outlier"}}}
     assert tool.differences(plain, plain) == []
     assert [line.partition(",")[0] for line in tool.differences(plain, other)] == [
         "set: the finding is two groups",
         "set: the pair is ['2'",
-        "set: 2 is unlike",
+        "set: 2 is outlier",
     ]
 
 

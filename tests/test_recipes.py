@@ -64,7 +64,7 @@ def demonstrations_by_signs() -> tuple[Demonstrations, np.ndarray]:
 def test_policy_recipe():
     demonstrations, is_good = demonstrations_by_signs()
     model = RPIL(policy=BySigns()).fit(demonstrations)
-    assert model.audit_.verdicts == tuple("typical" if good else "unlike" for good in is_good)
+    assert model.audit_.verdicts == tuple("similar" if good else "outlier" for good in is_good)
     steps = np.repeat(is_good, demonstrations.lengths)
     assert (model.predict(demonstrations.observations) == demonstrations.actions)[steps].mean() > 0.99
 

@@ -125,7 +125,7 @@ def parquet_verdicts(folder: Path) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    pq.write_table(pa.table({"id": ["é0", "b"], "verdict": ["typical", "unlike"]}), folder / "v.parquet")
+    pq.write_table(pa.table({"id": ["é0", "b"], "verdict": ["similar", "outlier"]}), folder / "v.parquet")
     return folder / "v.parquet"
 
 

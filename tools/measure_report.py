@@ -44,7 +44,7 @@ CLICKS = """(async () => {
 def audit_of(size: int) -> tuple[Audit, About]:
     """An audit of so many demonstrations, with sessions, operators, faults, and traces of those that are drawn."""
     rng = np.random.default_rng(0)
-    verdicts = rng.choice(["typical", "open", "unlike"], p=[0.8, 0.1, 0.1], size=size).tolist()
+    verdicts = rng.choice(["similar", "open", "outlier"], p=[0.8, 0.1, 0.1], size=size).tolist()
     audit = make_audit(
         verdicts,
         lengths=rng.integers(100, 900, size),
@@ -65,7 +65,7 @@ def audit_of(size: int) -> tuple[Audit, About]:
     )
     operators = {str(m): f"operator {m % 5}" for m in range(size)}
     faults = FaultReport(findings, {}, {}, {}, {}, size, 1)
-    return replace(audit, traces=traces), About("Audit", "x.csv", faults=faults, demonstrators=operators, fps=30.0)
+    return replace(audit, traces=traces, fps=30.0), About("Audit", "x.csv", faults=faults, demonstrators=operators)
 
 
 def measure(browser: Browser, path: Path) -> list[float]:

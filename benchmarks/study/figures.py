@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from options import make_folder
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import replacing
-from rpil.results.words import COLOURS
+from rpil.results.vocabulary import COLOURS
 from rpil.simulation.rollouts import record
 from rpil.simulation.simulate import simulate
 from study.experiments import EXPERIMENTS, N_BAD, N_GOOD, ours, paper_recipe, raw_trust_all

@@ -21,7 +21,7 @@ from rpil.numerics.types import Array
 from rpil.results.answering import with_answers
 from rpil.results.choice import Asked
 from rpil.results.verdict_table import choice_of
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 from value.information import information, scaled
 from value.worlds import World
 

@@ -1,7 +1,7 @@
 """Worlds of a point mass, to break the words of an audit: kinds of operators that no constant was chosen on.
 
 A mass in a plane goes to a goal, past an obstacle. In worlds of `BAD` operators some demonstrations are bad; in worlds
-of `GOOD` operators all are good, though not alike, and nobody should be called unlike the others. Actions are forces,
+of `GOOD` operators all are good, though not alike, and nobody should be called an outlier. Actions are forces,
 or one of five directions.
 """
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from claims import Job, audited, good_by_proba, point_masses, report
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 from worlds.recorded import CHANGES, changed
 from worlds.simulated import PAPER, of_paper
 
@@ -16,7 +16,7 @@ RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 
 
 def draw(env, kind, seed):
-    """The number of words of one draw of a cell of the paper, and those that are wrong: (typical, unlike)."""
+    """The number of words of one draw of a cell of the paper, and those that are wrong: (similar, outlier)."""
     row = audited(Job("paper", f"{env} {kind} {seed}", lambda: of_paper(env, kind, seed)))
     good, words = np.array(row["good"]), np.array(row["words"])
     return int((words != 0).sum()), int(((words > 0) & (good == 0)).sum()), int(((words < 0) & (good == 1)).sum())
@@ -45,9 +45,9 @@ def test_every_demonstration_of_the_papers_cells_gets_the_right_word(env, kind, 
     ],
 )
 def test_the_draws_that_are_known_to_fail_get_no_worse(kind, seed, most_typical, most_unlike):
-    _, typical, unlike = draw("LunarLander-v3", kind, seed)
-    assert typical <= most_typical  # bad ones called typical
-    assert unlike <= most_unlike  # good ones called unlike
+    _, similar, outlier = draw("LunarLander-v3", kind, seed)
+    assert similar <= most_typical  # bad ones called similar
+    assert outlier <= most_unlike  # good ones called outliers
 
 
 def row(proba, good, words=(1, 0, -1)):
@@ -67,7 +67,7 @@ def test_good_ones_are_counted_by_p():
     assert "| 0.9 to 0.99 | 2 | 1 | 50% | 1 |" in lines
     assert "| 0.99 to 1 | 3 | 2 | 67% | 2 |" in lines
     assert lines[-1] == (
-        "In 2 recorded sets with words 60% of the demonstrations with P(typical) of .9 or more were good, 33% of those "
+        "In 2 recorded sets with words 60% of the demonstrations with P(similar) of .9 or more were good, 33% of those "
         "with .1 or less, and 50% of all."
     )
     assert good_by_proba([*rows, row([0.5], [1], [0])]) == lines  # a set without words is left out
@@ -77,7 +77,7 @@ def test_good_ones_are_counted_by_p():
 def told(kind, name, good, words, log_odds=None):
     odds = words if log_odds is None else log_odds
     found = {"kind": kind, "name": name, "good": good, "words": words, "log_odds": odds, "proba": [0.5] * len(good)}
-    return found | {"finding": "some are unlike", "doubts": [], "pair": [1, 0], "ids": list(range(len(words)))}
+    return found | {"finding": "outliers", "doubts": [], "pair": [1, 0], "ids": list(range(len(words)))}
 
 
 def test_words_are_counted_by_kind():
@@ -100,7 +100,7 @@ def test_words_are_counted_by_kind():
         "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
         in lines
     )
-    assert "- recorded reversed: AUROC 0.00, some are unlike, 3 words, 3 wrong." in lines
+    assert "- recorded reversed: AUROC 0.00, outliers, 3 words, 3 wrong." in lines
     assert not any("- changes" in text for text in lines)
 
 
@@ -111,13 +111,13 @@ def test_a_row_for_each_kind_of_operator():
     assert "| stuck | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
     assert "| nobody bad | 1 | 0, 1 of 3 good | 0, 0 | 1 | 0.33 (standard error nan) |" in lines
     said = [text for text in report(rows) if text.startswith("- ")]
-    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, some are unlike, 1 words, 1 wrong."]
+    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, outliers, 1 words, 1 wrong."]
 
 
 def test_what_an_audit_says_of_p_is_in_the_results():
-    sentence = WORDS["none"].experience.removesuffix(" (docs/results.md).")
+    sentence = VOCABULARIES["none"].experience.removesuffix(" (docs/results.md).")
     assert sentence.startswith("In 11 recorded sets with words")
-    assert [words.experience for anchor, words in WORDS.items() if anchor != "none"] == ["", ""]
+    assert [words.experience for anchor, words in VOCABULARIES.items() if anchor != "none"] == ["", ""]
     assert sentence in RESULTS.read_text(encoding="utf-8")
 
 

@@ -91,7 +91,7 @@ def test_kinds_of_recorded_sets(tmp_path):
     assert len(rows["half", "car"]["good"]) == 8
     without, named = rows["people", "not named: car"], rows["people", "named: car"]
     assert named["log_odds"] == without["log_odds"] == rows["recorded", "car"]["log_odds"]
-    assert named["words"] == without["words"]  # four of each person: that none is typical may be chance
+    assert named["words"] == without["words"]  # four of each person: that none is similar may be chance
     assert "| operators named | 1 |" in "\n".join(claims.report(list(rows.values())))
 
 

@@ -20,9 +20,8 @@ from problems import make_continuous
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.persistence import load
-from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NEXT_STEPS
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 
 
 def test_commands_with_continuous_actions():
@@ -31,7 +30,7 @@ def test_commands_with_continuous_actions():
     formats.write(Path(name), Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets), {})
     audit = json.loads(ok("audit", name, "--json", "--report", "r.html", "--weights", "w.csv").stdout)
     verdicts = {entry["id"]: entry["verdict"] for entry in audit["demonstrations"]}
-    assert [verdicts[m] for m in range(20)] == np.where(toy.is_good, "typical", "unlike").tolist()
+    assert [verdicts[m] for m in range(20)] == np.where(toy.is_good, "similar", "outlier").tolist()
     page = Path("r.html").read_text()
     assert name in page
     assert re.search(r"\bnan\b", page) is None
@@ -53,26 +52,26 @@ def printed_ranking(result):
 def test_audit_prints_finding_ranking_and_next_step(folder):
     result = ok("audit", folder / "good.parquet")
     titles, rows = printed_ranking(result)
-    assert f"\nSome are unlike: {FINDINGS['some are unlike']}\n" in result.stdout
+    assert "\n6 of 12 act differently from the rest: " in result.stdout
     assert titles[:7] == [
         "id",
         "place",
         "steps",
         "log-odds",
-        "P(typical)",
+        "P(similar)",
         "reliability",
         "verdict",
     ]  # by actions alone
     assert [int(row[0]) < 6 for row in rows] == [False] * 6 + [True] * 6
     assert [int(row[1]) for row in rows] == [*range(12, 0, -1)]
-    assert [row[6] for row in rows] == ["unlike"] * 6 + ["typical"] * 6
+    assert [row[6] for row in rows] == ["outlier"] * 6 + ["similar"] * 6
     odds = [float(row[3]) for row in rows]
     assert odds == sorted(odds)
-    assert result.stdout.count(f"{WORDS['none'].explanation} {WORDS['none'].experience}\n") == 1
+    assert result.stdout.count(f"{VOCABULARIES['none'].explanation} {VOCABULARIES['none'].experience}\n") == 1
     headline, faults, following = result.stdout.split("\n\n")[-1].splitlines()[:3]
-    assert headline == "12 demonstrations (1,160 steps): 6 typical, 0 open, 6 unlike."
+    assert headline == "12 demonstrations (1,160 steps): 6 similar, 0 open, 6 outliers."
     assert faults == "No recording faults found."
-    assert following == f"Next: {NEXT_STEPS['some are unlike']}"
+    assert following == f"Next: {NEXT_STEPS['outliers']}"
     assert "Next" not in ok("audit", folder / "good.parquet", "--quiet").stdout
     assert result.stderr == ""
 
@@ -96,7 +95,7 @@ def test_parts_of_the_log_odds_add_up(folder):
         assert (parts[1] > 0) == (int(row[0]) < 6) or int(row[0]) in (3, 9)
     assert re.search(r"^demonstrator +trust", result.stdout, re.MULTILINE)
     without = ok(*told).stdout
-    assert re.search(r"^demonstrator +demonstrations +typical +open +unlike +style *$", without, re.MULTILINE)
+    assert re.search(r"^demonstrator +demonstrations +similar +open +outlier +style *$", without, re.MULTILINE)
     assert re.search(r"^c +3 +0 +0 +3 +\d\.\d\d of the median length", without, re.MULTILINE)
     assert not re.search(r"^demonstrator +trust", without, re.MULTILINE)
     assert "--session operator" in without
@@ -108,12 +107,12 @@ def test_audit_without_groups_prints_no_verdicts():
     y = (x[:, 0] + rng.logistic(size=1200) > 0).astype(int)  # all act by one policy
     npz("data.npz", observations=x, actions=y, episode_ids=np.repeat(np.arange(20), 60))
     result = ok("audit", "data.npz")
-    assert f"\nNobody stands out: {FINDINGS['nobody stands out']}\n" in result.stdout
+    assert "\nNo outliers: nobody differs clearly; here is a ranking, and no verdicts.\n" in result.stdout
     assert "\n20 demonstrations (1,200 steps) are ranked; all are open.\n" in result.stdout
     assert "can be trusted" not in result.stdout
-    assert f"\nNext: {NEXT_STEPS['nobody stands out']}\n" in result.stdout
+    assert f"\nNext: {NEXT_STEPS['no outliers']}\n" in result.stdout
     titles, rows = printed_ranking(result)
-    assert "P(typical)" not in titles  # a place, and no probability, where there is no word
+    assert "P(similar)" not in titles  # a place, and no probability, where there is no word
     assert {row[titles.index("verdict")] for row in rows} == {"open"}
     assert [row[1] for row in rows] == [str(place) for place in range(20, 0, -1)]
 
@@ -134,7 +133,7 @@ def test_audit_prints_json(folder):
     assert audit["faults"]["findings"] == []
     assert audit["n_demonstrations"] == 12
     assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["finding"] == "some are unlike"
+    assert audit["finding"] == "outliers"
     assert audit["prior"].keys() == {"mean", "low", "high"}
     assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
     assert audit["identifiable"] is True
@@ -145,7 +144,7 @@ def test_audit_prints_json(folder):
             "rank": int, "verdict": str, "label": str, "reason": str, "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
-        assert entry["verdict"] == ("typical" if entry["id"] < 6 else "unlike")
+        assert entry["verdict"] == ("similar" if entry["id"] < 6 else "outlier")
         assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
         assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
         assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
@@ -198,7 +197,7 @@ def proposed_labels_file(result):
 def test_answered_question_decides_between_two_groups(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
-    assert f"\nTwo groups: {FINDINGS['two groups']}\n" in result.stdout
+    assert "\nTwo groups act differently: 6 and 6; without an answer nobody can say which is good.\n" in result.stdout
     groups = re.findall(r"Group [AB], 6 demonstrations: ([\d, ]+)", result.stdout)
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
     first, second = map(
@@ -265,9 +264,9 @@ def test_marks_made_in_the_report_are_labels_of_the_next_audit(folder, tmp_path)
     with browsing(tmp_path / "profile") as browser:
         browser.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
         browser.open(Path("r.html"))
-        browser.click('[data-filter=verdict][data-value="unlike"]')
+        browser.click('[data-filter=verdict][data-value="outlier"]')
         browser.press("b", "j", "b", "Escape")
-        browser.click('[data-filter=verdict][data-value="typical"]')
+        browser.click('[data-filter=verdict][data-value="similar"]')
         browser.press("g")
         marked = "document.querySelector('[data-role=marked]').innerText === 'Your marks: 1 good, 2 bad.'"
         browser.wait(marked)
@@ -301,4 +300,4 @@ def test_the_table_fits_a_terminal_and_no_id_is_wrapped(folder, width, titles):
     assert {row.split()[0] for row in rows} == {*ids}
     assert all(len(line) <= width for line in lines[start : start + 14])
     assert all(title in lines[start] for title in [*titles, "P(good)", "verdict"])
-    assert all(re.search(r"\b(good|open|bad|typical|unlike)\b", row) for row in rows)
+    assert all(re.search(r"\b(good|open|bad|similar|outlier)\b", row) for row in rows)

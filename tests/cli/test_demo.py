@@ -87,7 +87,7 @@ def test_fitted_data_do_not_contain_the_truth(name: str) -> None:
 
 
 def test_audits_agree_with_the_truth(result: demo.DemoResult) -> None:
-    assert result.lander.finding == "some are unlike"
+    assert result.lander.finding == "outliers"
     assert result.wrong_verdicts == 0
     assert set(result.returns) == POLICIES
     assert result.returns["rpil"].mean > result.returns["trust_all"].mean + 100
@@ -106,14 +106,14 @@ def test_scores_equal_those_of_scikit_learn(result: demo.DemoResult) -> None:
     assert 0.04 < result.auroc_ci95[1] - result.auroc_ci95[0] < 0.6
     verdicts = np.array(result.lander.verdicts)
     good = demo.load_truth(demo.LUNARLANDER, "is_good") == 1
-    assert result.wrong_verdicts == (verdicts != np.where(good, "typical", "unlike")).sum()
+    assert result.wrong_verdicts == (verdicts != np.where(good, "similar", "outlier")).sum()
 
 
 def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str]) -> None:
     text = " ".join(result.sentences())
     assert f"{result.auroc:.2f}" in text
     assert f"32 real people: {result.people.finding}. " in text
-    assert "corrupted demonstrations: some are unlike. 0 of 20" in text
+    assert "corrupted demonstrations: outliers. 0 of 20" in text
     assert f"R-PIL {result.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # some terminals have no other characters
@@ -191,7 +191,7 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
         assert float(log_odds) == pytest.approx(audit.log_odds[m], abs=0.1)
         assert float(expert_proba) == pytest.approx(audit.expert_proba[m], abs=0.01)
         assert float(reliability) == pytest.approx(audit.reliability[m], abs=0.03)
-    assert any(text.startswith("Some are unlike") for text in texts)
+    assert any(text.startswith("Outliers") for text in texts)
 
 
 def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:

@@ -171,7 +171,7 @@ def test_a_reference_alone_ranks_the_bad_last_and_calls_nobody_good_who_is_not(d
     rows = audited(data, "--reference", "good.parquet")["demonstrations"]
     assert {row["id"] for row in rows[-4:]} == BAD
     for row in rows:
-        assert row["verdict"] in (("unlike", "open") if row["id"] in BAD else ("good", "typical", "open"))
+        assert row["verdict"] in (("outlier", "open") if row["id"] in BAD else ("good", "similar", "open"))
 
 
 def test_a_reference_with_other_columns_is_refused(data):

@@ -23,7 +23,7 @@ def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):
     labels = ["--labels", "labels.csv"]
     ok("audit", data, "--verdicts", "v.csv", *labels, "-q")
     rows = csv.DictReader(Path("v.csv").read_text().splitlines())
-    bad = {int(row["id"]) for row in rows if row["verdict"] in ("bad", "unlike")}
+    bad = {int(row["id"]) for row in rows if row["verdict"] in ("bad", "outlier")}
     assert 11 in bad <= {*range(6, 12)}
     for extra in (labels, ["--verdicts", "v.csv"]):
         first, said, *_ = ok("keep", data, "-o", "kept.parquet", *extra, "-q").stdout.splitlines()
@@ -184,7 +184,7 @@ def test_each_task_is_judged_by_itself(folder):
     pq.write_table(both.take(np.argsort(np.r_[episode, episode + 0.5], kind="stable")), "both.parquet")
     files = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html"]
     printed = ok("audit", "both.parquet", *files, "-q").stdout
-    judged = "left (12: some are unlike), right (12: some are unlike)"
+    judged = "left (12: outliers), right (12: outliers)"
     assert f"Demonstrations are judged within their tasks: {judged}." in printed
     rows = {row["id"]: row for row in pa.csv.read_csv("v.csv").to_pylist()}
     ok("audit", folder / "good.parquet", "--verdicts", "one.csv", "-q")

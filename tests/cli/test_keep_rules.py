@@ -1,4 +1,4 @@
-"""What ``rpil keep`` rejects, and why: labels, faults, answers, and what is unlike only where answers allow it."""
+"""What ``rpil keep`` rejects, and why: labels, faults, answers, and what is outlier only where answers allow it."""
 
 import json
 import re
@@ -15,15 +15,15 @@ import rpil
 from asked import BAD, write
 from command_line import call, ok, refused
 from rpil.cli.options import CHOICE_RULES
-from rpil.results.choice import RULES_OF_WORDS
+from rpil.results.choice import RULES_OF_VERDICTS
 
 FEW, MANY = 24, 12
 """Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
 
 COLUMNS = ["--observations", "x,v"]
 UNDECIDED = (
-    "rpil: 4 of 12 demonstrations are unlike the others, more than 20% of all: they are kept, because without two "
-    "answers it is not known whether they are worse.\n"
+    "rpil: 4 of 12 demonstrations are outliers, more than 20% of all: they are kept, because without two "
+    "answers nobody knows whether they are worse.\n"
 )
 
 
@@ -40,8 +40,8 @@ def test_a_fifth_that_is_unlike_is_rejected_and_more_is_kept_with_code_3():
     few, many = write("few.parquet", FEW), write("many.parquet", MANY)
     assert ok("keep", few, "-o", "k.parquet", *COLUMNS, "-q").stdout.splitlines() == [
         "Kept 20 of 24 demonstrations: k.parquet",
-        "Rejected: 4 unlike.",
-        "  unlike: 3, 5, 8 and 9",
+        "Rejected: 4 as outliers.",
+        "  as outliers: 3, 5, 8 and 9",
     ]
     ok("audit", many, *COLUMNS, "--verdicts", "v.csv", "-q")
     for extra, yes in product(([], ["--verdicts", "v.csv"]), ([], ["--yes"])):
@@ -52,8 +52,8 @@ def test_a_fifth_that_is_unlike_is_rejected_and_more_is_kept_with_code_3():
         assert kept_in("k.parquet") == {*range(MANY)}
 
 
-@pytest.mark.parametrize(("n", "code", "unlike"), [(FEW, 0, [*sorted(BAD)]), (MANY, 3, [])])
-def test_an_audit_lists_what_keep_keeps(n, code, unlike):
+@pytest.mark.parametrize(("n", "code", "outlier"), [(FEW, 0, [*sorted(BAD)]), (MANY, 3, [])])
+def test_an_audit_lists_what_keep_keeps(n, code, outlier):
     data = write("d.parquet", n)
     result = call("audit", data, *COLUMNS, "--keep", "k.json", "--json", "-q")
     assert result.exit_code == code
@@ -64,15 +64,15 @@ def test_an_audit_lists_what_keep_keeps(n, code, unlike):
         json.loads(result.stdout)["keep"]
         == found
         == {
-            "episodes": [m for m in range(n) if m not in unlike],
-            "rejected": {"unlike": unlike} if unlike else {},
-            "undecided": [] if unlike else sorted(BAD),
+            "episodes": [m for m in range(n) if m not in outlier],
+            "rejected": {"outlier": outlier} if outlier else {},
+            "undecided": [] if outlier else sorted(BAD),
         }
     )
     assert call("keep", data, "-o", "k.parquet", *COLUMNS, "-q").exit_code == code
     assert kept_in("k.parquet") == {*listed["episodes"]}
     assert call("audit", data, *COLUMNS, "--keep", "k.json", "--yes", "-q").exit_code == 0
-    assert call("audit", data, *COLUMNS, "--keep", "k.json", "-q", "--fail-on", "unlike").exit_code == 1
+    assert call("audit", data, *COLUMNS, "--keep", "k.json", "-q", "--fail-on", "outlier").exit_code == 1
     assert call("audit", data, *COLUMNS, "--verdicts", "v.csv", "-q").exit_code == 0, "nothing is kept by it"
 
 
@@ -81,7 +81,7 @@ def test_what_would_decide_is_printed_and_holds():
     many = write("many.parquet", MANY)
     for given in ({}, {"_0": "good"}):
         result = call("keep", many, "-o", "k.parquet", *COLUMNS, *(labels(**given) if given else []))
-        assert result.exit_code == (3 if not given or "unlike" in result.stderr else 0)
+        assert result.exit_code == (3 if not given or "outlier" in result.stderr else 0)
         if result.exit_code == 0:
             continue
         cases = re.findall(r"If (.*), (\d+) of 12 are kept\.", result.stdout)
@@ -115,13 +115,13 @@ def test_two_answers_reject_what_they_say():
     printed = ok("keep", many, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad")).stdout
     ids = {rule: {*map(int, re.findall(r"\d+", found))} for rule, found in re.findall(r"  ([a-z ]+): (.*)", printed)}
     assert ids["by your labels"] == {3}
-    inferred = ids.get("by inference from your answers", set()) | ids.get("unlike", set())
+    inferred = ids.get("by inference from your answers", set()) | ids.get("as outliers", set())
     assert inferred
     assert inferred <= BAD - {3}
     assert kept_in("k.parquet") == {*range(MANY)} - set.union(*ids.values())
 
 
-@pytest.mark.parametrize("words", [["--share", ".5"], ["--at-least", ".5"], ["--ignore", "unlike"]])
+@pytest.mark.parametrize("words", [["--share", ".5"], ["--at-least", ".5"], ["--ignore", "outlier"]])
 def test_what_is_asked_for_leaves_nothing_undecided(words):
     result = ok("keep", write("many.parquet", MANY), "-o", "k.parquet", *COLUMNS, *words, "-q")
     assert result.stderr == ""
@@ -130,17 +130,17 @@ def test_what_is_asked_for_leaves_nothing_undecided(words):
 
 def test_each_rule_can_be_ignored():
     few = write("few.parquet", FEW)
-    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "unlike,labels", *labels(_1="bad"), "-q")
+    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "outlier,labels", *labels(_1="bad"), "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
     given = labels(_0="good", _1="good", _2="good", _3="bad", _5="bad")
-    for words, left in ((["--ignore", "labels"], {3, 5}), (["--ignore", "answers,unlike"], BAD - {3, 5})):
+    for words, left in ((["--ignore", "labels"], {3, 5}), (["--ignore", "answers,outlier"], BAD - {3, 5})):
         ok("keep", few, "-o", "k.parquet", *COLUMNS, *words, *given, "-q")
         assert left <= kept_in("k.parquet")
-    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", "--ignore", "answers, unlike", *given, "-q")
+    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", "--ignore", "answers, outlier", *given, "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
-    assert ("labels", *RULES_OF_WORDS.values()) == CHOICE_RULES
+    assert ("labels", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
     refused("'x' is not one of 'labels', 'answers'", "keep", few, "-o", "k.parquet", "--ignore", "labels,x")
-    for words in (["--ignore", "unlike"], ["--without-faults", "jump"], ["--yes"]):
+    for words in (["--ignore", "outlier"], ["--without-faults", "jump"], ["--yes"]):
         refused("give --keep OUT.json", "audit", few, *words)
 
 
@@ -179,7 +179,7 @@ def test_faults_that_are_named_are_rejected():
 
 @pytest.mark.slow
 def test_each_task_counts_its_own_answers():
-    """Two answers about one task say nothing of the unlike ones of another task: 4 of 20 are a fifth, 4 of 19 more."""
+    """Two answers about one task say nothing of the outliers of another task: 4 of 20 are a fifth, 4 of 19 more."""
     many, few = (pq.read_table(write(f"{n}.parquet", n)) for n in (MANY, FEW))
     for n, code in ((20, 0), (19, 3)):
         rows = few.filter(pc.and_(pc.greater_equal(few["episode_index"], 12), pc.less(few["episode_index"], n)))
@@ -189,4 +189,4 @@ def test_each_task_counts_its_own_answers():
         assert result.exit_code == code
         assert kept_in("k.parquet") == {*range(n)} - (set() if code else BAD)
     result = ok("keep", data, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad"))
-    assert "Rejected: 1 by your labels, 3 unlike." in result.stdout
+    assert "Rejected: 1 by your labels, 3 as outliers." in result.stdout

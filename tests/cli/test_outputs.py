@@ -33,12 +33,10 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
     result = call("audit", folder / "good.parquet", "--json", "--demonstrators", "who.csv", *files)
-    assert result.exit_code == 3, "more than a fifth are unlike"
+    assert result.exit_code == 3, "more than a fifth are outlier"
     *lines, undecided = result.stderr.splitlines()
     assert lines == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
-    assert undecided.startswith(
-        "rpil: 6 of 12 demonstrations are unlike the others, more than 20% of all: they are kept"
-    )
+    assert undecided.startswith("rpil: 6 of 12 demonstrations are outliers, more than 20% of all: they are kept")
     assert {row["run"] for row in pa.csv.read_csv("v.csv").to_pylist()} == {json.loads(result.stdout)["run"]}
     printed = {entry["id"]: entry for entry in json.loads(result.stdout)["demonstrations"]}
     rows = pa.csv.read_csv("v.csv").to_pylist()
@@ -121,7 +119,7 @@ def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
     assert counts == "12 of 13 kept. Rejected: 1 by your labels."
     assert re.fullmatch(r"No kept demonstration starts with side above .*; 12 does\.", lost)
     page = Path("r.html").read_text()
-    assert page.index("What is lost without the bad ones") < page.index(lost)
+    assert page.index("What is lost without them") < page.index(lost)
     assert lost not in ok(*words, "--keep", "k.json", "--quiet").stdout
     assert lost not in ok(*words).stdout
     Path("labels.csv").write_text("id,label\n" + "".join(f"{m},good\n" for m in range(13)))
@@ -130,28 +128,28 @@ def test_what_is_lost_is_said_beside_the_list_to_keep_and_in_the_report():
 
 
 @pytest.mark.parametrize(
-    ("limit", "code"), [("unlike", 1), ("bad", 3), ("unlike:5", 1), ("unlike:6", 3), ("bad:99", 3)]
+    ("limit", "code"), [("outlier", 1), ("bad", 3), ("outlier:5", 1), ("outlier:6", 3), ("bad:99", 3)]
 )
 def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit, code):
     result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--json")
     assert result.exit_code == code
-    assert json.loads(result.stdout)["finding"] == "some are unlike"
+    assert json.loads(result.stdout)["finding"] == "outliers"
     assert len(json.loads(Path("k.json").read_text())["undecided"]) == 6
     said = [line for line in result.stderr.splitlines() if "--fail-on" in line]
     allowed = int(limit.partition(":")[2] or 0)
-    line = f"rpil: 6 of 12 demonstrations are unlike, and --fail-on {limit} allows {allowed}."
+    line = f"rpil: 6 of 12 demonstrations are outliers, and --fail-on {limit} allows {allowed}."
     assert said == ([line] if code == 1 else [])
 
 
-@pytest.mark.parametrize("limit", ["typical", "unlike:", "unlike:x", "bad:-1"])
+@pytest.mark.parametrize("limit", ["similar", "outlier:", "outlier:x", "bad:-1"])
 def test_other_limits_are_refused(folder, limit):
     data = folder / "good.parquet"
-    refused("is neither unlike nor bad, with a number as in unlike:2", "audit", data, "--fail-on", limit)
+    refused("is neither outlier nor bad, with a number as in outlier:2", "audit", data, "--fail-on", limit)
 
 
 def test_bad_ones_are_counted_where_labels_were_given(folder):
     Path("labels.csv").write_text("id,label\n0,good\n1,good\n10,bad\n11,bad\n")
-    result = call("audit", folder / "good.parquet", "--labels", "labels.csv", "--fail-on", "unlike", "-q")
+    result = call("audit", folder / "good.parquet", "--labels", "labels.csv", "--fail-on", "outlier", "-q")
     assert result.exit_code == 1
     assert re.search(r"rpil: [2-6] of 12 demonstrations are bad, and", result.stderr)
 

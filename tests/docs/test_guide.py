@@ -38,12 +38,12 @@ def test_snippets_run(pictures):
     for code in plain():
         exec(compile(code, "docs/policies.md", "exec"), names)
     assert len(plain()) == 2
-    assert names["audit"].verdicts == tuple("typical" if expert else "unlike" for expert in good)
+    assert names["audit"].verdicts == tuple("similar" if expert else "outlier" for expert in good)
     proba = names["answered"].expert_proba
     assert proba[good].min() > proba[~good].max()
     assert {word for word, expert in zip(names["answered"].verdicts, good, strict=True) if expert} <= {
         "good",
-        "typical",
+        "similar",
     }
 
 

@@ -73,7 +73,7 @@ def test_constants_of_steps_are_those_of_the_judge():
     assert judge.steps.p_stretches == 0.5
     assert "at even odds, in stretches" in FLAT
     assert f"uniform on {judge.reliability_nodes} values" in FLAT
-    assert f"at least {judge.steps.whole_reliability} of that of a typical".replace("0.", ".") in FLAT
+    assert f"at least {judge.steps.whole_reliability} of that of a similar".replace("0.", ".") in FLAT
 
 
 def test_modules_on_the_page_exist():

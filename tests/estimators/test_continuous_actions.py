@@ -36,7 +36,7 @@ def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
     actions = np.where(np.repeat(is_good, lengths)[:, None], np.clip(wanted, -1.0, 1.0), random)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     audit = RPIL().fit(Demonstrations.from_arrays(observations, actions, offsets)).audit_
-    assert audit.verdicts == tuple(np.where(is_good, "typical", "unlike"))
+    assert audit.verdicts == tuple(np.where(is_good, "similar", "outlier"))
 
 
 def test_one_outlying_step_does_not_decide_a_verdict():
@@ -99,8 +99,8 @@ def test_expert_with_a_policy_in_two_parts_is_one_expert(bad):
     model = RPIL().fit(Demonstrations.from_episodes(made.episodes))
     assert roc_auc_score(made.is_good, model.log_odds_) == 1.0
     verdicts = np.array(model.audit_.verdicts)
-    assert (verdicts[made.is_good == 0] == "unlike").all()
-    assert not (verdicts[made.is_good == 1] == "unlike").any()
+    assert (verdicts[made.is_good == 0] == "outlier").all()
+    assert not (verdicts[made.is_good == 1] == "outlier").any()
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("flipped", 0), ("smooth", 1)])
@@ -129,7 +129,7 @@ def test_noisy_and_clean_demonstrations_form_no_rival_groups():
 def test_no_adversary_among_equal_demonstrations():
     toy = make_continuous("none", 0, **MANY)
     audit = RPIL().fit(toy.demonstrations).audit_
-    assert audit.finding == "nobody stands out"
+    assert audit.finding == "no outliers"
     assert set(audit.verdicts) == {"open"}
 
 

@@ -49,7 +49,7 @@ def test_the_trusted_choose_in_rpil_and_twice_the_same():
     codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
     data = Demonstrations.from_arrays(observations, codes, offsets)
     model = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)
-    assert model.audit_.verdicts == ("typical",) * 8 + ("unlike",) * 6
+    assert model.audit_.verdicts == ("similar",) * 8 + ("outlier",) * 6
     assert model.features_.kind == "nystroem"
     assert any("nystroem" in sentence for sentence in model.audit_.assumptions)
     again = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)

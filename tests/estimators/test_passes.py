@@ -13,7 +13,7 @@ from problems import make, make_continuous
 from rpil import Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 from rpil.scale.fit import JudgedSample
 from rpil.scale.local import LocalEngine
 from small import SAMPLE, SMALL, small_rpil
@@ -63,7 +63,7 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, m
     assert model.audit_.deviations == ()  # actions are compared in memory only
     assert set(model.audit_.traces) == set(data.ids)
     for name, own in model.audit_.traces.items():  # by the policy of the sample, as by that of all
-        beside = other.audit_.traces.get(name)  # the median typical one has no part with evidence of its own
+        beside = other.audit_.traces.get(name)  # the median similar one has no part with evidence of its own
         same = {part.name: part for part in beside.parts} if beside else {}
         assert own.parts[0].name in same or abs(own.parts[0].nats) < 20
         for part in (part for part in own.parts if part.name in same):
@@ -125,7 +125,7 @@ def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_
     told = {"demonstrators": names}
     for model in both(data, fit=told):
         assert model.audit_.finding == "in doubt"
-        assert "of operators without a typical demonstration (bad" in model.audit_.doubts[0]
+        assert "of operators without a similar demonstration (bad" in model.audit_.doubts[0]
         assert not model.audit_.from_demonstrator.any()
         assert {who.trust for who in model.audit_.demonstrators} == {None}
     model, other = both(

@@ -36,7 +36,7 @@ def test_names_of_actions_change_nothing(few, names):
 def test_a_good_style_in_few_states_accuses_nobody_and_answers_decide():
     data, second = two_styles(1, above=1.2)
     audit = RPIL().fit(data).audit_
-    assert "unlike" not in audit.verdicts
+    assert "outlier" not in audit.verdicts
     assert np.ptp(audit.log_odds) > 0
     for style in (second, ~second):
         known = dict.fromkeys(np.flatnonzero(style)[:3].tolist(), "good")
@@ -47,7 +47,7 @@ def test_a_good_style_in_few_states_accuses_nobody_and_answers_decide():
 def test_two_styles_that_each_have_a_policy_are_two_groups():
     data, second = two_styles(0)
     audit = RPIL().fit(data).audit_
-    assert "unlike" not in audit.verdicts
+    assert "outlier" not in audit.verdicts
     first, other = audit.pair
     assert second[first] != second[other]
 
@@ -67,7 +67,7 @@ def test_user_policy_with_repeated_columns(large):
     toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
     twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * large
     audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
-    assert set(audit.verdicts) <= {"open", "typical"}
+    assert set(audit.verdicts) <= {"open", "similar"}
 
 
 def test_user_policy_scores_demonstrations_as_it_judged_them():
@@ -101,7 +101,7 @@ def test_copies_change_no_score_and_no_word_of_the_others(maker, numbers):
     np.testing.assert_array_equal(found.columns, once.columns[every])
     np.testing.assert_array_equal(found.reliability, once.reliability[every])
     assert found.verdicts == tuple(once.verdicts[m] for m in every)
-    assert "unlike" in found.verdicts
+    assert "outlier" in found.verdicts
     assert (found.finding, found.pair) == (once.finding, once.pair)
     steps = np.concatenate([np.arange(once.offsets[m], once.offsets[m + 1]) for m in every])
     np.testing.assert_array_equal(found.step_log_ratio, once.step_log_ratio[steps])

@@ -104,8 +104,8 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
     assert after.pop(total) == 10 + 12
     masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]} if parent == "data" else {}
     assert {name: after.pop(name) for name in masks} == masks
-    unlike = {total, "mask/train", "mask/valid"}
-    assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in unlike}
+    outlier = {total, "mask/train", "mask/valid"}
+    assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in outlier}
 
 
 def test_wrong_requests_leave_no_file(tmp_path):

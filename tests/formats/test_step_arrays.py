@@ -47,7 +47,7 @@ def test_other_types_are_read_as_they_are():
         (Part(7, {"actions": np.zeros((7, 3))}, {"demo": "b", "task": ""}), "demonstration 'b': it has no 'obs/arm'"),
     ],
 )
-def test_a_demonstration_unlike_the_first_is_refused(second, message):
+def test_a_demonstration_outliers_the_first_is_refused(second, message):
     with pytest.raises(DataError, match=message):
         recording([part("a", 5), second])
 

@@ -15,7 +15,7 @@ from rpil.inference.settings import ClaimSettings, JudgeSettings, RivalSettings
 SCORE = np.array([1.0] * 6 + [0.0] * 4)
 TYPICAL_AND_UNLIKE = [1] * 6 + [-1] * 4
 NOBODY = [0] * 10
-ONE_GROUP = "When the demonstrations are divided into other folds, their scores are one group."
+ONE_GROUP = "Another calculation, with other parts of the data held out, finds no outliers."
 
 
 @pytest.fixture(autouse=True)
@@ -66,22 +66,22 @@ def lower_of(upper, rival, is_rival=True) -> Lower:
     return Lower(upper, rival, gain_upper=1.0, is_rival=is_rival, is_noise=False)
 
 
-@pytest.mark.parametrize(("p_two", "finding"), [(0.991, "some are unlike"), (0.989, "nobody stands out")])
+@pytest.mark.parametrize(("p_two", "finding"), [(0.991, "outliers"), (0.989, "no outliers")])
 def test_two_groups_of_scores_must_be_nearly_certain(p_two, finding):
-    words = TYPICAL_AND_UNLIKE if finding == "some are unlike" else NOBODY
+    words = TYPICAL_AND_UNLIKE if finding == "outliers" else NOBODY
     assert claimed(scored(p_two=p_two)) == (finding, words)
 
 
 def test_the_least_probability_of_two_groups_is_enough():
     p_two = scored()[1].groups.p_two
-    assert claimed(scored(limits={"min_p_two": p_two}))[0] == "some are unlike"
+    assert claimed(scored(limits={"min_p_two": p_two}))[0] == "outliers"
     found = scored(limits={"min_p_two": p_two})
-    assert claimed(found, found[1])[0] == "some are unlike"
+    assert claimed(found, found[1])[0] == "outliers"
 
 
 def test_nothing_could_be_learned_where_the_state_says_nothing_and_scores_are_one_group():
     assert claimed(scored(p_two=0.5, state_predicts_action=False)) == ("nothing could be learned", NOBODY)
-    assert claimed(scored(state_predicts_action=False))[0] == "some are unlike"
+    assert claimed(scored(state_predicts_action=False))[0] == "outliers"
 
 
 @pytest.mark.parametrize("gain", [0.0, -1.0])
@@ -92,14 +92,14 @@ def test_a_policy_that_does_not_explain_its_own_actions_convicts_nobody(gain):
 
 
 def test_a_small_gain_of_the_upper_group_is_a_gain():
-    assert claimed(scored(gains=policies(upper=1e-6, lower=-1.0)))[0] == "some are unlike"
+    assert claimed(scored(gains=policies(upper=1e-6, lower=-1.0)))[0] == "outliers"
 
 
-@pytest.mark.parametrize(("own", "finding"), [(0.3, "two groups"), (0.05, "some are unlike"), (0.0, "some are unlike")])
+@pytest.mark.parametrize(("own", "finding"), [(0.3, "two groups"), (0.05, "outliers"), (0.0, "outliers")])
 def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, finding):
     found = claim(*scored(gains=policies(lower=own)), None, None)
     assert found.finding == finding
-    if finding == "some are unlike":
+    if finding == "outliers":
         assert found.groups is None
         assert found.contrast is None
     else:
@@ -108,7 +108,7 @@ def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, 
         assert found.contrast.length.tolist() == [5.0, 5.0]
 
 
-@pytest.mark.parametrize(("n_upper", "finding"), [(1, "nobody stands out"), (2, "some are unlike")])
+@pytest.mark.parametrize(("n_upper", "finding"), [(1, "no outliers"), (2, "outliers")])
 def test_the_upper_group_has_two_members_at_least(n_upper, finding):
     score = np.where(np.arange(10) < n_upper, 1.0, 0.0)
     assert claimed(scored(score))[0] == finding
@@ -161,13 +161,13 @@ def test_noise_leaves_the_better_half_typical_where_scores_have_a_tail():
 
 def test_nobody_unlike_means_that_nobody_is_called_typical():
     score = np.array([1.0] * 6 + [0.49] * 4)
-    assert claimed(scored(score)) == ("nobody stands out", NOBODY)
+    assert claimed(scored(score)) == ("no outliers", NOBODY)
 
 
 def test_words_need_both_dealings_of_the_folds():
     scoring, scores = scored()
     again = scores_of(scoring, [1, 1, 1, 1, 1, 0.4, 0.6, 0, 0, 0.49], 0.999)
-    assert claimed((scoring, scores), again) == ("some are unlike", [1, 1, 1, 1, 1, 0, 0, -1, -1, -1])
+    assert claimed((scoring, scores), again) == ("outliers", [1, 1, 1, 1, 1, 0, 0, -1, -1, -1])
 
 
 @pytest.mark.parametrize(("p_two", "doubts"), [(0.991, []), (0.98, [ONE_GROUP])])
@@ -175,7 +175,7 @@ def test_other_folds_must_give_two_groups(p_two, doubts):
     scoring, scores = scored()
     found = claim(scoring, scores, scores_of(scoring, SCORE, p_two), None)
     assert sentences(found) == doubts
-    assert found.finding == ("in doubt" if doubts else "some are unlike")
+    assert found.finding == ("in doubt" if doubts else "outliers")
     assert found.words.tolist() == (NOBODY if doubts else TYPICAL_AND_UNLIKE)
     assert all(doubt.runs == () for doubt in found.doubts)
 
@@ -190,10 +190,10 @@ def by_noise(score=NOISE, p_two=0.3, lower=0.0, limits=(), discrete=True, again=
     return by_chance(scoring, scores, None if again is None else scores_of(scoring, *again))
 
 
-@pytest.mark.parametrize(("p_two", "finding"), [(0.21, "some are unlike"), (0.19, "nobody stands out")])
+@pytest.mark.parametrize(("p_two", "finding"), [(0.21, "outliers"), (0.19, "no outliers")])
 def test_noise_needs_some_evidence_of_two_groups(p_two, finding):
     found = scored(NOISE, p_two, discrete=True)
-    assert claimed(found, found[1]) == (finding, TYPICAL_AND_UNLIKE if finding == "some are unlike" else NOBODY)
+    assert claimed(found, found[1]) == (finding, TYPICAL_AND_UNLIKE if finding == "outliers" else NOBODY)
 
 
 def test_the_least_evidence_of_noise_is_enough():
@@ -203,7 +203,7 @@ def test_the_least_evidence_of_noise_is_enough():
 
 def test_continuous_actions_are_never_noise_by_chance():
     assert by_noise(discrete=False) is None
-    assert claimed(scored(NOISE, 0.3))[0] == "nobody stands out"
+    assert claimed(scored(NOISE, 0.3))[0] == "no outliers"
 
 
 def test_no_gain_of_the_upper_group_no_noise():
@@ -250,7 +250,7 @@ def test_noise_is_noise_with_both_dealings():
 
 def test_noise_stands_where_other_folds_give_one_group_of_scores():
     found = scored(NOISE, discrete=True)
-    assert claimed(found, scores_of(found[0], NOISE, 0.5)) == ("some are unlike", TYPICAL_AND_UNLIKE)
+    assert claimed(found, scores_of(found[0], NOISE, 0.5)) == ("outliers", TYPICAL_AND_UNLIKE)
 
 
 def test_groups_come_first_and_noise_adds_words_to_them():
@@ -267,19 +267,19 @@ def test_groups_come_first_and_noise_adds_words_to_them():
 def test_noise_beside_groups_is_a_cluster_of_its_own():
     score = np.array([1.0] * 3 + [-1.0] * 7)
     tail = {"score": score, "deviation": 0.3, "discrete": True}
-    assert claimed(scored(**tail))[0] == "some are unlike"
+    assert claimed(scored(**tail))[0] == "outliers"
     assert claimed(scored(**tail, gains=policies(lower=0.2, spread=0.5)))[0] == "in doubt"
 
 
 # A sample stands for all.
 def test_claims_about_a_sample_extend_to_all():
     scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 1.0])
-    of_sample = Claims("some are unlike", np.array([1, 0]), (), lower_of([0], [1], False))
+    of_sample = Claims("outliers", np.array([1, 0]), (), lower_of([0], [1], False))
     found = extended(of_sample, scores, np.array([4, 3]), scoring.settings)
     assert found.words.tolist() == [1, -1, 1, 0, 1, 1]  # as said of the sample, and by the scores of the others
     assert found.lower.upper.tolist() == [0, 2, 4, 5]
     assert found.lower.rival.tolist() == [3]
-    assert found.finding == "some are unlike"
+    assert found.finding == "outliers"
 
 
 def test_sampled_groups_and_doubts_extend_to_all():
@@ -292,7 +292,4 @@ def test_sampled_groups_and_doubts_extend_to_all():
     assert [group.tolist() for group in found.groups] == [[0, 1, 4, 5], [2, 3]]
     assert [run.tolist() for run in found.doubts[0].runs] == [[1, 5]]
     assert found.contrast is contrast
-    assert (
-        extended(Claims("nobody stands out", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower
-        is None
-    )
+    assert extended(Claims("no outliers", np.zeros(2, dtype=int)), scores, np.arange(2), scoring.settings).lower is None

@@ -1,4 +1,4 @@
-"""Reasons to doubt that some demonstrations are unlike the others, each by name, and the question that is asked."""
+"""Reasons to doubt that some demonstrations differ from the others, each by name, and the question that is asked."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_more_than_half_below_at_many_levels_are_no_minority(n_upper, is_doubted
     score = np.where(np.arange(10) < n_upper, 1.0, -0.2)
     doubts = found(scored(score, deviation=TAIL))
     assert [doubt.sentence for doubt in doubts] == [
-        "More than half score low, at many levels, so that no limit between two groups is clear."
+        "More than half score low, at many levels: no limit between two groups is clear."
     ] * is_doubted
     assert all(doubt.runs == () for doubt in doubts)
     assert sentences(scored(score)) == []  # a cluster of its own may be the larger group
@@ -72,8 +72,7 @@ def doubts_about(scoring, scores, lower, words=(-1, 0, 0, 0, 1), is_cluster=True
 def test_two_rankings_that_differ_are_doubted():
     doubts = doubts_about(*disagreeing(-1.0))
     assert [doubt.sentence for doubt in doubts] == [
-        "Two ways of scoring rank the demonstrations differently (rank correlation -1.00), so the low scores may be an "
-        "artefact."
+        "Two ways of scoring disagree about the order (rank correlation -1.00), so the low scores may be an artefact."
     ]
     assert doubts[0].runs == ()
     assert len(doubts_about(*disagreeing(0.1))) == 1
@@ -86,8 +85,8 @@ def test_those_who_follow_one_another_are_a_session():
     score = np.array([1.0] * 10 + [0.0] * 4 + [1.0] * 8)
     doubts = found(scored(score), np.arange(22.0))
     assert [doubt.sentence for doubt in doubts] == [
-        "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a "
-        "session, a set-up or a calibration, and not necessarily worse."
+        "Those with low scores follow one another in the order of recording ({members}): perhaps another session or "
+        "set-up, and not necessarily worse."
     ]
     assert runs_in(doubts[0]) == [[10, 11, 12, 13]]
     assert sentences(scored(score)) == []  # no order is stated
@@ -141,23 +140,23 @@ def test_probability_of_few_runs_by_hand():
 def test_every_doubt_is_said():
     score = np.array([1.0] * 6 + [-0.2] * 14)
     doubts = found(scored(score, deviation=TAIL), np.arange(20.0))
-    assert [doubt.sentence.split()[0] for doubt in doubts] == ["More", "The"]
+    assert [doubt.sentence.split()[0] for doubt in doubts] == ["More", "Those"]
 
 
 # The question.
 def test_the_pair_are_the_points_of_nine_and_one_tenth():
-    nobody = Claims("nobody stands out", np.zeros(21, dtype=int))
+    nobody = Claims("no outliers", np.zeros(21, dtype=int))
     score = np.random.default_rng(0).permutation(21).astype(float)
     first, second = telling_pair(nobody, score)
     assert (score[first], score[second]) == (18.0, 2.0)
     eight = np.random.default_rng(1).permutation(8).astype(float)
-    first, second = telling_pair(Claims("nobody stands out", np.zeros(8, dtype=int)), eight)
+    first, second = telling_pair(Claims("no outliers", np.zeros(8, dtype=int)), eight)
     assert (eight[first], eight[second]) == (6.0, 1.0)
 
 
 def test_no_pair_without_any_difference():
-    assert telling_pair(Claims("nobody stands out", np.zeros(4, dtype=int)), np.ones(4)) is None
-    assert telling_pair(Claims("nobody stands out", np.zeros(2, dtype=int)), np.array([0.0, 1e-9])) is not None
+    assert telling_pair(Claims("no outliers", np.zeros(4, dtype=int)), np.ones(4)) is None
+    assert telling_pair(Claims("no outliers", np.zeros(2, dtype=int)), np.array([0.0, 1e-9])) is not None
 
 
 def test_the_pair_of_two_groups_are_their_middle_members():

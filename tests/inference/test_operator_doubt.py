@@ -1,4 +1,4 @@
-"""Without answers operators give a reason to doubt, and nothing else: who gave the unlike demonstrations."""
+"""Without answers operators give a reason to doubt, and nothing else: who gave the outliers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def apart(names, words, max_chance=0.01):
 @pytest.mark.parametrize(
     ("names", "words", "expected"),
     [
-        ("aaabbb", [1, 1, 0, 1, -1, -1], ("All", ("b",))),  # who gave a typical one as well
+        ("aaabbb", [1, 1, 0, 1, -1, -1], ("All", ("b",))),  # who gave a similar one as well
         ("aaabbb", [1, 1, 0, 1, 0, -1], ("", ())),  # one alone
         ("aaabbb", [1, 1, -1, 1, -1, -1], ("", ())),
         ("aaaaaa", [1, 1, 1, 1, -1, -1], ("", ())),  # one operator gave all
@@ -40,7 +40,7 @@ def test_all_unlike_ones_of_one_operator_are_a_doubt(names, words, expected):
 
 
 def test_operators_of_whom_none_is_typical_are_a_doubt_where_chance_does_not_explain_it():
-    """Of 24 demonstrations 12 are typical: by chance none of n is with probability 1 / 2 ** n."""
+    """Of 24 demonstrations 12 are similar: by chance none of n is with probability 1 / 2 ** n."""
     names = "a" * 12 + "b" * 6 + "c" * 6
     words = [1] * 12 + [-1] * 6 + [0] + [-1] * 5
     assert apart(names, words, 0.02) == ("Most", ("b", "c"))
@@ -59,7 +59,7 @@ def found(names, gains=lambda group: np.where(group[:1].any(), np.where(SCORE > 
 
 
 def test_the_doubt_withdraws_the_words_and_names_the_operator():
-    assert found("abababaabb").finding == "some are unlike"
+    assert found("abababaabb").finding == "outliers"
     doubtful = found("aabaabbbbb")
     assert doubtful.finding == "in doubt"
     assert not doubtful.words.any()
@@ -80,12 +80,10 @@ def test_operators_without_answers_change_no_log_odds(seed):
     alone, doubtful, mixed = (RPIL().fit(data, demonstrators=who).audit_ for who in (None, one, several))
     np.testing.assert_array_equal(alone.log_odds, doubtful.log_odds)
     np.testing.assert_array_equal(alone.log_odds, mixed.log_odds)
-    assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "typical", "unlike"))
+    assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "similar", "outlier"))
     assert doubtful.finding == "in doubt"
     assert set(doubtful.verdicts) == {"open"}
-    assert doubtful.doubts[0].startswith(
-        "All demonstrations with low scores are of one operator, {Bob}: perhaps a style"
-    )
+    assert doubtful.doubts[0].startswith("All low scores are of one operator, {Bob}: perhaps a style")
     assert [who.trust for who in doubtful.demonstrators] == [None, None]
     assert doubtful.question
 

@@ -1,4 +1,4 @@
-"""A second way: those that would be called unlike follow a rule of their own, also one that bends."""
+"""A second way: those that would be called outliers follow a rule of their own, also one that bends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rpil.inference.rivals import SecondWay
 from rpil.inference.settings import JudgeSettings, RivalSettings
 
 
-@pytest.mark.parametrize(("way", "finding"), [("own rule", "two groups"), ("noise", "some are unlike")])
+@pytest.mark.parametrize(("way", "finding"), [("own rule", "two groups"), ("noise", "outliers")])
 def test_a_rule_that_bends_is_a_second_way_and_noise_is_none(way, finding):
     rng, episodes = np.random.default_rng(0), []
     for m in range(40):
@@ -25,7 +25,7 @@ def test_a_rule_that_bends_is_a_second_way_and_noise_is_none(way, finding):
         episodes.append((states, (other if m < 12 else states[:, :2]) + rng.normal(0, 0.05, (60, 2))))
     audit = RPIL("folded").fit(Demonstrations.from_episodes(episodes)).audit_
     assert audit.finding == finding
-    assert [m for m in range(40) if audit.verdicts[m] == "unlike"] == ([] if way == "own rule" else [*range(12)])
+    assert [m for m in range(40) if audit.verdicts[m] == "outlier"] == ([] if way == "own rule" else [*range(12)])
     assert audit.identifiable is (way == "noise")
     assert [set(group) for group in audit.competing] == ([{*range(12, 40)}, {*range(12)}] if way == "own rule" else [])
 

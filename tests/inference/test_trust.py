@@ -39,7 +39,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
     states = StateScale(np.ones(2), 0.0)
     columns, claims = (
         columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers),
-        Claims("some are unlike", WORDS),
+        Claims("outliers", WORDS),
     )
     own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))
     evidence = Evidence(scores, columns, states, claims, (4, 8), own, within)
@@ -50,7 +50,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
 
 def test_without_answers_the_claims_are_said():
     found, evidence, _ = concluded()
-    assert found.finding == "some are unlike"
+    assert found.finding == "outliers"
     np.testing.assert_array_equal(found.words, WORDS)
     assert found.answered is None
     np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
@@ -165,7 +165,7 @@ def judged(kind, seed, n_good, n_bad, settings=SETTINGS, **given):
 def test_random_actions_are_unlike():
     said = []
     toy, judgement = judged("random", 0, 10, 6, progress=said.append)
-    assert judgement.finding == "some are unlike"
+    assert judgement.finding == "outliers"
     np.testing.assert_array_equal(judgement.words, np.where(toy.is_good, 1, -1))
     assert said == ["ridge", "fitting the training group", "other folds", "what the scores support"]
     assert toy.is_good[judgement.pair[0]]

@@ -14,7 +14,7 @@ from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import JudgeSettings, StepSettings
 from rpil.results.answering import NEXT_STEPS, NOT_USED, question, shown_proba
 from rpil.results.record import Audit
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 
 TOY = make("random", 2, n_good=7, n_bad=4, steps=(13, 13))
 LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
@@ -97,26 +97,26 @@ def test_answers_in_turn_are_answers_at_once(audit):
     assert one.assumptions == both.assumptions
     assert both.labelled == ("d0", "d9")
     assert "P(good) is learned from 2 labels, 1 pair, each of which may be wrong." in both.assumptions
-    assert both.assumptions[:2] == (FINDINGS["answered"], WORDS["answers"].explanation)
+    assert both.assumptions[:2] == (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
     assert NOT_USED in audit.assumptions
     assert NOT_USED not in both.assumptions
 
 
-ONE_ANSWER = "One answer is not enough to call other demonstrations good or bad; give a second one."
+ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
 
 
 def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
     for one, of_first in ((audit.answered({"d0": "bad"}), "bad"), (audit.answered(pairs=[("d0", "d9")]), "open")):
         assert one.verdicts == ((of_first if one.labelled else audit.verdicts[0]), *audit.verdicts[1:])
-        assert {"typical", "unlike"} <= {*one.verdicts}
+        assert {"similar", "outlier"} <= {*one.verdicts}
         assert one.doubts == (ONE_ANSWER,)
         reason = one.reasons[audit.index("d9")]
-        assert reason.startswith("Called unlike without the answers, which do not contradict it; ")
+        assert reason.startswith("Outlier without the answers, which do not contradict it; ")
     assert audit.answered(LABELS).doubts == ()
     back = audit.answered({"d0": "bad"})
     assert back.claimed.tolist() == audit.claimed.tolist()
     counts = back.verdict_counts()
-    assert counts == {word: back.verdicts.count(word) for word in ("typical", "good", "open", "unlike", "bad")}
+    assert counts == {word: back.verdicts.count(word) for word in ("similar", "good", "open", "outlier", "bad")}
 
 
 def test_no_answer_changes_nothing(audit):
@@ -221,7 +221,7 @@ def labelled(audit):
 def test_question_names_two_demonstrations_and_where_to_look(audit):
     ratio = np.ones(80)
     ratio[45:48] = -3.0
-    made = make_audit(("typical", "unlike"), lengths=[40, 40], step_log_ratio=ratio, pair=(0, 1))
+    made = make_audit(("similar", "outlier"), lengths=[40, 40], step_log_ratio=ratio, pair=(0, 1))
     assert question(made) == "Which is better: 0 or 1 (look at steps 5 to 7)?"
     assert len(set(audit.pair)) == 2
     good, bad = (TOY.ids.index(name) for name in audit.pair)
@@ -256,12 +256,12 @@ def test_weights_of_steps_follow_the_answers(audit):
 
 def test_a_probability_claims_no_more_than_the_words():
     log_odds, words = np.array([5.0, 5.0, 1.0, -0.5, -7.0, -7.0]), np.array([1, 0, 0, -1, 0, -1])
-    proba = shown_proba(log_odds, words, "some are unlike", 0.9)
+    proba = shown_proba(log_odds, words, "outliers", 0.9)
     by_hand = 1 / (1 + np.exp(-log_odds))
     np.testing.assert_allclose(proba, [by_hand[0], 0.9, by_hand[2], by_hand[3], 0.1, by_hand[5]])
     assert proba[1] < 0.9  # so that none without a word is among those of .9 or more
     assert proba[4] > 1 - 0.9
     np.testing.assert_array_equal(shown_proba(log_odds, words, "answered", 0.9), proba)
     assert shown_proba(log_odds, words, "answered", 0.8)[1] == pytest.approx(0.8)
-    for finding in ("two groups", "in doubt", "nobody stands out", "nothing could be learned"):
+    for finding in ("two groups", "in doubt", "no outliers", "nothing could be learned"):
         assert shown_proba(log_odds, words * 0, finding, 0.9).tolist() == [0.5] * 6

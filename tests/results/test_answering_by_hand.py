@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from rpil.results.answering import (
 )
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}A has 3 demonstrations and B 3.", "Part 3 rests."
 COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
@@ -34,7 +35,7 @@ COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 def two_groups(**changes):
     """Six demonstrations, of which the first three are one group and the others another."""
     known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
-    said = FINDINGS["two groups"], WORDS["none"].explanation, OF_GROUPS, OF_ALL, "Slow.", NOT_USED
+    said = FINDINGS["two groups"], VOCABULARIES["none"].explanation, OF_GROUPS, OF_ALL, "Slow.", NOT_USED
     known |= {"notes": (OF_GROUPS, OF_ALL), "doubts": ("Slow.",), "assumptions": said}
     return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
 
@@ -44,7 +45,7 @@ def sentence(counts):
 
 
 def test_two_groups_are_told_until_a_second_answer():
-    audit, words = two_groups(), (FINDINGS["answered"], WORDS["answers"].explanation)
+    audit, words = two_groups(), (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
     one = audit.answered({0: "good"})
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
     assert one.assumptions == (*words, OF_GROUPS, OF_ALL, sentence("1 label"))
@@ -93,8 +94,8 @@ def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_wit
 def test_words_of_answers_stand_above_those_that_stay():
     words, stays = np.array([1, 1, 0, 0, 0, -1, -1]), np.array([0, -1, 1, 0, -1, 1, 0])
     found = verdicts_of(words, "answers", stays)
-    assert found == ("good", "good", "typical", "open", "unlike", "bad", "bad")
-    assert verdicts_of(np.array([1, 0, -1]), "none") == ("typical", "open", "unlike")
+    assert found == ("good", "good", "similar", "open", "outlier", "bad", "bad")
+    assert verdicts_of(np.array([1, 0, -1]), "none") == ("similar", "open", "outlier")
     assert verdicts_of(np.array([1, 0, -1]), "answers") == ("good", "open", "bad")
 
 
@@ -104,7 +105,7 @@ def test_doubts_of_answers():
     def doubts(count, p_nothing=0.4):
         return doubts_of_answers(Answered(odds, none, none, none[:0], count, p_nothing))
 
-    assert ["One answer is not enough" in doubt for doubt in doubts(1)] == [True]
+    assert ["One answer alone does not" in doubt for doubt in doubts(1)] == [True]
     assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
     assert ["agree with nothing" in doubt for doubt in doubts(8, p_nothing=0.6)] == [True]
 
@@ -114,27 +115,28 @@ def asking(ratio=(), **changes):
     steps = np.ones(20)
     for step, value in ratio:
         steps[10 + step] = value
-    made = {"verdicts": ("typical", "unlike"), "lengths": [10, 10], "step_log_ratio": steps, "pair": (0, 1)}
+    made = {"verdicts": ("similar", "outlier"), "lengths": [10, 10], "step_log_ratio": steps, "pair": (0, 1)}
     return make_audit(**(made | changes))
 
 
 @pytest.mark.parametrize(
     ("ratio", "look_at", "where", "seconds"),
     [
-        ([(4, -6.0)], [4, 4], "step 4", "0.4 to 0.5 s"),
-        ([(4, -6.0), (5, -6.0), (6, -6.0)], [4, 6], "steps 4 to 6", "0.4 to 0.7 s"),
-        ([(0, -60.0), (1, -np.inf)], [0, 1], "steps 0 to 1", "0.0 to 0.2 s"),
+        ([(4, -6.0)], [4, 4], "at step 4", "at 0.4 s"),
+        ([(4, -6.0), (5, -6.0), (6, -6.0)], [4, 6], "at steps 4 to 6", "from 0.4 to 0.7 s"),
+        ([(0, -60.0), (1, -np.inf)], [0, 1], "at steps 0 to 1", "from 0.0 to 0.2 s"),
         # -60 is no more than -50: else the steps between would be a part of the stretch.
-        ([(1, -60.0), (2, 40.0), (3, 15.0), (4, -50.0)], [1, 1], "step 1", "0.1 to 0.2 s"),
+        ([(1, -60.0), (2, 40.0), (3, 15.0), (4, -50.0)], [1, 1], "at step 1", "at 0.1 s"),
         ([(4, -4.9)], None, "", ""),
+        ([(m, -6.0) for m in range(8)], [0, 7], "", ""),  # nearly all of it is no place
     ],
 )
 def test_where_to_look(ratio, look_at, where, seconds):
     audit = asking(ratio)
     assert stretch_of(audit, 0) is None
     assert stretch_of(audit, 1) == look_at
-    assert where_to_look(audit, 1) == (f"1 (look at {where})" if where else "1")
-    assert where_to_look(audit, 1, 10.0) == (f"1 (look at {where}, {seconds})" if where else "1")
+    assert where_to_look(audit, 1) == (f"1 (look {where})" if where else "1")
+    assert where_to_look(replace(audit, fps=10.0), 1) == (f"1 (look {seconds})" if where else "1")
 
 
 def test_nothing_is_to_see_where_steps_are_not_kept():
@@ -199,9 +201,9 @@ def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
     bob, ann = rank_demonstrators(NAMES, TRUST, IDS)
     assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
     assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
-    audit = make_audit(("unlike", "typical", "open", "typical", "typical"), ids=IDS, demonstrators=(bob, ann))
-    assert audit.verdict_counts(bob.demonstrations) == {"typical": 2, "open": 0, "unlike": 0}
-    assert audit.verdict_counts(ann.demonstrations) == {"typical": 0, "open": 1, "unlike": 1}
+    audit = make_audit(("outlier", "similar", "open", "similar", "similar"), ids=IDS, demonstrators=(bob, ann))
+    assert audit.verdict_counts(bob.demonstrations) == {"similar": 2, "open": 0, "outlier": 0}
+    assert audit.verdict_counts(ann.demonstrations) == {"similar": 0, "open": 1, "outlier": 1}
     assert bob.trust == Interval(0.8, 0.7, 0.9)
     assert rank_demonstrators(Demonstrators(), TRUST, IDS) == ()
 

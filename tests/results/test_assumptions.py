@@ -8,14 +8,14 @@ from audits import make_audit
 from rpil.inference.findings import FINDINGS
 from rpil.results import summary as assumptions
 from rpil.results.answering import NOT_USED
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 
 
 @pytest.mark.parametrize("finding", FINDINGS)
-@pytest.mark.parametrize("anchor", WORDS)
+@pytest.mark.parametrize("anchor", VOCABULARIES)
 def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(finding, anchor):
     sentences = assumptions.assumption_sentences(make_audit(finding=finding, anchor=anchor))
-    assert sentences[:2] == (FINDINGS[finding], WORDS[anchor].explanation)
+    assert sentences[:2] == (FINDINGS[finding], VOCABULARIES[anchor].explanation)
     assert len(sentences) == 3 + (anchor == "named adversary")
     assert all(sentence.endswith(".") for sentence in sentences)
 

@@ -12,15 +12,15 @@ import pytest
 from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
-from rpil.results.choice import KEEP_RULES, RULES_OF_WORDS, Asked, choose, read_verdicts
+from rpil.results.choice import KEEP_RULES, RULES_OF_VERDICTS, Asked, choose, read_verdicts
 from rpil.results.settings import KeepSettings
 from rpil.results.verdict_table import choice_of, verdict_columns, write_verdicts
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 SETTINGS = KeepSettings()
 TABLE = {
     "id": ["a", "b", "c", "d", "e"],
-    "verdict": ["typical", "unlike", "open", "typical", "open"],
+    "verdict": ["similar", "outlier", "open", "similar", "open"],
     "expert_proba": [0.99, 0.02, 0.6, 0.95, 0.6],
     "log_odds": ["5", "-4", "0.4", "3", "0.4"],  # as in a file of text
 }
@@ -40,7 +40,7 @@ def kept(table, **asked):
         ({"share": 1}, "abcde"),
         ({"at_least": 0.6}, "acde"),
         ({"at_least": 0.991}, ""),
-        ({"ignored": {"unlike"}}, "abcde"),
+        ({"ignored": {"outlier"}}, "abcde"),
         ({"faulty": {"a", "b"}}, "cde"),
         ({"share": 0.6, "faulty": {"a"}}, "cd"),
     ],
@@ -55,19 +55,19 @@ def test_choice(asked, ids):
 def table_of(words, labels=None, most=None):
     ids = [f"d{m}" for m in range(len(words))]
     columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
-    return columns if most is None else {**columns, "max_unlike": [most] * len(words)}
+    return columns if most is None else {**columns, "max_outliers": [most] * len(words)}
 
 
 def rule_by_brute_force(table, asked):
     """The rule of each demonstration, or nothing, in the words of docs/command-line.md, one demonstration at a time."""
     rows = list(zip(table["id"], table["verdict"], table["label"], strict=True))
-    n_unlike = sum(word == "unlike" and label == "" for _, word, label in rows)
-    most = float(table["max_unlike"][0]) if "max_unlike" in table else 0.2
+    n_outliers = sum(word == "outlier" and label == "" for _, word, label in rows)
+    most = float(table["max_outliers"][0]) if "max_outliers" in table else 0.2
     rules = []
     for name, word, label in rows:
         rule = ""
-        if label == "" and word == "unlike" and n_unlike <= most * len(rows):
-            rule = "unlike"
+        if label == "" and word == "outlier" and n_outliers <= most * len(rows):
+            rule = "outlier"
         if label == "" and word in ("bad", "adversary"):
             rule = {"bad": "answers", "adversary": "adversary"}[word]
         if rule in asked.ignored:
@@ -88,7 +88,7 @@ def test_every_rule_by_brute_force(seed):
     words = rng.choice([*SIDES], n, p=share / share.sum())
     labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
     table = table_of(words, labels, [None, 1.0, 0.2, 0.0, "0.5"][seed % 5])
-    ignored = {rule for rule in ("labels", *RULES_OF_WORDS.values()) if rng.random() < 0.2}
+    ignored = {rule for rule in ("labels", *RULES_OF_VERDICTS.values()) if rng.random() < 0.2}
     asked = Asked(ignored=ignored, faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
     rules = rule_by_brute_force(table, asked)
     choice = choose(table, SETTINGS, asked)
@@ -99,7 +99,7 @@ def test_every_rule_by_brute_force(seed):
     undecided = [
         name
         for name, word, label, rule in zip(table["id"], words, labels, rules, strict=True)
-        if word == "unlike" and not label and not rule and "unlike" not in ignored
+        if word == "outlier" and not label and not rule and "outlier" not in ignored
     ]
     assert list(choice.undecided) == undecided
     assert bool(choice.reason) == bool(undecided)
@@ -110,8 +110,8 @@ def test_the_table_of_the_page_is_what_is_done():
     page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
     lines = page.partition("| a demonstration | before two answers | after two answers |")[2].splitlines()[2:]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in itertools.takewhile(bool, lines)]
-    done = {"labelled bad": ("open", "bad"), "labelled good": ("unlike", "good"), "bad by inference": ("bad", "")}
-    done |= {word: (word, "") for word in ("unlike", "adversary", "typical", "good", "expert", "open")}
+    done = {"labelled bad": ("open", "bad"), "labelled good": ("outlier", "good"), "bad by inference": ("bad", "")}
+    done |= {word: (word, "") for word in ("outlier", "adversary", "similar", "good", "expert", "open")}
     named = set()
     for what, before, after in rows:
         words = [what] if what.startswith("labelled") else re.split(r", | from answers| \(", what)
@@ -126,30 +126,30 @@ def test_the_table_of_the_page_is_what_is_done():
 
 
 def test_exactly_a_fifth_is_rejected_and_one_more_is_not():
-    assert all(k <= SETTINGS.max_unlike * (5 * k) for k in range(100_000)), "no rounding decides"
+    assert all(k <= SETTINGS.max_outliers * (5 * k) for k in range(100_000)), "no rounding decides"
     for k in range(1, 40):
-        at, above = (["unlike"] * count + ["open"] * (5 * k - count) for count in (k, k + 1))
+        at, above = (["outlier"] * count + ["open"] * (5 * k - count) for count in (k, k + 1))
         assert len(choose(table_of(at), SETTINGS).kept) == 4 * k
         assert len(choose(table_of(above), SETTINGS).undecided) == k + 1
-    reason = "2 of 5 demonstrations are unlike the others, more than 20% of all: they are kept, because without two "
-    assert choose(table_of(["unlike"] * 2 + ["open"] * 3), SETTINGS).reason.startswith(reason)
+    reason = "2 of 5 demonstrations are outliers, more than 20% of all: they are kept, because without two "
+    assert choose(table_of(["outlier"] * 2 + ["open"] * 3), SETTINGS).reason.startswith(reason)
 
 
 def test_unlike_ones_that_are_labelled_are_not_inferred():
-    words, labels = ["unlike"] * 5 + ["typical"] * 5, ["bad"] * 2 + ["good"] + [""] * 7
+    words, labels = ["outlier"] * 5 + ["similar"] * 5, ["bad"] * 2 + ["good"] + [""] * 7
     choice = choose(table_of(words, labels), SETTINGS)
-    assert choice.rejected == {"labels": ("d0", "d1"), "unlike": ("d3", "d4")}
+    assert choice.rejected == {"labels": ("d0", "d1"), "outlier": ("d3", "d4")}
     assert "d2" in choice.kept
 
 
 def test_more_than_a_fifth_may_be_rejected_after_two_answers():
     for n, most in ((0, 0.2), (1, 0.2), (2, 1.0), (5, 1.0)):
         audit = audit_with(("open",) * 10, ["label"] * n)
-        assert {*verdict_columns(audit, {})["max_unlike"]} == {most}
+        assert {*verdict_columns(audit, {})["max_outliers"]} == {most}
 
 
 def test_a_share_or_a_probability_is_obeyed_in_full():
-    table = {**table_of(["unlike"] * 9 + ["typical"], most=0.0), "log_odds": range(10), "expert_proba": [0.05] * 10}
+    table = {**table_of(["outlier"] * 9 + ["similar"], most=0.0), "log_odds": range(10), "expert_proba": [0.05] * 10}
     table["label"][9] = "bad"
     for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0), (Asked(share=0.5, ignored={"labels"}), 5)):
         choice = choose(table, SETTINGS, asked)
@@ -169,19 +169,19 @@ def audit_with(words, answers, **changes):
     [([], 10), (["label"], 10), (["pair"], 10), (["pair", "pair"], 10), (["label"] * 2, 7), (["pair", "label"], 7)],
 )
 def test_answers_about_different_demonstrations_are_counted(answers, n_kept):
-    words = ("typical",) * 7 + ("unlike",) * 3
+    words = ("similar",) * 7 + ("outlier",) * 3
     assert len(audit_with(words, answers).choice.kept) == n_kept
 
 
 def test_answers_about_copies_are_one_answer():
-    words, copy_of = ("typical",) * 7 + ("unlike",) * 3, np.array([0, 1, 2, 2, *range(4, 10)])
+    words, copy_of = ("similar",) * 7 + ("outlier",) * 3, np.array([0, 1, 2, 2, *range(4, 10)])
     audit = audit_with(words, ["label"] * 2, copy_of=copy_of)
-    assert audit.max_unlike == 0.2
+    assert audit.max_outliers == 0.2
     assert len(audit.choice.undecided) == 3
 
 
 def test_outcomes_are_answers():
-    audit = make_audit(("typical",) * 7 + ("unlike",) * 3)
+    audit = make_audit(("similar",) * 7 + ("outlier",) * 3)
     outcome = np.where(np.arange(10) < 2, [1.0, 0.0] * 5, np.nan)
     assert len(replace(audit, answers=replace(audit.answers, outcome=outcome)).choice.kept) == 7
 
@@ -191,10 +191,10 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
     ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]
     path = tmp_path / f"verdicts{extension}"
     for count in (0, 2):
-        words = ("typical",) * 5 + ("open",) + ("unlike",) * (4 if count else 2) + ("typical",) * (0 if count else 2)
+        words = ("similar",) * 5 + ("open",) + ("outlier",) * (4 if count else 2) + ("similar",) * (0 if count else 2)
         audit = audit_with(words, ["label"] * count, ids=ids)
         write_verdicts(path, audit, {})
-        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"unlike"})):
+        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"outlier"})):
             expected = choice_of(audit, asked)
             assert expected.kept
             assert choose(verdict_columns(audit, {}), SETTINGS, asked) == expected
@@ -206,11 +206,11 @@ def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
     table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "open"]}
     choice = choose(table, SETTINGS)
     assert (choice.kept, choice.rejected) == (("a", "c"), {"adversary": ("b",)})
-    with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of typical"):
+    with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of similar"):
         choose(table | {"verdict": ["good", "perhaps", "bad"]}, SETTINGS)
     for number in ("no", ""):
-        with pytest.raises(DataError, match="max_unlike; give those that rpil audit wrote"):
-            choose(table | {"max_unlike": [number] * 3}, SETTINGS)
+        with pytest.raises(DataError, match="max_outliers; give those that rpil audit wrote"):
+            choose(table | {"max_outliers": [number] * 3}, SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -235,14 +235,14 @@ def test_labels_are_verdicts(tmp_path):
 
 
 def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
-    (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "typical"}]))
-    (tmp_path / "v.csv").write_text("id,verdict\n'=1,typical\n")
+    (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "similar"}]))
+    (tmp_path / "v.csv").write_text("id,verdict\n'=1,similar\n")
     assert read_verdicts(tmp_path / "v.json")["id"] == ["'=1"]
     assert read_verdicts(tmp_path / "v.csv")["id"] == ["=1"]
 
 
 def test_the_smallest_share_of_a_table_of_several_audits_holds():
-    table = table_of(["unlike"] + ["open"] * 9) | {"max_unlike": [1.0] * 5 + [0.0] + [0.2] * 4}
+    table = table_of(["outlier"] + ["open"] * 9) | {"max_outliers": [1.0] * 5 + [0.0] + [0.2] * 4}
     assert len(kept(table)) == 10
 
 
@@ -252,7 +252,7 @@ def test_a_choice_as_lists_and_lines():
     rejected = ", ".join(map(str, range(20)))
     assert choice.lines()[1] == f"  by inference from your answers: {rejected} and 5 more"
     assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}, "undecided": []}
-    named = choose({"id": [1, "b", 3], "verdict": ["unlike", "bad", "open"]}, SETTINGS)
+    named = choose({"id": [1, "b", 3], "verdict": ["outlier", "bad", "open"]}, SETTINGS)
     assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
 
 
@@ -263,7 +263,7 @@ def test_a_choice_as_lists_and_lines():
         ("[]", r"cannot be read as JSON \(IndexError"),
         ("{", r"cannot be read as JSON \(JSONDecodeError"),
         ("[1]", "it must hold one object"),
-        ('[{"id": 1, "verdict": "typical"}, {"id": 2}]', r"cannot be read as JSON \(KeyError: 'verdict'"),
+        ('[{"id": 1, "verdict": "similar"}, {"id": 2}]', r"cannot be read as JSON \(KeyError: 'verdict'"),
     ],
 )
 def test_files_that_are_no_verdicts_are_refused(tmp_path, text, said):
@@ -273,9 +273,9 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path, text, said):
 
 
 def test_the_sentence_counts_each_rule():
-    words = ["bad", "bad", "unlike", "adversary", "good"]
+    words = ["bad", "bad", "outlier", "adversary", "good"]
     choice = choose(table_of(words, ["bad", "", "", "", ""]), SETTINGS)
-    said = "1 by your labels, 1 by inference from your answers, 1 unlike, 1 like the adversary that was named"
+    said = "1 by your labels, 1 by inference from your answers, 1 as outliers, 1 like the adversary that was named"
     assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
     assert choose(table_of(["open"]), SETTINGS).lines() == []
-    assert verdict_columns(make_audit(), {})["max_unlike"] == [0.2] * 10
+    assert verdict_columns(make_audit(), {})["max_outliers"] == [0.2] * 10

@@ -36,7 +36,7 @@ FAULTS = (Fault("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Fault("ju
 ABOUT = About(
     *("Audit", "x.csv", ("Ten.",), ("A place.",)),
     FaultReport(FAULTS, {"sign": "too few"}, {"jump": ("y",)}, {"lag": "2 steps"}, {"d1": (2, 9)}, 10, 99),
-    *({"d0": "pour"}, {"d0": "ann"}, 30.0, True, "someone/drive", "rpil audit 'my $data; x.csv'", 1.5),
+    *({"d0": "pour"}, {"d0": "ann"}, True, "someone/drive", "rpil audit 'my $data; x.csv'", 1.5),
 )
 
 
@@ -67,8 +67,9 @@ def full_audit() -> Audit:
         traces={name: make_traces(length) for name, length in (("d0", 80), ("d3", 33))},
         own_reasons=tuple(f"For {name}." for name in IDS),
         within="tasks",
+        fps=30.0,
         provenance=Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {"x": ("a", 1, None)}, (), "2026-11-23"),
-        max_unlike_of_parts=0.3,
+        max_outliers_of_parts=0.3,
         step_share=rng.random(395).astype(np.float32),
         **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
     )
@@ -184,10 +185,10 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
 
 def test_answers_about_those_that_are_left_out_count():
     """As the labels of a reference do, beside which the others were judged."""
-    audit = make_audit(("typical",) * 2 + ("unlike",) * 8)
+    audit = make_audit(("similar",) * 2 + ("outlier",) * 8)
     audit.answers.labels[:2] = 1
     part = select(audit, range(2, 10))
-    assert (part.answers.count, part.max_unlike) == (0, 1.0)
+    assert (part.answers.count, part.max_outliers) == (0, 1.0)
     assert part.choice.kept == ()
     assert len(select(make_audit(audit.verdicts), range(2, 10)).choice.kept) == 8
 
@@ -273,7 +274,7 @@ HOSTILE = (
         ("audit/fields/ids", ["x"] * 10),
         ("audit/fields/ids/0", ["d0"]),
         ("audit/fields/finding", "all are kings"),
-        ("audit/fields/verdicts", ["typical"] * 9),
+        ("audit/fields/verdicts", ["similar"] * 9),
         ("audit/fields/verdicts/0", "constructor"),
         ("audit/fields/anchor", "faith"),
         ("audit/fields/contradicting", ["nobody"]),
@@ -288,8 +289,8 @@ HOSTILE = (
         ("audit", {"class": "Interval", "fields": {"mean": 0.5, "low": 0, "high": 1}}),
         ("about", None),
         ("about/fields/title", 3),
-        ("about/fields/fps", -1.0),
-        ("about/fields/fps", True),
+        ("audit/fields/fps", -1.0),
+        ("audit/fields/fps", True),
         ("about/fields/seconds", float("inf")),
         ("about/fields/lerobot", "yes"),
         ("about/fields/tasks", {"pairs": [["d0", 1]]}),

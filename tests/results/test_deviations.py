@@ -19,7 +19,7 @@ from rpil.results.evidence import MAX_STEPS, StepEvidence, by_final_policy, devi
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
-AUDIT = make_audit(("typical", "unlike"), step_log_ratio=RATIO, lengths=[40, 40])
+AUDIT = make_audit(("similar", "outlier"), step_log_ratio=RATIO, lengths=[40, 40])
 
 
 def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> StepEvidence:
@@ -44,7 +44,7 @@ def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() ->
         return np.log(np.tile([0.2, 0.7, 0.1], (len(rows), 1)))
 
     phrases = deviations(AUDIT, compared(actions), np.array(["left", "none", "right"]), outputs)
-    assert phrases == ("", "it takes action right where the trusted most likely take none (4 of its 6 worst steps)")
+    assert phrases == ("", "it takes action right where others most likely take none (4 of its 6 worst steps)")
     assert replace(AUDIT, deviations=phrases).reasons[1].endswith(f": {phrases[1]}.")
 
 
@@ -67,12 +67,11 @@ def test_part_with_most_of_the_evidence_is_named_with_its_value_beside_the_band_
     actions = rng.normal(size=(80, 2)) * [1.0, 10.0]
     actions[50:56] = [2.0, -70.0]  # 2 and 7 standard deviations
     low, high = np.quantile(actions[:40, 1], [0.05, 0.95])
-    said = f"is at -70 where the trusted are at {low:.0f} to {high:.0f} ("
+    said = f"is -70; others there have {low:.0f} to {high:.0f}"
     phrase = phrase_of(actions, ("arm", "elbow"))
-    assert re.fullmatch(rf"at step 1[0-5] its elbow {re.escape(said)}\d\d% of the evidence there\)", phrase)
-    assert int(phrase.split("(")[1][:2]) >= 70
+    assert re.fullmatch(rf"at step 1[0-5]: elbow {re.escape(said)}", phrase)
     assert phrase_of(actions) == phrase.replace("elbow", "action part 1")
-    assert phrase_of(actions[:, 1:]) == phrase.replace("elbow", "action").partition(" (")[0]
+    assert phrase_of(actions[:, 1:]) == phrase.replace("elbow", "action")
     # A part that is constant holds no evidence.
     assert phrase_of(np.column_stack([actions, np.zeros(80)]), ("arm", "elbow", "grip")) == phrase
 
@@ -80,15 +79,15 @@ def test_part_with_most_of_the_evidence_is_named_with_its_value_beside_the_band_
 @pytest.mark.parametrize(
     ("value", "low", "high", "said"),
     [
-        (41.3, 55.2, 61.8, "41 where the trusted are at 55 to 62"),
-        (0.5, 0.512, 0.561, "0.50 where the trusted are at 0.51 to 0.56"),
-        (3.0, 0.0, 0.0, "3 where the trusted are at 0"),
+        (41.3, 55.2, 61.8, "41; others there have 55 to 62"),
+        (0.5, 0.512, 0.561, "0.50; others there have 0.51 to 0.56"),
+        (3.0, 0.0, 0.0, "3; others there have 0"),
     ],
 )
 def test_values_have_the_digits_that_tell_them_apart(value: float, low: float, high: float, said: str) -> None:
     actions = np.repeat([low, high, value, value], 20)[:, None]
     actions[:40] = np.tile([low, high], 20)[:, None]
-    assert f"is at {said}" in phrase_of(actions)
+    assert f" is {said}" in phrase_of(actions)
 
 
 def test_what_stays_within_the_band_is_no_deviation() -> None:
@@ -98,7 +97,7 @@ def test_what_stays_within_the_band_is_no_deviation() -> None:
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     ratio = np.concatenate([np.ones(50), -np.linspace(1, 2, 50)])
-    audit = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[50, 50])
+    audit = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[50, 50])
     asked = []
 
     def outputs(rows: np.ndarray) -> np.ndarray:
@@ -110,7 +109,7 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     assert f"{MAX_STEPS} of its {MAX_STEPS} worst steps" in phrase
 
 
-@pytest.mark.parametrize("changes", [{"finding": "nobody stands out"}, {"verdicts": ("open", "unlike")}])
+@pytest.mark.parametrize("changes", [{"finding": "no outliers"}, {"verdicts": ("open", "outlier")}])
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
     assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2), no_outputs) == ()
 
@@ -125,11 +124,11 @@ def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp
             actions[20:50] = rng.choice(["left", "right", "stop", "stop"], 30)
         episodes.append((states, actions))
     model = rpil.RPIL().fit(Demonstrations.from_episodes(episodes))
-    assert model.audit_.verdicts[9:] == ("unlike",) * 3
+    assert model.audit_.verdicts[9:] == ("outlier",) * 3
     for reason in model.audit_.reasons[9:]:
-        first, last = (int(word) for word in reason.partition("steps ")[2].split()[0:3:2])
+        first, last = (int(word) for word in re.findall(r"\d+", reason)[:2])
         assert abs(first - 20) <= 1
         assert abs(last - 49) <= 1
-        assert re.search("it takes action (stop|left|right) where the trusted most likely take (left|right)", reason)
+        assert re.search("it takes action (stop|left|right) where others most likely take (left|right)", reason)
     rpil.save(model, tmp_path / "model.rpil")
     assert rpil.load(tmp_path / "model.rpil").audit_.reasons == model.audit_.reasons

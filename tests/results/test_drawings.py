@@ -35,7 +35,7 @@ def test_a_curve_that_is_flat_or_not_known_is_packed(values):
 def test_drawing_has_the_steps_of_its_demonstration():
     part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
     traces = {1: Traces((part,), compared_with="trusted")}
-    audit = make_audit(("typical", "unlike"), lengths=[40, 1200], traces=traces)
+    audit = make_audit(("similar", "outlier"), lengths=[40, 1200], traces=traces)
     drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
     level = (ratio.max() - ratio.min()) / LEVELS
@@ -52,7 +52,7 @@ def test_drawing_has_the_steps_of_its_demonstration():
 
 def test_discrete_actions_are_named():
     part = TracedPart("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
-    audit = make_audit(("unlike",), lengths=[3], traces={0: Traces((part,), ("left", "up", "left"))})
+    audit = make_audit(("outlier",), lengths=[3], traces={0: Traces((part,), ("left", "up", "left"))})
     taken = drawings(audit, [0])["0"]["taken"]
     assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
 
@@ -60,7 +60,7 @@ def test_discrete_actions_are_named():
 def test_of_very_many_discrete_actions_the_most_frequent_are_named():
     actions = tuple(f"a{k}" for k in (*range(300), *range(100, 200)))
     part = TracedPart("action", 1.0, -3.0, np.full(400, 0.5), np.zeros(400), np.ones(400))
-    audit = make_audit(("unlike",), lengths=[400], traces={0: Traces((part,), actions)})
+    audit = make_audit(("outlier",), lengths=[400], traces={0: Traces((part,), actions)})
     taken = drawings(audit, [0])["0"]["taken"]
     codes = base64.b64decode(taken["codes"])
     assert len(taken["names"]) == NO_VALUE

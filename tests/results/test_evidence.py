@@ -1,4 +1,4 @@
-"""The parts of the action that hold the evidence, and the band of the typical around them."""
+"""The parts of the action that hold the evidence, and the band of the similar around them."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ def test_the_parts_sum_to_the_log_ratios_of_the_judge_less_those_of_the_median_t
     judgement, data = judged(discrete)
     compared = by_held_out_policies(judgement, data, None, 3, HeldOutSettings())
     less = judgement.log_ratio - compared.nats.sum(axis=1)
-    # The errors of the typical have another scale than those of the demonstrations that taught the policies.
+    # The errors of the similar have another scale than those of the demonstrations that taught the policies.
     assert np.ptp(less) < (1e-9 if discrete else 0.02 * np.ptp(judgement.log_ratio))
-    typical = judgement.claims.lower.upper
-    np.testing.assert_allclose(np.median(data.sum_steps(compared.nats)[typical], axis=0), 0, atol=1e-9)
+    similar = judgement.claims.lower.upper
+    np.testing.assert_allclose(np.median(data.sum_steps(compared.nats)[similar], axis=0), 0, atol=1e-9)
 
 
 def test_the_part_with_the_fault_comes_first_with_most_of_the_evidence(audit: Audit) -> None:
@@ -131,11 +131,11 @@ def test_other_ways_to_judge_have_traces_too(discrete: bool, options: dict[str, 
         part = audit.traces[m].parts[0]
         assert part.nats < -20
         outside = (part.value < part.low) | (part.value > part.high)
-        # The band holds two thirds of typical steps: of 20 of them 7 are outside, give or take 2.
+        # The band holds two thirds of similar steps: of 20 of them 7 are outside, give or take 2.
         assert outside[20:].mean() > 0.9 > 0.6 > outside[:20].mean()
         assert part.name == ("action" if discrete else "elbow")
     held_out = discrete and "policy" in options
-    assert audit.traces[0].compared_with == ("typical" if held_out else "trusted")
+    assert audit.traces[0].compared_with == ("similar" if held_out else "trusted")
 
 
 def test_long_demonstrations_have_fewer_points() -> None:
@@ -171,7 +171,7 @@ def test_answers_change_no_trace_and_files_hold_them(audit: Audit, tmp_path) -> 
 
 
 def test_the_lowest_word_is_drawn_first_then_what_is_in_question_then_the_least_trusted() -> None:
-    verdicts = ("typical",) * 30 + ("unlike",) * 2
+    verdicts = ("similar",) * 30 + ("outlier",) * 2
     odds = np.concatenate([np.linspace(3.0, 20.0, 30), [-3.0, -5.0]])
     audit = make_audit(verdicts, log_odds=odds, pair=(29, 31), contradicting=(28,), columns=np.empty((32, 0)))
     asked = {28, 29, *audit.suggest_labels(3)} - {30, 31}

@@ -8,22 +8,21 @@ from html import escape
 import numpy as np
 
 from audits import make_audit
-from rpil.inference.findings import FINDINGS
-from rpil.results.overview import counts, overview_html, overview_text, shortened
+from rpil.results.overview import counts, headline, overview_html, overview_text, shortened
 
 
 def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
     audit = make_audit(ids=list("abcdefghij"), doubts=("One reason.", "Another."), pair=("a", "j"))
     finding, words, doubt, question, head, *lowest, last = overview_text(audit).splitlines()
-    assert finding == f"Audit: some are unlike. {FINDINGS['some are unlike']}"
-    assert words == f"10 demonstrations, {audit.offsets[-1]:,} steps: 5 typical, 1 open, 4 unlike."
+    assert finding == f"Audit: {headline(audit)}"
+    assert words == f"10 demonstrations, {audit.offsets[-1]:,} steps: 5 similar, 1 open, 4 outliers."
     assert doubt == "Doubt: One reason. (1 more in doubts)"
     assert question == f"Question: {audit.question}"
-    assert head == "The lowest 3 by log-odds, of 10:"
+    assert head == "The lowest 3 scores (log_odds), of 10:"
     names = [line.split()[0] for line in lowest]
     assert names == [audit.ids[m] for m in np.argsort(audit.log_odds)[:3]]
     m = audit.index(names[0])
-    assert f"unlike, P(typical) {audit.expert_proba[m]:.2f}, log-odds {audit.log_odds[m]:+.1f}" in lowest[0]
+    assert f"outlier, P(similar) {audit.expert_proba[m]:.2f}, score {audit.log_odds[m]:+.1f}" in lowest[0]
     assert "to_frame()" in last
 
 
@@ -56,7 +55,7 @@ def test_names_stay_in_one_short_line():
 
 def test_a_notebook_shows_the_text_and_the_lowest_ten_with_their_reasons():
     ids = ["<script>alert(1)</script>", *map(str, range(14))]
-    audit = make_audit(("typical",) * 8 + ("open",) * 2 + ("unlike",) * 5, ids=ids, doubts=("A <b>doubt</b>.",))
+    audit = make_audit(("similar",) * 8 + ("open",) * 2 + ("outlier",) * 5, ids=ids, doubts=("A <b>doubt</b>.",))
     text = overview_html(audit)
     assert "A &lt;b&gt;doubt&lt;/b&gt;." in text
     assert "<script" not in text

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from audits import make_audit
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.results import plots
-from rpil.results.words import COLOURS, SIDES
+from rpil.results.vocabulary import COLOURS, SIDES
 
 PICTURES = "ranking", "steps", "sessions"
 
@@ -75,11 +75,11 @@ def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour
         assert {line.get_color(), *map(to_hex, bars.get_color()[rows])} == {COLOURS[SIDES[verdict]]}
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
-    assert [text.get_text() for text in ax.get_legend().texts] == ["typical (5)", "open (1)", "unlike (4)"]
+    assert [text.get_text() for text in ax.get_legend().texts] == ["similar (5)", "open (1)", "outlier (4)"]
 
 
 def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
-    ax = make_audit(("typical", "unlike") * 50).plot.ranking()
+    ax = make_audit(("similar", "outlier") * 50).plot.ranking()
     assert ax.get_ylabel() == "Rank"
     assert len(ax.get_yticks()) < 20
 
@@ -109,7 +109,7 @@ def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
 
 @pytest.mark.parametrize("picture", ["ranking", "steps"])
 def test_names_are_text_and_not_formulas(picture: str, tmp_path: Path) -> None:
-    audit = make_audit(("typical", "unlike"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    audit = make_audit(("similar", "outlier"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
     shown = getattr(audit.plot, picture)()
     texts = [*shown.get_yticklabels(), shown.title]
     assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}

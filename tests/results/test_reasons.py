@@ -1,4 +1,4 @@
-"""The reason for a verdict names the part of the evidence that decided, and the worst stretch of steps."""
+"""The reason for a verdict says what decided, and where the demonstration differs most."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil.inference.answers import Answers
-from rpil.results.reasons import MIN_STRETCH, worst_stretch
+from rpil.results.reasons import FIFTHS, MIN_STRETCH, worst_stretch
 
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
@@ -36,35 +36,42 @@ def test_steps_without_evidence_against_an_expert_do_not_stand_out() -> None:
 def test_reason_names_the_stretch_of_the_audit() -> None:
     ratio = np.ones(40)
     ratio[25:29] = -3.0
-    audit = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[20, 20])
-    good, bad = audit.reasons
-    assert good == "Judged by its actions: its mean log-ratio is +1.00 nats."
-    assert "mean log-ratio is +0.20 nats, that of the typical ones +1.00" in bad
-    assert "steps 5 to 8 are least like typical ones (-12.0 nats)." in bad
+    audit = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[20, 20])
+    assert audit.reasons == ("Acts like most others.", "Different at steps 5 to 8.")
+    assert replace(audit, fps=10.0).reasons[1] == "Different from 0.5 to 0.9 s."
+    seen = replace(audit, fps=10.0, deviations=("", "at step 7: elbow is -70; others there have -9 to 12"))
+    assert seen.reasons[1] == "Different from 0.5 to 0.9 s, most at 0.7 s: elbow is -70; others there have -9 to 12."
+    ratio[22:40] = -3.0
+    assert replace(audit, step_log_ratio=ratio).reasons[1] == "Different nearly throughout."
+    ratio[3] = -9.0
+    assert replace(audit, step_log_ratio=ratio).reasons[0] == "Acts like most others; most different at step 3."
+
+
+def test_without_a_stretch_an_outlier_differs_a_little_everywhere() -> None:
+    audit = make_audit(("similar", "outlier"), **NO_STRETCH)
+    assert audit.reasons[1] == "Its actions differ from those of most others."
 
 
 def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
     parts = {"from_actions": np.array([3.0, 0.5]), "from_demonstrator": np.array([1.0, -4.0])}
-    audit = make_audit(("typical", "unlike"), log_odds=np.array([4.0, -3.5]), **parts, **NO_STRETCH)
-    assert audit.reasons[0].startswith("Judged by its actions")
-    assert audit.reasons[1].startswith("Judged by its demonstrator's other demonstrations (-4.0 nats; +0.5 nats from")
+    audit = make_audit(("similar", "outlier"), log_odds=np.array([4.0, -3.5]), **parts, **NO_STRETCH)
+    assert audit.reasons == ("Acts like most others.", "Judged by the other demonstrations of its operator.")
 
 
 def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
     log_odds = np.array([5.0, 11.1, 1.0, -4.0])
     proba = {"expert_proba": 1 / (1 + np.exp(-log_odds))}
     audit = make_audit(
-        ("typical", "open", "open", "open"), log_odds=log_odds, **proba, **NO_STRETCH | {"lengths": [10] * 4}
+        ("similar", "open", "open", "open"), log_odds=log_odds, **proba, **NO_STRETCH | {"lengths": [10] * 4}
     )
     assert audit.reasons[1:] == (
-        "Its log-odds are +11.1 nats, but only the better half of those that score high is called typical, if other "
-        "folds agree.",
-        "Its log-odds of +1.0 nats are too close to 0 to call it typical or unlike.",
-        "Its log-odds are -4.0 nats, but it is called unlike only if other folds agree.",
+        "Looks similar (place 1 of 4); left open to be safe.",
+        "Its score is between those of similar and outlier ones.",
+        "Looks different (place 4 of 4); left open to be safe.",
     )
     known = {"anchor": "answers", "finding": "answered", "expert_proba": proba["expert_proba"][:2]}
     answered = make_audit(("good", "open"), log_odds=log_odds[:2], **known, **NO_STRETCH)
-    assert answered.reasons[1] == "Its log-odds are +11.1 nats, but that alone gives no word."
+    assert answered.reasons[1] == "Looks good (place 1 of 2); left open to be safe."
 
 
 def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_told() -> None:
@@ -80,10 +87,10 @@ def test_outcome_is_the_reason_where_it_decided() -> None:
     known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
     steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}
     assert make_audit(("good", "open", "bad", "bad", "good"), **known, **steps).reasons == (
-        "Its outcome is among the highest (+3.0 nats).",
-        "Its log-odds of +0.0 nats are too close to 0 to call it good or bad.",
-        "Its outcome is among the lowest (-3.0 nats).",
-        "Judged by what the answers say of demonstrations like it (-3.0 nats).",
+        "Its outcome is among the highest.",
+        "Its score is between those of good and bad ones.",
+        "Its outcome is among the lowest.",
+        "Bad by your answers about others like it.",
         "Labelled good.",
     )
 
@@ -91,50 +98,48 @@ def test_outcome_is_the_reason_where_it_decided() -> None:
 def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
     known = {"anchor": "answers", "finding": "answered"}
     audit = make_audit(("good", "open"), log_odds=np.array([4.0, 1.0]), **known, **NO_STRETCH)
-    assert audit.reasons[0].startswith("Judged by what the answers say of demonstrations like it (+4.0 nats)")
-    assert audit.reasons[1] == "Its log-odds of +1.0 nats are too close to 0 to call it good or bad."
+    assert audit.reasons == (
+        "Good by your answers about others like it.",
+        "Its score is between those of good and bad ones.",
+    )
 
 
-def test_doubt_leaves_no_word() -> None:
+def test_doubt_leaves_no_verdict() -> None:
     audit = replace(make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH), doubts=("Folds differ.", "More."))
-    assert audit.reasons == ("No word, because of a doubt: folds differ.",) * 2
+    assert audit.reasons == ("No verdict, because of the doubt about all low scores.",) * 2
 
 
-@pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
-def test_without_two_groups_nothing_tells_a_demonstration_from_the_others(finding: str) -> None:
-    audit = make_audit(("open",) * 2, finding=finding, **NO_STRETCH)
-    assert all(reason.startswith("Nothing tells it from the others") for reason in audit.reasons)
+def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
+    audit = make_audit(
+        ("open",) * 5, finding="no outliers", log_odds=np.arange(5.0), **NO_STRETCH | {"lengths": [8] * 5}
+    )
+    fifths = [reason.removesuffix(" of the ranking, not clearly different.") for reason in audit.reasons]
+    assert fifths == [*FIFTHS]
     ratios = {"step_log_ratio": np.full(40, -1.0), "lengths": [20, 20]}
-    bad = make_audit(("open",) * 2, finding=finding, **ratios).reasons[0]
-    assert ("steps 0 to 19" in bad) == (finding == "nobody stands out")
+    bad = make_audit(("open",) * 2, finding="no outliers", **ratios).reasons[0]
+    assert bad.endswith("not clearly different; different nearly throughout.")
+    nothing = make_audit(("open",) * 2, finding="nothing could be learned", **ratios)
+    assert nothing.reasons == ("Nothing could be learned.",) * 2
 
 
 def test_competing_groups_wait_for_a_label() -> None:
     groups = {"competing": ((0,), (1,)), "pair": (0, 1), "identifiable": False, "finding": "two groups"}
     audit = make_audit(("open",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
-    assert [reason.partition(" does")[0] for reason in audit.reasons[:2]] == [
-        "It acts as group A",
-        "It acts as group B",
-    ]
-    assert audit.reasons[2] == "Only an answer can tell which group is good."
+    acts = [f"Acts as group {letter} does; only an answer can tell which is good." for letter in "AB"]
+    assert audit.reasons == (*acts, "In neither group.")
 
 
-@pytest.mark.parametrize(
-    ("others", "trusted", "ending"),
-    [("typical", 0.6, " nats, that of the typical ones +0.60."), ("typical", -0.6, " nats."), ("open", 0.6, " nats.")],
-)
-def test_reason_compares_with_the_typical_where_there_are_some_and_they_score_higher(others, trusted, ending) -> None:
-    ratio = np.repeat([trusted, -0.1], 20)
-    audit = make_audit((others, "unlike"), step_log_ratio=ratio, lengths=[20, 20], log_odds=np.array([5.0, -5.0]))
-    assert audit.reasons[1] == f"Judged by its actions: its mean log-ratio is -0.10{ending}"
+def test_a_named_adversary_is_named_in_reasons() -> None:
+    audit = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture", **NO_STRETCH)
+    assert audit.reasons == ("Acts like the expert.", "Acts like the adversary.")
 
 
 def test_impossible_steps_do_not_make_a_reason_infinite() -> None:
     ratio = np.ones(40)
     ratio[30] = -np.inf
-    reason = make_audit(("typical", "unlike"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
+    reason = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
     assert "inf" not in reason
-    assert "step 10 is least like typical ones" in reason
+    assert "at step 10" in reason
 
 
 def test_reasons_are_in_the_dict_in_the_order_of_the_ranking() -> None:

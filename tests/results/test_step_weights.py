@@ -38,8 +38,8 @@ def test_without_steps_there_are_no_weights():
 
 def test_who_is_unlike_weighs_less_and_all_others_the_same():
     audit = shared(make_audit())
-    unlike = np.array([verdict == "unlike" for verdict in audit.verdicts])
-    np.testing.assert_allclose(in_mean(audit), np.where(unlike, audit.expert_proba, 1.0))
+    outlier = np.array([verdict == "outlier" for verdict in audit.verdicts])
+    np.testing.assert_allclose(in_mean(audit), np.where(outlier, audit.expert_proba, 1.0))
     assert why_equal(audit) == ""
 
 

@@ -39,7 +39,7 @@ def test_verdicts_change_at_the_thresholds():
     edge = float(logit(0.9))
     audit = mixture_audit((edge + 1e-6, edge - 1e-6, 0.0, -edge + 1e-6, -edge - 1e-6))
     assert audit.verdicts == ("expert", "open", "open", "open", "adversary")
-    assert (audit.anchor, audit.finding, audit.words.probability) == ("named adversary", "mixture", "P(expert)")
+    assert (audit.anchor, audit.finding, audit.vocabulary.probability) == ("named adversary", "mixture", "P(expert)")
     np.testing.assert_allclose(audit.expert_proba, 1 / (1 + np.exp(-audit.log_odds)))
 
 
@@ -97,7 +97,7 @@ def test_parts_that_rest_are_named_and_a_prefix_of_names_all_of_which_rest_once(
         return parts_not_judged(data)
 
     names = ("actions.left.1", "actions.left.2", "actions.right.1", "actions.right.2", "actions.right.3")
-    said = "Not judged: 3 of 5 parts of the action, which rest: actions.left.*, actions.right.2."
+    said = "Not judged: 3 of 5 parts of the action, which do not move: actions.left.*, actions.right.2."
     assert sentences([False, False, True, False, True], names) == (said,)
-    assert sentences([True, False]) == ("Not judged: 1 of 2 parts of the action, which rest: 1.",)
+    assert sentences([True, False]) == ("Not judged: 1 of 2 parts of the action, which do not move: 1.",)
     assert sentences([True]) == ()

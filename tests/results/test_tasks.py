@@ -48,9 +48,9 @@ def test_each_demonstration_keeps_what_its_own_task_says():
 
 @pytest.mark.parametrize(("counts", "n_kept"), [((0, 0), 12), ((1, 1), 12), ((0, 2), 12), ((2, 0), 8), ((2, 2), 8)])
 def test_unlike_ones_are_kept_until_their_own_task_has_two_answers(counts, n_kept):
-    """4 of 12 are unlike, all of the first task."""
-    words = ("typical",) * 2 + ("unlike",) * 4
-    parts = [make_audit(own, ids=ids) for own, ids in ((words, "abcdef"), (("typical",) * 6, "uvwxyz"))]
+    """4 of 12 are outlier, all of the first task."""
+    words = ("similar",) * 2 + ("outlier",) * 4
+    parts = [make_audit(own, ids=ids) for own, ids in ((words, "abcdef"), (("similar",) * 6, "uvwxyz"))]
     for part, count in zip(parts, counts, strict=True):
         part.answers.labels[:count] = 1
     offsets = np.concatenate([[0], np.cumsum(np.concatenate([part.lengths for part in parts]))])
@@ -93,12 +93,12 @@ def test_copies_and_notes_keep_their_tasks():
 
 
 def test_of_tasks_with_unlike_ones_the_smallest_share_may_be_rejected():
-    """All where both have two answers; a task without unlike ones does not count."""
-    fifth = {"verdicts": ("unlike", "typical")}
+    """All where both have two answers; a task without outliers does not count."""
+    fifth = {"verdicts": ("outlier", "similar")}
     every = fifth | {"answers": Answers.of_labels(np.array([1, -1]))}
-    assert joined(fifth, fifth).max_unlike == 0.2
-    assert joined(every, fifth).max_unlike == joined(fifth, every).max_unlike == 0.2
-    assert joined(every, every).max_unlike == joined(every, {}).max_unlike == 1.0
+    assert joined(fifth, fifth).max_outliers == 0.2
+    assert joined(every, fifth).max_outliers == joined(fifth, every).max_outliers == 0.2
+    assert joined(every, every).max_outliers == joined(every, {}).max_outliers == 1.0
 
 
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():

@@ -42,7 +42,7 @@ def test_two_groups_in_two_sentences():
     assert found == (
         "The two groups: A has 8 demonstrations and B 6; B takes longer (median 1,210 against 140 steps), pauses less "
         "and has a longer path.",
-        "The two groups: their policies differ most in parts lift\\x1b (70% of the evidence; median 1.5 in A, -2 in B) "
+        "The two groups: they differ most in parts lift\\x1b (70% of the evidence; median 1.5 in A, -2 in B) "
         "and grip (20% of the evidence; median 0.25 in A, 0.5 in B) of the action.",
     )
 
@@ -60,7 +60,7 @@ def test_discrete_actions_and_names_that_are_not_given():
     one, two = groups_differ(GROUPS, columns(), contrast((0.9, 0.1, 0.0), use), data(discrete=True))
     assert one.endswith("; in length, pauses, smoothness and path they hardly differ.")
     assert two == (
-        "The two groups: their policies differ most where they take action 0 (90% of the evidence; 25% of the steps of "
+        "The two groups: they differ most where they take action 0 (90% of the evidence; 25% of the steps of "
         "A, 75% of B)."
     )
 

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "max_unlike", "from_actions", "from_demonstrator",
+    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "max_outliers", "from_actions", "from_demonstrator",
     "from_label", "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
@@ -55,8 +55,8 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
 @pytest.mark.parametrize(
     ("verdicts", "ids", "kept", "rejected", "undecided"),
     [
-        (("typical", "unlike", "typical", "open", "open"), (7, 3, 1, 5, 4), [7, 1, 5, 4], {"unlike": [3]}, []),
-        (("unlike", "typical"), ("a", 7), ["a", "7"], {}, ["a"]),
+        (("similar", "outlier", "similar", "open", "open"), (7, 3, 1, 5, 4), [7, 1, 5, 4], {"outlier": [3]}, []),
+        (("outlier", "similar"), ("a", 7), ["a", "7"], {}, ["a"]),
         (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3], {"answers": [1], "adversary": [2]}, []),
         (("bad", "bad"), (0, 1), [], {"answers": [0, 1]}, []),
     ],

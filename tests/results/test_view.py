@@ -70,11 +70,11 @@ def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
 def test_seconds_are_said_where_frames_a_second_are_known():
     audit = make_audit(pair=(6, 9))
     assert " s)" not in view(audit)["question"]
-    assert " s)" in view(audit, fps=10.0)["question"]
+    assert " s)" in view(replace(audit, fps=10.0))["question"]
 
 
 def test_facts_beside_the_audit_are_those_of_each_demonstration():
-    audit = make_audit(("typical", "unlike"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
+    audit = make_audit(("similar", "outlier"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
     found = view(audit, tasks={"b": "pour"}, demonstrators={"a": "ann"})
     columns = found["demonstrations"]
     assert (columns["task"], columns["demonstrator"]) == (["", "pour"], ["ann", ""])
@@ -89,7 +89,7 @@ def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
     findings = (fault("jump", "b", 2.0), fault("jump", "a", 9.0), fault("lag", "b", 5.0), fault("jump", "gone", 1.0))
     reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}
     report = FaultReport(findings, reasons, {}, {"lag": "a lag of 2 steps"}, {}, 2, 10)
-    found = view(make_audit(("typical", "unlike"), ids=("a", "b")), faults=report)["faults"]
+    found = view(make_audit(("similar", "outlier"), ids=("a", "b")), faults=report)["faults"]
     assert [(kind["rule"], kind["n"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
     assert found["found"]["demonstration"] == [0, 1, 1, None]
     assert found["found"]["sentence"][3] == "gone: x leaps"
@@ -108,7 +108,7 @@ def test_groups_and_demonstrators():
     found = view(make_audit(("open",) * 10, ids=ids, demonstrators=(who,), **changes))
     assert found["demonstrations"]["group"] == ["A"] * 4 + ["B"] * 6
     assert (found["notes"], found["differ"]) == (["A note."], [note])
-    assert found["demonstrators"][0]["counts"] == {"typical": 0, "open": 6, "unlike": 0}
+    assert found["demonstrators"][0]["counts"] == {"similar": 0, "open": 6, "outlier": 0}
     assert found["demonstrators"][0]["mean"] == 0.8
     assert found["demonstrators"][0]["style"].endswith(" of the median length")
     without = replace(who, trust=None)
@@ -117,10 +117,10 @@ def test_groups_and_demonstrators():
 
 def test_those_most_worth_a_look_are_drawn():
     n = MAX_DRAWN + 20
-    audit = make_audit(("typical",) * (n - 5) + ("unlike",) * 5, lengths=[6] * n)
+    audit = make_audit(("similar",) * (n - 5) + ("outlier",) * 5, lengths=[6] * n)
     assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWN]
 
 
 def test_infinite_log_odds_are_numbers():
-    audit = make_audit(("typical", "unlike"), log_odds=np.array([np.inf, -np.inf]))
+    audit = make_audit(("similar", "outlier"), log_odds=np.array([np.inf, -np.inf]))
     assert view(audit)["demonstrations"]["log_odds"] == [1e9, -1e9]

@@ -19,7 +19,7 @@ from rpil.cli.options import (
     OutputFile,
     RunOptions,
     Value,
-    WordLimit,
+    VerdictLimit,
     command_words,
     json_option,
     with_options,
@@ -60,7 +60,7 @@ MAX_REASONS = 10
     "--keep",
     type=OutputFile(".json"),
     metavar="OUT.json",
-    help="Also write the ids of the demonstrations to keep, all but unlike or bad ones, as LeRobot takes them.",
+    help="Also write the ids of the demonstrations to keep, all but outliers and bad ones, as LeRobot takes them.",
 )
 @click.option(
     "--save",
@@ -70,9 +70,9 @@ MAX_REASONS = 10
 )
 @click.option(
     "--fail-on",
-    type=WordLimit(),
-    metavar="unlike|bad[:N]",
-    help="Exit with code 1 where more than N demonstrations, by default 0, are unlike or bad.",
+    type=VerdictLimit(),
+    metavar="outlier|bad[:N]",
+    help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @json_option
@@ -154,7 +154,7 @@ def print_next_steps(ctx: click.Context, audit: Audit, quiet: bool) -> None:
 def fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
     """The recording faults beside an audit: how many, and those that may explain low trust."""
     from rpil.faults.report import explain
-    from rpil.results.words import SIDES
+    from rpil.results.vocabulary import SIDES
 
     if not report.findings:
         return ["No recording faults found."]

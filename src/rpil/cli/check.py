@@ -127,4 +127,4 @@ def _not_checked_lines(report: FaultReport) -> list[str]:
         reasons.setdefault(reason, []).append(rule)
     lines = [f"  {', '.join(rules)}: {terminal.to_one_line(reason)}" for reason, rules in reasons.items()]
     partly = ", ".join(f"{rule} ({len(names)})" for rule, names in report.unknown.items())
-    return lines + ([f"  in some columns, which rest or differ too much: {partly}"] if partly else [])
+    return lines + ([f"  in some columns, which hardly move or vary too much: {partly}"] if partly else [])

@@ -209,11 +209,6 @@ class AuditRun:
 
         return lost_places(self.recording.demonstrations, self.choice.kept)
 
-    @property
-    def fps(self) -> float | None:
-        """Frames a second, where they are known."""
-        return self.recording.description.fps or self.recording.times().fps
-
 
 def audit_data(
     file: str, recording: Recording, reference: Recording | None, options: RunOptions, progress: StageProgress

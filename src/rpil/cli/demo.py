@@ -19,7 +19,7 @@ from rpil.numerics.types import Array, Float, Shaped
 from rpil.results.html.page import Article, write_page
 from rpil.results.record import Audit
 from rpil.results.view import About, make_view
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Player, Returns, rollout
 

@@ -66,10 +66,10 @@ def keep(
     trim: bool,
     **options: Any,
 ) -> int:
-    """Write demonstrations to a new file of the same format, without those that an audit calls bad or unlike.
+    """Write demonstrations to a new file of the same format, without those that an audit calls bad or outliers.
 
     All others are kept, unless --share or --at-least says otherwise. Without two answers no more than a fifth is
-    rejected as unlike; where more are, all of these are kept, and the exit code is 3.
+    rejected as outliers; where more are, all of these are kept, and the exit code is 3.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")

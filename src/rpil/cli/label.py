@@ -75,7 +75,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     from rpil.cli.questions.session import Session
 
     session = Session(run.audit, path, before, MAX_QUESTIONS)
-    ask(session, run.fps)
+    ask(session)
     terminal.print_lines(last_lines(session, command_with_labels(ctx, path)))
 
 
@@ -97,15 +97,15 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
     yield f"Then run: {command}"
 
 
-def ask(session: Session, fps: float | None) -> None:
+def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
     from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
 
-    click.echo("Ranks are from 0, the least of all demonstrations, to 1, the most.")
+    click.echo("Ranks are from 0 (the least of all demonstrations) to 1 (the most).")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
         number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."
-        terminal.print_lines(["", f"{number} {question_sentence(session.audit, question, fps)}"])
+        terminal.print_lines(["", f"{number} {question_sentence(session.audit, question)}"])
         terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
         key = _read_key(choices(question) | {"z": "Undo", "q": "Quit"})
         if key == "q":

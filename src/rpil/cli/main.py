@@ -33,7 +33,7 @@ from rpil.cli.review import review
 @click.version_option(package_name="rpil")
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
-    """Find out which demonstrations are unlike the others, or bad, and learn a policy from the rest.
+    """Find out which demonstrations differ from the rest, or are bad, and learn a policy from the rest.
 
     FILE holds demonstrations: a table (.parquet, .csv) with one row per step and columns such as episode_index, action
     and observation.*, arrays (.npz, .hdf5, Zarr), a folder of tables, or data of LeRobot, robomimic and others. It may

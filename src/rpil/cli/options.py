@@ -44,7 +44,7 @@ class RunOptions:
     without_faults: tuple[str, ...] = ()
     """Rules of ``rpil check`` that reject."""
     yes: bool = False
-    """Whether a choice is accepted where answers are too few to reject unlike ones."""
+    """Whether a choice is accepted where answers are too few to reject outliers."""
 
     @classmethod
     def of(cls, options: dict[str, Value]) -> RunOptions:
@@ -86,14 +86,14 @@ else:
     TextType = click.ParamType  # click 8.2 takes no type there
 
 
-class WordLimit(TextType):
-    """``unlike`` or ``bad``, with a number that is allowed, as ``unlike:2``."""
+class VerdictLimit(TextType):
+    """``outlier`` or ``bad``, with a number that is allowed, as ``outlier:2``."""
 
     name = "word"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if re.fullmatch(r"(unlike|bad)(:\d{1,9})?", value) is None:
-            self.fail(f"{value!r} is neither unlike nor bad, with a number as in unlike:2", param, ctx)
+        if re.fullmatch(r"(outlier|bad)(:\d{1,9})?", value) is None:
+            self.fail(f"{value!r} is neither outlier nor bad, with a number as in outlier:2", param, ctx)
         return value
 
 
@@ -203,15 +203,13 @@ JUDGE_OPTIONS = (
     ),
 )
 
-CHOICE_RULES = ("labels", "answers", "unlike", "adversary")
+CHOICE_RULES = ("labels", "answers", "outlier", "adversary")
 """Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
 _SAY_NAMES: Value = {"metavar": "RULES", "multiple": True, "callback": _rule_names}
 CHOICE_OPTIONS = (
     click.option("--ignore", **_SAY_NAMES, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
     click.option("--without-faults", **_SAY_NAMES, help="Reject by faults, as jump,frozen-sensor."),
-    click.option(
-        "--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject unlike ones."
-    ),
+    click.option("--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject outliers."),
 )
 CHOICE_NAMES = ("ignore", "without_faults", "yes")
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rpil.results.view import About
 
 UNDECIDED = 3
-"""The exit code where a list to keep is written, and holds unlike demonstrations for want of answers."""
+"""The exit code where a list to keep is written, and holds outliers for want of answers."""
 
 OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
 """The options that name these files, in the order in which they are written."""
@@ -89,7 +89,6 @@ def about(run: AuditRun, seconds: float | None = None) -> About:
         faults=run.faults,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
-        fps=run.fps,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
         command=for_others(shlex.join(map(without_secrets, words))),
@@ -136,7 +135,7 @@ def exit_code(choice: Choice, is_accepted: bool) -> int:
 
 
 def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
-    """The question of an audit that leaves unlike demonstrations undecided, and how many are kept by two answers to it,
+    """The question of an audit that leaves outliers undecided, and how many are kept by two answers to it,
     either way, and by the ranking."""
     from rpil.results.verdict_table import choice_of
 
@@ -150,24 +149,24 @@ def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
         n = len(choice_of(audit.answered(answers), choice.asked).kept)
         yield f"  If {said}, {n:,} of {len(audit.ids):,} are kept."
     if audit.within:
-        yield f"  Two answers about each of the {audit.within} with unlike ones decide; rpil label asks for them."
+        yield f"  Two answers about each of the {audit.within} with outliers decide; rpil label asks for them."
     by_rank = choice_of(audit, replace(choice.asked, share=share)).kept
     yield f"  --share {share:g} would keep {len(by_rank):,}, those that rank highest."
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
-    """The exit code under a `WordLimit`: 1, with a line on stderr, if more are unlike or bad than it allows, else 0."""
-    from rpil.results.words import SIDES
+    """The exit code under a `VerdictLimit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
+    from rpil.results.vocabulary import PLURALS, SIDES
 
-    word, _, most = (limit or "").partition(":")
-    # Those called unlike without an answer are not bad; those called bad are unlike the good ones.
-    verdicts = audit.verdicts if word == "unlike" else [verdict for verdict in audit.verdicts if verdict != "unlike"]
+    (word, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
+    # Those called outliers without an answer are not bad; those called bad differ from the good ones.
+    verdicts = audit.verdicts if word == "outlier" else [verdict for verdict in audit.verdicts if verdict != "outlier"]
     count, allowed = [SIDES[verdict] for verdict in verdicts].count("lower"), int(most or 0)
     if limit is None or count <= allowed:
         return 0
     click.echo(
-        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {audit.words.lower}, and --fail-on {limit} allows "
-        f"{allowed:,}.",
+        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {PLURALS.get(lower, lower)}, and --fail-on {limit} "
+        f"allows {allowed:,}.",
         err=True,
     )
     return 1

@@ -76,7 +76,7 @@ def _review(ctx: click.Context, run: AuditRun, answers: str, before: bytes | Non
         run = replace(run, faults=look_for_faults(run.recording, progress))
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
-        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.fps)
+        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
     written: dict[str, object] = {}
     return Review(
         session=Session(run.audit, answers, before, None),

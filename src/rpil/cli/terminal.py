@@ -68,9 +68,9 @@ def _replace_non_finite(value: object) -> object:
 
 def finding_lines(audit: Audit) -> list[str]:
     """The finding and every doubt, one sentence a line."""
-    from rpil.inference.findings import FINDINGS
+    from rpil.results.overview import headline
 
-    return [f"{audit.finding.capitalize()}: {FINDINGS[audit.finding]}", *audit.doubts]
+    return [headline(audit), *audit.doubts]
 
 
 def print_lines(lines: Iterable[str]) -> None:
@@ -90,7 +90,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
     _print_ranking(audit, shown)
     print_lines(["", *(f"{audit.ids[m]}: {audit.reasons[m]}" for m in shown[:N_SHOWN])])
     is_known = any(map(audit.has_proba, range(len(audit.ids))))
-    click.echo(f"\n{audit.words.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
+    click.echo(f"\n{audit.vocabulary.meaning(audit.expert_proba) if is_known else NO_PROBABILITY}\n")
     if audit.demonstrators:
         least_first = audit.demonstrators[:: -1 if audit.demonstrators[0].trust else 1]
         _print_demonstrators(least_first[: None if all_rows else MAX_DEMONSTRATORS], audit)
@@ -101,7 +101,7 @@ def print_audit(audit: Audit, all_rows: bool = False) -> None:
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
     """Up to `n_rows` indices of demonstrations, the least trusted first: half of them the most doubtful ones.
 
-    Doubtful are those that stay open although the finding gives words, unless they score as high as the typical ones.
+    Doubtful are those that stay open although the finding gives words, unless they score as high as the similar ones.
     """
     from scipy.special import expit
 
@@ -118,7 +118,7 @@ def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
 def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
     from rich.text import Text
 
-    from rpil.results.words import SIDES
+    from rpil.results.vocabulary import SIDES
 
     groups = {name: letter for letter, members in audit.groups.items() for name in members}
     sums = {f"{'+' if k else '='} {name}": part for k, (name, part) in enumerate(audit.evidence_columns().items())}
@@ -128,7 +128,7 @@ def _print_ranking(audit: Audit, shown: Sequence[int]) -> None:
         "place": [f"{audit.ranks[m]:,}" for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
         **{name: [f"{part[m]:+,.2f}" for m in shown] for name, part in {"log-odds": audit.log_odds, **sums}.items()},
-        **({audit.words.probability: [proba.get(m, "") for m in shown]} if proba else {}),
+        **({audit.vocabulary.probability: [proba.get(m, "") for m in shown]} if proba else {}),
         "reliability": [f"{audit.reliability[m]:.2f}" for m in shown],
         "verdict": [Text(audit.verdicts[m], style=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
         "worst steps": [" ".join(map(str, audit.worst_steps(m))) for m in shown],

@@ -107,7 +107,8 @@ def audit_recording(
     changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
     changed |= changed_settings(options.settings, Settings())
     files = (path, recording.options.embeddings, *files)
-    return replace(audit, provenance=Provenance.of(command, options.random_state, changed, files))
+    provenance = Provenance.of(command, options.random_state, changed, files)
+    return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)
 
 
 def _opened(data: object, options: ColumnOptions) -> Recording:

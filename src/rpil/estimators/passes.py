@@ -21,7 +21,7 @@ from rpil.numerics.types import Array, Int
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
-from rpil.results.evidence import StepEvidence, traces, typical_members, worth_a_look
+from rpil.results.evidence import StepEvidence, similar_members, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
 from rpil.scale.ascent import ascend, gather_steps
@@ -139,7 +139,7 @@ def by_policy_of_sample(
         expected = ratio.step_ratios(data.features, data.actions, settings)[0]
     else:
         expected = ratio.scaling.back(linear(data.features, ratio.weights))
-    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 
 def _sample(posed: JudgeInput, decision: TrustDecision) -> JudgedSample:

@@ -46,8 +46,8 @@ class RPIL(PolicyEstimator):
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
-    where q is the reference. The probability, see `rpil.results.words`, follows from the mixture of one or two groups
-    fitted to the scores. With a named `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM instead:
+    where q is the reference. The probability, see `rpil.results.vocabulary`, follows from the mixture of one or two
+    groups fitted to the scores. With a named `adversary`, RPIL fits the mixture of the paper (eq. 7, 9, 11) by EM:
 
         p(D) = prod_m [ p prod_n pi(a_n | s_n) + (1 - p) prod_n psi(a_n | s_n) ].
 

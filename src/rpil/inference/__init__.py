@@ -1,4 +1,4 @@
-"""Inference: which demonstrations are unlike the others, and, by answers, which are good.
+"""Inference: which demonstrations differ from the others, and, by answers, which are good.
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
     trimming         the training group: the demonstrations that are explained best

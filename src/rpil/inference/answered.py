@@ -23,7 +23,7 @@ class Answered:
     words: Int[Array, " M"]
     """1 good, 0 neither, -1 bad."""
     stays: Int[Array, " M"]
-    """Where they give no word and do not contradict what was said without them: 1 typical, -1 unlike; else 0."""
+    """Where they give no word and do not contradict what was said without them: 1 similar, -1 outlier; else 0."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
     count: int
@@ -77,7 +77,7 @@ def answer(
     claimed: Int[Array, " M"],
 ) -> Answered:
     """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each, and `claimed`
-    is what was said without answers: 1 typical, 0 open, -1 unlike.
+    is what was said without answers: 1 similar, 0 open, -1 outlier.
 
     A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
     """

@@ -1,13 +1,14 @@
-"""What the scores support without answers: who is typical, who is unlike the others, and what speaks against it.
+"""What the scores support without answers: which demonstrations act like most others, which differ,
+and what speaks against it.
 
-A demonstration is `unlike` the others only if all of this holds, with two dealings of the folds:
+A demonstration is an `outlier` only if all of this holds, with two dealings of the folds:
 
     by groups     P(two groups of scores) >= min_p_two,  and P(upper group | m) <= 1 - min_proba
     or by chance  (discrete actions) it is explained worse than by the frequencies of the actions, as noise is,
                   and P(two groups) >= min_p_two_of_noise
 
 and the policy of the upper group explains that group, the lower demonstrations have no policy of their own
-(`rpil.inference.rivals`; else there are two groups), and no `Doubt` is left. The upper group is `typical`; only its
+(`rpil.inference.rivals`; else there are two groups), and no `Doubt` is left. The upper group is `similar`; only its
 better half where the lower group is a tail and not a cluster of its own, because a tail seldom holds all that differ.
 Nothing here says who is good.
 """
@@ -30,14 +31,14 @@ from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 FEW_RUNS = (
-    "The demonstrations with low scores come in few runs in the order of recording ({members}): perhaps a session, a "
-    "set-up or a calibration, and not necessarily worse."
+    "Those with low scores follow one another in the order of recording ({members}): perhaps another session or "
+    "set-up, and not necessarily worse."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """A reason not to call demonstrations unlike the others."""
+    """A reason not to call demonstrations outliers."""
 
     sentence: str
     """In it, {members} stands for the names of the demonstrations."""
@@ -53,7 +54,7 @@ class Claims:
 
     finding: Finding
     words: Int[Array, " M"]
-    """1 typical, 0 open, -1 unlike."""
+    """1 similar, 0 open, -1 outlier."""
     doubts: tuple[Doubt, ...] = ()
     lower: Lower | None = None
     """The demonstrations below the upper group, where the scores are two groups."""
@@ -98,7 +99,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     groups, chance = by_groups(scoring, scores, again), by_chance(scoring, scores, again)
     split = chance if groups is None or (chance is not None and not groups.with_other_folds) else groups
     if split is None:
-        return Claims("nobody stands out" if scores.state_predicts_action else "nothing could be learned", nobody)
+        return Claims("no outliers" if scores.state_predicts_action else "nothing could be learned", nobody)
     if split.lower.gain_upper <= 0:
         return Claims("nothing could be learned", nobody, lower=split.lower)
     if split.lower.is_rival:
@@ -107,20 +108,20 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
         split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
     doubts = tuple(doubts_of(scoring, scores, split, order))
     if again is not None and not split.with_other_folds:
-        doubts = (Doubt("When the demonstrations are divided into other folds, their scores are one group."), *doubts)
+        doubts = (Doubt("Another calculation, with other parts of the data held out, finds no outliers."), *doubts)
     if doubts:
         return Claims("in doubt", nobody, doubts, split.lower)
-    unlike = split.words < 0
-    if not unlike.any():
-        return Claims("nobody stands out", nobody, (), split.lower)
-    upper = np.isin(np.arange(len(unlike)), split.lower.upper)
-    if SecondWay.of(data, upper, unlike, scoring.settings).is_there:
-        return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(unlike)))
-    return Claims("some are unlike", split.words, (), split.lower)
+    outlier = split.words < 0
+    if not outlier.any():
+        return Claims("no outliers", nobody, (), split.lower)
+    upper = np.isin(np.arange(len(outlier)), split.lower.upper)
+    if SecondWay.of(data, upper, outlier, scoring.settings).is_there:
+        return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(outlier)))
+    return Claims("outliers", split.words, (), split.lower)
 
 
 def two_groups(scoring: Scoring, scores: Scores, lower: Lower) -> Claims:
-    """The claim that the `lower` group has a policy of its own: neither group is unlike the other."""
+    """The claim that the `lower` group has a policy of its own: neither group holds outliers."""
     nobody = np.zeros(scoring.data.n_demonstrations, dtype=int)
     return Claims("two groups", nobody, (), lower, contrast(scoring, lower, scores.fit.ridge))
 
@@ -130,7 +131,7 @@ class Split:
     """A division of M demonstrations into an upper and a lower group."""
 
     words: Int[Array, " M"]
-    """1 typical, 0 open, -1 unlike, where nothing speaks against it."""
+    """1 similar, 0 open, -1 outlier, where nothing speaks against it."""
     lower: Lower
     with_other_folds: bool
     """Whether other folds divide the demonstrations as well."""
@@ -157,7 +158,7 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     and a policy of its own explains no more. None where actions are continuous, or the lower group is no noise.
 
     The scores of an expert are above 0, and those of actions without regard to the state below, by about as much
-    (the Kullback-Leibler divergences of the two, either way). A demonstration is unlike the others below the threshold
+    (the Kullback-Leibler divergences of the two, either way). A demonstration is an outlier below the threshold
     of -`noise_share` times the median gain of the upper group.
     """
     limits, upper = scoring.settings.claims, scores.score > 0
@@ -170,9 +171,9 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     if not is_learnable(scoring.data, scoring.model, upper, int((~upper).sum()), scores.fit.ridge, scoring.settings):
         return None
     dealings = [scores] if again is None else [scores, again]
-    typical = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)
-    unlike = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
-    return Split(typical.astype(int) - unlike.astype(int), lower, True, True)
+    similar = np.all([one.score > 0 for one in dealings], axis=0) & in_better_part(scores, upper)
+    outlier = np.all([one.score <= -limits.noise_share * lower.gain_upper for one in dealings], axis=0)
+    return Split(similar.astype(int) - outlier.astype(int), lower, True, True)
 
 
 def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
@@ -196,10 +197,10 @@ def said(
     scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]
 ) -> Int[Array, " M"]:
     """The words that scores alone give to M demonstrations, whatever speaks against them."""
-    typical = log_odds >= limits.log_odds
-    typical &= in_better_part(scores, upper)
-    unlike: Array = log_odds <= -limits.log_odds
-    return np.asarray(typical.astype(int) - unlike.astype(int))
+    similar = log_odds >= limits.log_odds
+    similar &= in_better_part(scores, upper)
+    outlier: Array = log_odds <= -limits.log_odds
+    return np.asarray(similar.astype(int) - outlier.astype(int))
 
 
 def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"]:
@@ -210,19 +211,19 @@ def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"
 
 
 def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
-    """Every reason to doubt that the demonstrations with word -1 are unlike the others."""
+    """Every reason to doubt that the demonstrations with word -1 differ from the others."""
     data, limits = scoring.data, scoring.settings.claims
-    log_prob, unlike = scores.fit.log_prob, split.words < 0
+    log_prob, outlier = scores.fit.log_prob, split.words < 0
     doubts = []
-    if 2 * unlike.sum() > len(unlike) and not split.is_cluster:
-        doubts.append(Doubt("More than half score low, at many levels, so that no limit between two groups is clear."))
+    if 2 * outlier.sum() > len(outlier) and not split.is_cluster:
+        doubts.append(Doubt("More than half score low, at many levels: no limit between two groups is clear."))
     means = data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)
     agreement = np.corrcoef([mean_ranks(mean) for mean in means])[0, 1]  # Spearman's
     if data.space.kind != "discrete" and agreement < limits.min_agreement:
-        sentence = "Two ways of scoring rank the demonstrations differently (rank correlation"
+        sentence = "Two ways of scoring disagree about the order (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
-    if order is not None and unlike.any() and runs_p(unlike[np.argsort(order, kind="stable")]) < limits.max_runs_p:
-        doubts.append(Doubt(FEW_RUNS, runs_of(unlike, order)))
+    if order is not None and outlier.any() and runs_p(outlier[np.argsort(order, kind="stable")]) < limits.max_runs_p:
+        doubts.append(Doubt(FEW_RUNS, runs_of(outlier, order)))
     doubts += doubts_of_operators(data.demonstrators, split.words, limits)
     return doubts
 
@@ -246,23 +247,23 @@ def runs_p(member: Bool[Array, " M"]) -> float:
 
 
 def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
-    """A doubt where all unlike demonstrations, two at least, are of one operator; or most are of operators without a
-    typical one, although by chance they would have one: (1 - share of typical ones) ** demonstrations < `max_runs_p`.
+    """A doubt where all outliers, two at least, are of one operator; or most are of operators without a
+    similar one, although by chance they would have one: (1 - share of similar ones) ** demonstrations < `max_runs_p`.
     """
-    unlike, typical = words < 0, words > 0
-    if not demonstrators.informative or unlike.sum() < 2:
+    outlier, similar = words < 0, words > 0
+    if not demonstrators.informative or outlier.sum() < 2:
         return []
-    n_unlike = demonstrators.indicator @ unlike
-    chance = (1 - typical.mean()) ** demonstrators.counts
-    apart = (demonstrators.indicator @ typical == 0) & (n_unlike > 0) & (chance < limits.max_runs_p)
-    whose = "Most demonstrations with low scores are of operators without a typical demonstration ({operators})"
-    if n_unlike.max() == unlike.sum():
-        apart, whose = n_unlike > 0, "All demonstrations with low scores are of one operator, {operators}"
-    if 2 * n_unlike[apart].sum() <= unlike.sum():
+    n_outliers = demonstrators.indicator @ outlier
+    chance = (1 - similar.mean()) ** demonstrators.counts
+    apart = (demonstrators.indicator @ similar == 0) & (n_outliers > 0) & (chance < limits.max_runs_p)
+    whose = "Most low scores are of operators without a similar demonstration ({operators})"
+    if n_outliers.max() == outlier.sum():
+        apart, whose = n_outliers > 0, "All low scores are of one operator, {operators}"
+    if 2 * n_outliers[apart].sum() <= outlier.sum():
         return []
-    sentence = f"{whose}: perhaps a style, a set-up or a calibration, and not necessarily worse; judge within operators"
+    sentence = f"{whose}: perhaps a style or a set-up, and not necessarily worse; to judge within each operator"
     names = tuple(demonstrators.names[u] for u in np.flatnonzero(apart))
-    return [Doubt(f"{sentence} (--session operator).", operators=names)]
+    return [Doubt(f"{sentence}: --session operator.", operators=names)]
 
 
 def telling_pair(claims: Claims, score: Float[Array, " M"]) -> tuple[int, int] | None:

@@ -117,14 +117,14 @@ class FittedJudge:
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
         """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
         scores, discrete = judgement.scores, data.space.kind == "discrete"
-        typical = scores.typical_own
+        similar = scores.typical_own
         if user_policy:
             reference = frequencies(data) if discrete else ActionScale.of(data).spread
-            return cls(None, scores.groups, scores.step_variance, judgement.states, reference, typical)
+            return cls(None, scores.groups, scores.step_variance, judgement.states, reference, similar)
         kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, typical)
+        return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, similar)
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings

@@ -1,4 +1,4 @@
-"""One group of scores or two: from M scores and their variances to P(typical).
+"""One group of scores or two: from M scores and their variances to P(similar).
 
 Demonstration m has the score y_m, a mean over its steps, with the variance v_m of that mean. Two models of the scores:
 
@@ -7,8 +7,8 @@ Demonstration m has the score y_m, a mean over its steps, with the variance v_m 
 
 The second is a normal mixture with known variances of the errors ("extreme deconvolution", Bovy et al. 2011).
 c <= 1 is the share of v_m that distinguishes demonstrations: a part of it differs between steps in the same way in all
-demonstrations. The two are compared by BIC. If there are two groups, the upper one is typical; if there is one, P is
-1/2, but for a trace of the order of the scores. P(typical) is the average over the two models.
+demonstrations. The two are compared by BIC. If there are two groups, the upper one is similar; if there is one, P is
+1/2, but for a trace of the order of the scores. P(similar) is the average over the two models.
 """
 
 from __future__ import annotations

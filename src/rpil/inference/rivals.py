@@ -9,7 +9,7 @@ noise of B:
     max over l of  median over B of  mean_n [log((1 - l) pi_A' + l q_B) - log q_B]  <  max_shared_gain * gain
 
 pi_A and pi_B are fitted to one of the groups, and held out; pi_A' has the errors' scale of B; q_B is the distribution
-of the actions of B whatever the state. Then two groups are described, and neither is called unlike the other. Noisy
+of the actions of B whatever the state. Then two groups are described, and neither is one of outliers. Noisy
 versions of the policy of A, and noise, are no rivals.
 
 Two groups are described by their contrast, which judges neither: the log-ratio of their policies, log pi_A - log pi_B

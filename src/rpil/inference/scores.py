@@ -75,9 +75,9 @@ class Scoring:
         if data.space.kind == "discrete":
             return cls(data, model, settings, ridge, log_q)
         own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.held_out.errors)
-        typical = float(np.median(own))
-        excess = settings.monotony * np.maximum(own - typical, 0.0)
-        return cls(data, model, settings, ridge, log_q, typical, excess)
+        similar = float(np.median(own))
+        excess = settings.monotony * np.maximum(own - similar, 0.0)
+        return cls(data, model, settings, ridge, log_q, similar, excess)
 
     def indicators(self) -> Float[Array, "N A"]:
         """The actions as the policy sees them: scaled, or indicators of discrete actions."""

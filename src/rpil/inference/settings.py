@@ -19,7 +19,7 @@ class HeldOutSettings:
 
     max_folds: int = 5
     """Folds of demonstrations at most, where each is not a fold of its own. More folds call more good demonstrations
-    unlike, because another dealing of them changes less. benchmarks/ablations.py ("ten folds")."""
+    outlier, because another dealing of them changes less. benchmarks/ablations.py ("ten folds")."""
     max_left_out: int = 25
     """Demonstrations up to which each is a fold of its own, so that chance deals no folds. With five folds another seed
     changed the finding of 10 in 62 small worlds (benchmarks/stability.py)."""
@@ -81,7 +81,7 @@ class RivalSettings:
     n_lapses: int = 3
     """Shares of lapses of which the best is taken."""
     min_own_gain: float = 1 / 3
-    """Gain of a policy of the unlike demonstrations with features that bend, relative to that of the upper group, from
+    """Gain of a policy of the outliers with features that bend, relative to that of the upper group, from
     which they may be a second way. benchmarks/claims.py prints it of every set."""
     max_steps: int = 10_000
     max_entries: int = 100_000
@@ -93,20 +93,20 @@ class ClaimSettings:
     """What the scores support (`rpil.inference.claims`)."""
 
     min_p_two: float = 0.99
-    """The least P(two groups), with both assignments to folds, at which a demonstration is called unlike."""
+    """The least P(two groups), with both assignments to folds, at which a demonstration is called an outlier."""
     min_p_two_of_noise: float = 0.2
-    """P(two groups) from which those are called unlike the others that act as noise does."""
+    """P(two groups) from which those that act as noise does are called outliers."""
     noise_share: float = 0.5
     """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
     min_proba: float = 0.9
-    """P of the upper group from which a demonstration is typical, and 1 - P from which it is unlike."""
+    """P of the upper group from which a demonstration is similar, and 1 - P from which it is an outlier."""
     min_group: int = 2
     """Demonstrations of a group, at least."""
     min_agreement: float = 0.2
     """Rank correlation of the likelihood and of its gain over frequent actions, at least. benchmarks/ablations.py ("no
     agreement")."""
     max_runs_p: float = 0.01
-    """Probability of so few runs in the order of recording, below which the unlike follow one another."""
+    """Probability of so few runs in the order of recording, below which the outliers follow one another."""
 
     @property
     def log_odds(self) -> float:
@@ -218,7 +218,7 @@ class JudgeSettings:
     group; else nothing could be learned. Of discrete actions whose entropy is less than 1 nat, a share of the entropy.
     Of actions at random it is -.15 to .1, in recorded data .11 or more."""
     monotony: float = 1 / 3
-    """Share of the nats by which own actions are easier to predict without the state than typical ones, that a score
+    """Share of the nats by which own actions are easier to predict without the state than similar ones, that a score
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
     reliability_nodes: int = 21
     """Values of the reliability on the grid over which it is summed."""

@@ -1,4 +1,4 @@
-"""The judge decides which demonstrations are typical, and, where answers are given, which are good.
+"""The judge decides which demonstrations are similar, and, where answers are given, which are good.
 
 It runs the stages of `rpil.inference` in order.
 """
@@ -51,7 +51,7 @@ class Judgement(Evidence):
 
     finding: Finding
     words: Int[Array, " M"]
-    """1 typical (or good, where answers are given), 0 open, -1 unlike (or bad)."""
+    """1 similar (or good, where answers are given), 0 open, -1 outlier (or bad)."""
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
     from_answers: Float[Array, " M"]
@@ -71,7 +71,7 @@ class Judgement(Evidence):
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of typical against unlike, or of good against bad where answers are given, nats."""
+        """Log-odds of similar against outlier, or of good against bad where answers are given, nats."""
         return self.from_actions + self.from_demonstrator + self.from_answers
 
 
@@ -115,8 +115,8 @@ def judge(
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
         claims, others = replace(claims, do_steps_tell=True), data.per_step((~scores.fit.group).astype(float))
         against = scores.fit.log_prob - scoring.model.cold_copy().evaluate(others, scoring.ridge)
-    typical = float(np.median(reliability_of(data, against, settings)[0][scores.fit.group]))
-    whole_from = settings.steps.whole_reliability * typical
+    similar = float(np.median(reliability_of(data, against, settings)[0][scores.fit.group]))
+    whole_from = settings.steps.whole_reliability * similar
     shares = step_shares(data, against, settings, whole_from)
     steps = StepTrust(*reliability_of(data, log_ratio, settings), shares, whole_from)
     answers = answers or Answers.none(data.n_demonstrations)

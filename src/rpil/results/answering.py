@@ -20,10 +20,10 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import worst_stretch
+from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.words import WORDS, Verdict
+from rpil.results.vocabulary import VOCABULARIES, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
 
@@ -31,12 +31,12 @@ NOT_USED = "Lengths and rewards were not used."
 """The assumption without answers."""
 
 NEXT_STEPS = {
-    "some are unlike": "Look at the worst steps of a few that are called unlike; they need not be worse.",
-    "answered": "Look at the worst steps of a few that are bad or open, and label those that you can judge.",
-    "mixture": "Look at the worst steps of a few adversaries, and label a demonstration whose word is wrong.",
-    "two groups": "Look at one demonstration of either group, and say which is better.",
+    "outliers": "Look at some outliers; they are different, and not necessarily worse.",
+    "answered": "Look at some that are bad or open, and label those that you can judge.",
+    "mixture": "Look at some adversaries, and label a demonstration whose verdict is wrong.",
+    "two groups": "Look at one demonstration of each group, and say which is better.",
     "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",
-    "nobody stands out": "Look at the lowest ranked demonstrations, and label those that you can judge.",
+    "no outliers": "Look at the lowest ranked demonstrations, and label those that you can judge.",
     "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
     "demonstrations.",
 }
@@ -85,7 +85,7 @@ def with_answers(audit: A, known: Answers) -> A:
         demonstrators=rank_demonstrators(who, trust, audit.ids),
         answers=known,
         own_reasons=(),
-        max_unlike_of_parts=None,
+        max_outliers_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
@@ -97,9 +97,9 @@ def with_answers(audit: A, known: Answers) -> A:
 def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
     """The sentences of an audit, without those that answers replace."""
     said = sentence_of(audit, audit.answers)
-    old = {*FINDINGS.values(), audit.words.explanation, *audit.doubts, said, NOT_USED}
+    old = {*FINDINGS.values(), audit.vocabulary.explanation, *audit.doubts, said, NOT_USED}
     kept = (one for one in audit.assumptions if one not in old and not (is_decided and TWO_GROUPS in one))
-    return (FINDINGS["answered"], WORDS["answers"].explanation, *kept, sentence_of(audit, known))
+    return (FINDINGS["answered"], VOCABULARIES["answers"].explanation, *kept, sentence_of(audit, known))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
@@ -118,8 +118,8 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
 def shown_proba(
     log_odds: Float[Array, " M"], words: Int[Array, " M"], finding: str, min_proba: float
 ) -> Float[Array, " M"]:
-    """P of each demonstration, which claims no more than the words: 1/2 where the `finding` gives none; where the
-    demonstration has none (0), strictly between 1 - `min_proba` and `min_proba`, from which words are given."""
+    """P of each demonstration, which claims no more than the verdicts: 1/2 where the `finding` gives none; where the
+    demonstration has none (0), strictly between 1 - `min_proba` and `min_proba`, from which there are verdicts."""
     if finding not in DECIDED:
         return np.full(len(log_odds), 0.5)
     proba = expit(log_odds)
@@ -128,17 +128,17 @@ def shown_proba(
 
 
 def verdicts_of(words: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
-    """The words 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
-    said, unsaid = WORDS[anchor], WORDS["none"]
+    """The signs 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
+    said, unsaid = VOCABULARIES[anchor], VOCABULARIES["none"]
     verdict: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
     stays = np.zeros_like(words) if stays is None else stays
     return tuple(verdict[word] for word in np.where(words == 0, stays, 2 * words).tolist())
 
 
 def doubts_of_answers(found: Answered) -> tuple[str, ...]:
-    """What speaks against words by these answers."""
+    """What speaks against verdicts by these answers."""
     if found.count == 1:
-        return ("One answer is not enough to call other demonstrations good or bad; give a second one.",)
+        return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
     nothing = found.count >= MIN_OF_NOTHING and found.p_nothing > 0.5
     return (NOTHING_FOLLOWED,) * nothing
 
@@ -164,24 +164,19 @@ def is_asked(audit: Judged) -> bool:
     return audit.anchor == "none" and not audit.answers.any and len(audit.pair) == 2
 
 
-def question(audit: Judged, fps: float | None = None) -> str | None:
-    """The question whose answer would say most, and where to look, the worst stretch of either; None after an answer.
-
-    Seconds are named where the frames a second, `fps`, are known.
-    """
-    places = " or ".join(where_to_look(audit, name, fps) for name in audit.pair)
+def question(audit: Judged) -> str | None:
+    """The question whose answer would say most, and where to look, the worst stretch of each; None after an answer."""
+    places = " or ".join(where_to_look(audit, name) for name in audit.pair)
     return f"Which is better: {places}?" if is_asked(audit) else None
 
 
-def where_to_look(audit: Judged, name: Hashable, fps: float | None = None) -> str:
-    """The demonstration, with its worst stretch in steps and, where the frames a second are known, seconds."""
-    stretch = stretch_of(audit, audit.index(name))
-    if stretch is None:
+def where_to_look(audit: Judged, name: Hashable) -> str:
+    """The demonstration, with its worst stretch unless that is nearly all of it."""
+    m = audit.index(name)
+    stretch = stretch_of(audit, m)
+    if stretch is None or stretch[1] + 1 - stretch[0] >= NEARLY_ALL * audit.lengths[m]:
         return printable(name)
-    first, last = stretch
-    span = f"step {first}" if first == last else f"steps {first} to {last}"
-    seconds = f", {first / fps:.1f} to {(last + 1) / fps:.1f} s" if fps else ""
-    return f"{printable(name)} (look at {span}{seconds})"
+    return f"{printable(name)} (look {span(stretch[0], stretch[1], audit.fps)})"
 
 
 def stretch_of(audit: Judged, m: int) -> list[int] | None:

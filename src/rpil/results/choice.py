@@ -1,7 +1,7 @@
 """The demonstrations to keep, and the rule by which each of the others is rejected.
 
 What a person said is obeyed in full: labels, faults that were named, a share, a least probability. Without two answers
-what the audit infers rejects no more than a fifth as unlike: the data cannot tell whether those that are unlike are
+what the audit infers rejects no more than a fifth as outliers: the data cannot tell whether outliers are
 worse.
 """
 
@@ -27,7 +27,7 @@ from rpil.data.text import MAX_IDS, listed
 from rpil.formats.imported import imported_table
 from rpil.numerics.types import Array, Float
 from rpil.results.settings import KeepSettings
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
@@ -37,26 +37,26 @@ KEEP_RULES = {
     "labels": "by your labels",
     "faults": "with a fault that was named",
     "answers": "by inference from your answers",
-    "unlike": "unlike",
+    "outlier": "as outliers",
     "adversary": "like the adversary that was named",
     "threshold": "below --share or --at-least",
 }
-"""The rules by which demonstrations are rejected, in words that follow a number."""
+"""The rules by which demonstrations are rejected, as text that follows a number."""
 
-RULES_OF_WORDS = {"bad": "answers", "unlike": "unlike", "adversary": "adversary"}
-"""The rule by which a word rejects a demonstration without a label; the other words keep it."""
+RULES_OF_VERDICTS = {"bad": "answers", "outlier": "outlier", "adversary": "adversary"}
+"""The rule by which a verdict rejects a demonstration without a label; the other verdicts keep it."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a user asks for beside the words of an audit."""
+    """What a user asks for beside the verdicts of an audit."""
 
     share: float | None = None
     """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
     at_least: float | None = None
     """Keep those whose probability is this or more."""
     ignored: Set[str] = frozenset()
-    """Rules that reject nobody: labels, or some of `RULES_OF_WORDS`."""
+    """Rules that reject nobody: labels, or some of `RULES_OF_VERDICTS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
 
@@ -69,7 +69,7 @@ class Choice:
     rejected: Mapping[str, tuple[Id, ...]]
     """The others by the rule that rejects them, one of `KEEP_RULES`; no rule without any."""
     undecided: tuple[Id, ...] = ()
-    """Those called unlike that are kept, because answers are too few to reject so many."""
+    """Those called outliers that are kept, because answers are too few to reject so many."""
     reason: str = ""
     """Why they are kept, one sentence; nothing where there are none."""
     asked: Asked = Asked()
@@ -97,8 +97,8 @@ def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
 def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    Labels and named faults come first, then a share or a least probability, or where there is none the words: unlike
-    rejects where no more than `max_unlike` are called so, a column of the table, or of `settings` where it has none.
+    Labels and named faults come first, then a share or a least probability, or where there is none the verdicts:
+    outlier rejects where no more than `max_outliers` are, a column of the table, or of `settings` where it has none.
 
     Parameters
     ----------
@@ -108,20 +108,20 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
     Raises
     ------
     DataError
-        Where the table has no numbers to choose by, or a verdict is no word of an audit.
+        Where the table has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
     labels = table.get("label", [""] * len(ids))
     is_by_number = asked.share is not None or asked.at_least is not None
-    inferred = _by_threshold(table, asked) if is_by_number else _by_words(table, labels, asked.ignored)
-    reason = _too_many(inferred.count("unlike"), table, settings)
+    inferred = _by_threshold(table, asked) if is_by_number else _by_verdicts(table, labels, asked.ignored)
+    reason = _too_many(inferred.count("outlier"), table, settings)
     rules = []
     for name, label, rule in zip(ids, labels, inferred, strict=True):
         by_label = label == "bad" and "labels" not in asked.ignored
         rules.append("labels" if by_label else "faults" if str(name) in asked.faulty else rule)
     of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
-    undecided = of_rule.pop("unlike") if reason else ()
-    kept = tuple(name for name, rule in zip(ids, rules, strict=True) if not rule or (reason and rule == "unlike"))
+    undecided = of_rule.pop("outlier") if reason else ()
+    kept = tuple(name for name, rule in zip(ids, rules, strict=True) if not rule or (reason and rule == "outlier"))
     rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule.get(rule)}
     return Choice(kept, rejected, undecided, reason if undecided else "", asked)
 
@@ -170,25 +170,27 @@ def _by_threshold(table: Table, asked: Asked) -> list[str]:
     return ["" if kept else "threshold" for kept in is_kept.tolist()]
 
 
-def _by_words(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
-    """The rule by which its word rejects each demonstration, or nothing: a label stands above what is inferred."""
-    words = [*map(str, table["verdict"])]
-    for name, word in zip(table["id"], words, strict=True):
-        if word not in SIDES:
+def _by_verdicts(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
+    """The rule by which its verdict rejects each demonstration, or nothing: a label stands above what is inferred."""
+    verdicts = [*map(str, table["verdict"])]
+    for name, verdict in zip(table["id"], verdicts, strict=True):
+        if verdict not in SIDES:
             known = ", ".join(SIDES)
-            raise DataError(f"Demonstration {name!r}: the verdict {word!r} is unknown; write one of {known}.")
-    reject = {word: rule for word, rule in RULES_OF_WORDS.items() if rule not in ignored}
-    return ["" if label in ("good", "bad") else reject.get(word, "") for word, label in zip(words, labels, strict=True)]
+            raise DataError(f"Demonstration {name!r}: the verdict {verdict!r} is unknown; write one of {known}.")
+    reject = {verdict: rule for verdict, rule in RULES_OF_VERDICTS.items() if rule not in ignored}
+    return [
+        "" if label in ("good", "bad") else reject.get(one, "") for one, label in zip(verdicts, labels, strict=True)
+    ]
 
 
 def _too_many(count: int, table: Table, settings: KeepSettings) -> str:
-    """Why `count` unlike demonstrations of a table are not rejected; nothing where they are."""
+    """Why `count` outliers of a table are not rejected; nothing where they are."""
     n = len(table["id"])
-    most = float(_numbers(table, "max_unlike").min()) if n and "max_unlike" in table else settings.max_unlike
+    most = float(_numbers(table, "max_outliers").min()) if n and "max_outliers" in table else settings.max_outliers
     if count <= most * n:
         return ""
-    unlike = f"{count:,} of {n:,} demonstrations are unlike the others, more than {most:.0%} of all"
-    return f"{unlike}: they are kept, because without two answers it is not known whether they are worse."
+    outliers = f"{count:,} of {n:,} demonstrations are outliers, more than {most:.0%} of all"
+    return f"{outliers}: they are kept, because without two answers nobody knows whether they are worse."
 
 
 def _numbers(table: Table, column: str) -> Float[Array, " M"]:

@@ -1,11 +1,11 @@
-"""Which parts of an action hold the evidence about a demonstration: its actions beside those of the typical.
+"""Which parts of an action hold the evidence about a demonstration: its actions beside those of similar ones.
 
 The log-ratio of a step is a sum over the parts j of a continuous action, and discrete actions are one part:
 
     d_j(n) = log pi_j(a_nj|s_n) - log q_j(a_nj)
 
 with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
-demonstration m is what it adds more than in the median typical one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
+demonstration m is what it adds more than in the median similar one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
 `rpil.inference.rivals.evidence_by_part` says which parts have most of it.
 """
 
@@ -35,13 +35,13 @@ from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.judged import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 """The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
 
 BAND = 0.05, 0.95
-"""Quantiles of what the typical do that are drawn."""
+"""Quantiles of what similar ones do that are drawn."""
 
 MAX_STEPS = 20
 """Steps of a stretch that are compared, those with the lowest log-ratios: enough to name an action."""
@@ -52,7 +52,7 @@ MIN_SHARE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class StepEvidence:
-    """The evidence of each step of K demonstrations, beside what the typical do there; J parts of the action."""
+    """The evidence of each step of K demonstrations, beside what similar ones do there; J parts of the action."""
 
     data: FitData
     members: Int[Array, " K"]
@@ -61,10 +61,10 @@ class StepEvidence:
     """The action, or the probability of the discrete action taken."""
     low: Float[Array, "N J"]
     high: Float[Array, "N J"]
-    """The band of the typical."""
+    """The band of similar ones."""
     nats: Float[Array, "N J"]
-    """The log-ratio of each part, less that of the median typical demonstration a step, in nats."""
-    compared_with: Literal["typical", "trusted"]
+    """The log-ratio of each part, less that of the median similar demonstration a step, in nats."""
+    compared_with: Literal["similar", "trusted"]
 
     @classmethod
     def of(
@@ -72,9 +72,9 @@ class StepEvidence:
         data: FitData,
         members: Int[Array, " K"],
         expected: Float[Array, "N ..."],
-        typical: Bool[Array, " K"],
+        similar: Bool[Array, " K"],
         settings: HeldOutSettings,
-        compared_with: Literal["typical", "trusted"] = "typical",
+        compared_with: Literal["similar", "trusted"] = "similar",
     ) -> StepEvidence:
         """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,)."""
         if isinstance(data.space, Discrete):
@@ -83,22 +83,22 @@ class StepEvidence:
             log_ratio = (expected - log_reference(data, every, settings))[:, None]
         else:
             value, mean, low, high = data.actions, expected, data.space.low, data.space.high
-            # d_j, with the scale of the errors of the typical
+            # d_j, with the scale of the errors of similar ones
             scaling, errors = ActionScale.of(data), settings.errors
             actions = scaling(value)
             rest, middle = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
-            scale = error_scale(rest, data.per_step(typical.astype(float)), errors)
+            scale = error_scale(rest, data.per_step(similar.astype(float)), errors)
             width = error_scale(actions - middle, np.ones(len(actions)), errors)
             of_reference = student_log_densities(actions - middle, width, errors)
             log_ratio = student_log_densities(rest, scale, errors) - of_reference
-        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(typical)], BAND, axis=0))
+        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(similar)], BAND, axis=0))
         low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
-        usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[typical], axis=0)
+        usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[similar], axis=0)
         return cls(data, members, value, low, high, log_ratio - usual, compared_with)
 
 
-def typical_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
-    """Which of the `members` are typical: the upper group of the scores, or all where the scores are one group."""
+def similar_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
+    """Which of the `members` are similar: the upper group of the scores, or all where the scores are one group."""
     lower = judgement.claims.lower
     return np.isin(members, members if lower is None else lower.upper)
 
@@ -115,7 +115,7 @@ def by_held_out_policies(
         assert isinstance(model, HeldOutRidge)
         errors = model.errors(data.per_step(judgement.training_group.astype(float)), fit.ridge)
         expected = ActionScale.of(data).back(model.actions - errors)
-    return StepEvidence.of(data, members, expected, typical_members(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 
 def by_final_policy(
@@ -126,8 +126,8 @@ def by_final_policy(
     expected, members = outputs(np.arange(len(data.actions))), np.arange(data.n_demonstrations)
     expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
     trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
-    typical = trusted | ~trusted.any() if judgement is None else typical_members(judgement, members)
-    return StepEvidence.of(data, members, expected, typical, settings, "trusted")
+    similar = trusted | ~trusted.any() if judgement is None else similar_members(judgement, members)
+    return StepEvidence.of(data, members, expected, similar, settings, "trusted")
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
@@ -155,7 +155,7 @@ def part_name(data: FitData, j: int) -> str:
 
 
 def traces(audit: Audit, evidence: StepEvidence, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
-    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median typical one."""
+    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median similar one."""
     places = np.searchsorted(evidence.members, audit.copy_of[drawn])
     made = {audit.ids[m]: _traces(evidence, k) for m, k in zip(drawn.tolist(), places.tolist(), strict=True)}
     return {name: each for name, each in made.items() if each.parts}
@@ -182,7 +182,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
     Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is
-    the part with most of the evidence in these steps, beside what the typical do, in the units of the data. Without a
+    the part with most of the evidence in these steps, beside what similar ones do, in the units of the data. Without a
     trusted group there is nothing to compare with.
     """
     if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
@@ -219,17 +219,17 @@ def _other_action(taken: Array, likely: Array) -> str:
     (own, other), count = pairs.most_common(1)[0]
     if count < MIN_SHARE * len(taken):
         return ""
-    compared = f"it takes action {printable(own)} where the trusted most likely take {printable(other)}"
+    compared = f"it takes action {printable(own)} where others most likely take {printable(other)}"
     return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
     """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
-    of the typical by the median distance; "" where it does not."""
+    of similar ones by the median distance; "" where it does not."""
     parts = evidence_by_part(evidence.nats[rows].sum(axis=0))
     if not parts:
         return ""
-    j, share = parts[0]
+    j, _ = parts[0]
     value, low, high = (each[rows, j] for each in (evidence.value, evidence.low, evidence.high))
     away = np.maximum(low - value, value - high)
     own = int(np.argsort(away, kind="stable")[len(away) // 2])
@@ -237,9 +237,8 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
         return ""
     is_at, first, last = _digits(value[own], low[own], high[own])
     band = first if first == last else f"{first} to {last}"
-    part = f" ({share:.0%} of the evidence there)" * (evidence.nats.shape[1] > 1)
-    its = f"at step {steps[own]} its {part_name(evidence.data, j)} is at {is_at}"
-    return f"{its} where the {evidence.compared_with} are at {band}{part}"
+    its = f"at step {steps[own]}: {part_name(evidence.data, j)} is {is_at}"
+    return f"{its}; others there have {band}"
 
 
 def _digits(value: float, low: float, high: float) -> tuple[str, ...]:

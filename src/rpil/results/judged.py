@@ -19,7 +19,7 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.provenance import Provenance
 from rpil.results.settings import AuditSettings
-from rpil.results.words import WORDS, Anchor, Verdict, Words
+from rpil.results.vocabulary import VOCABULARIES, Anchor, Verdict, Vocabulary
 
 
 @stored()
@@ -69,14 +69,14 @@ class TracedPart:
     share: float
     """Of the evidence of all parts that point where their sum points, for or against the demonstration: 0 to 1."""
     nats: float
-    """That the part adds to the sum of the log-ratios, more than in the median typical demonstration of this length;
+    """That the part adds to the sum of the log-ratios, more than in the median similar demonstration of this length;
     below 0 it speaks against the demonstration."""
     value: Float[Array, " P"] = field(metadata=CURVE)
     """What the demonstration did: the number of the action, in the units of the data; or the probability of the
-    discrete action taken, by the policy of the typical."""
+    discrete action taken, by the policy of similar ones."""
     low: Float[Array, " P"] = field(metadata=CURVE)
     high: Float[Array, " P"] = field(metadata=CURVE)
-    """The 5 % and the 95 % quantile of what the typical do: in the same states, that is, around the mean of their
+    """The 5 % and the 95 % quantile of what similar ones do: in the same states, that is, around the mean of their
     policy there; or, of the probability of the action taken, in all their steps."""
 
 
@@ -89,7 +89,7 @@ class Traces:
     """One alone where actions are discrete."""
     taken: tuple[str, ...] = ()
     """Of discrete actions: the one taken at each point, or the least likely one of its steps."""
-    compared_with: Literal["typical", "trusted"] = "typical"
+    compared_with: Literal["similar", "trusted"] = "similar"
     """See `rpil.results.evidence.StepEvidence`."""
 
     def fits(self, n_steps: int) -> bool:
@@ -177,13 +177,14 @@ class Judged:
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     within: str = ""
+    fps: float | None = None
     provenance: Provenance | None = None
-    max_unlike_of_parts: float | None = None
+    max_outliers_of_parts: float | None = None
 
     @property
-    def words(self) -> Words:
+    def vocabulary(self) -> Vocabulary:
         """The words of the verdicts, and the name and the meaning of `expert_proba`."""
-        return WORDS[self.anchor]
+        return VOCABULARIES[self.anchor]
 
     @property
     def lengths(self) -> Int[Array, " M"]:

@@ -1,12 +1,13 @@
-"""An audit in about eight lines of text, or in a notebook: the finding, the words, the doubts, and the lowest ones."""
+"""An audit in about eight lines of text, or in a notebook: finding, verdicts, doubts, and the lowest scores."""
 
 from __future__ import annotations
 
 from html import escape
 
-from rpil.data.text import counted, one_line
+from rpil.data.text import MAX_IDS, counted, listed, one_line
 from rpil.inference.findings import FINDINGS
 from rpil.results.result import AuditResult
+from rpil.results.vocabulary import SIDES, numbered
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -18,9 +19,29 @@ MAX_NAME = 40
 """Characters of an id in the text."""
 
 
+def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
+    """The finding in one sentence, with numbers and up to `most` names, the lowest score first."""
+    n, counts = len(audit.ids), audit.verdict_counts()
+    lower = [audit.ids[m] for m in audit.ranking()[::-1].tolist() if SIDES[audit.verdicts[m]] == "lower"]
+    names = f": {listed(lower, most, ', ')}" if lower else ""
+    if audit.finding == "outliers" and lower:
+        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} differently from the rest{names}."
+    if audit.finding == "answered":
+        return f"By your answers: {', '.join(numbered(size, one) for one, size in counts.items())}{names}."
+    if audit.finding == "mixture" and lower:
+        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} like the adversary that was named{names}."
+    sentence = FINDINGS[audit.finding]
+    if audit.groups:
+        sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
+        return f"Two groups act differently: {sizes}{sentence.removeprefix('Two groups act differently')}"
+    if audit.finding in ("two groups", "outliers"):
+        return sentence
+    return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"
+
+
 def overview_text(audit: AuditResult) -> str:
     """What ``repr`` of an audit is."""
-    lines = [f"Audit: {audit.finding}. {FINDINGS[audit.finding]}", counts(audit)]
+    lines = [f"Audit: {headline(audit)}", counts(audit)]
     if audit.doubts:
         more = len(audit.doubts) - 1
         lines.append(f"Doubt: {audit.doubts[0]}" + f" ({more} more in doubts)" * (more > 0))
@@ -29,15 +50,15 @@ def overview_text(audit: AuditResult) -> str:
     lowest = audit.ranking()[::-1][:N_LOWEST].tolist()
     names = [shortened(audit.ids[m]) for m in lowest]
     width = max(map(len, names))
-    lines.append(f"The lowest {len(lowest)} by log-odds, of {len(audit.ids):,}:")
+    lines.append(f"The lowest {len(lowest)} scores (log_odds), of {len(audit.ids):,}:")
     for m, name in zip(lowest, names, strict=True):
-        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {audit.place(m)}, log-odds {audit.log_odds[m]:+.1f}")
+        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {audit.place(m)}, score {audit.log_odds[m]:+.1f}")
     return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
 
 
 def counts(audit: AuditResult) -> str:
-    """How many demonstrations and steps there are, and how many have which word, in one line."""
-    words = ", ".join(f"{n:,} {word}" for word, n in audit.verdict_counts().items())
+    """How many demonstrations and steps there are, and how many have which verdict, in one line."""
+    words = ", ".join(numbered(n, verdict) for verdict, n in audit.verdict_counts().items())
     return f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps: {words}."
 
 

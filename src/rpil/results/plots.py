@@ -15,7 +15,7 @@ from rpil.data.errors import MissingExtraError
 from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.result import AuditResult
-from rpil.results.words import COLOURS, SIDES
+from rpil.results.vocabulary import COLOURS, SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ class AuditPlots:
         ax = _axes(ax, (6.4, 1.2 + 0.2 * min(size, MAX_NAMED_ROWS)))
         colours = [COLOURS[SIDES[audit.verdicts[m]]] for m in order]
         ax.hlines(np.arange(size), *audit.reliability_interval[order].T, color=colours, alpha=0.4, linewidth=2)
-        ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {audit.words.upper} steps, 95 % interval)")
+        ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {audit.vocabulary.upper} steps, 95 % interval)")
         _dots(ax, audit, order, audit.reliability[order], np.arange(size))
         has_names = size <= MAX_NAMED_ROWS
         if has_names:

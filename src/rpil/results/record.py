@@ -38,20 +38,21 @@ class Audit(AuditResult):
     finding : str
         One of `rpil.inference.findings.FINDINGS`.
     log_odds : (M,) array
-        log P - log(1 - P), in nats, where P is the probability that `words` names; the sum of `evidence`.
+        The score, larger for those that are more like the others, or better by the answers: log P - log(1 - P), where P
+        is the probability that `vocabulary` names; the sum of `evidence`.
     from_actions, from_demonstrator, from_label : (M,) arrays
-        The parts of `log_odds`, in nats: from the actions of the demonstration itself, from the other demonstrations of
+        The parts of `log_odds`: from the actions of the demonstration itself, from the other demonstrations of
         its demonstrator (where there are answers), and from its label.
     expert_proba : (M,) array
-        The probability that `words` names and explains, which claims no more than the words: ``sigmoid(log_odds)``
-        where a demonstration has a word or an adversary was named; without a word, this within .1 and .9
-        (``settings.min_proba``); and 0.5 where the finding gives no words.
+        The probability that `vocabulary` names and explains, which claims no more than the verdicts:
+        ``sigmoid(log_odds)`` where a demonstration has a verdict other than open or an adversary was named; where it
+        is open, this within .1 and .9 (``settings.min_proba``); and 0.5 where the finding gives no verdicts.
     reliability : (M,) array
         Share of the steps of the demonstration that are like those of the trusted: posterior mean.
     reliability_interval : (M, 2) array
         Its 95 % posterior interval.
     verdicts : tuple of str
-        The upper and the lower one of `words`, or "open" where the data do not decide.
+        The upper and the lower one of `vocabulary`, or "open" where the data do not decide.
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
     step_share : (N,) array
@@ -59,9 +60,9 @@ class Audit(AuditResult):
         mean over every demonstration is 1/2.
     step_weight : (N,) array
         Weight of each step for training a policy, in [0, 2] (`rpil.results.step_weights`): its mean over a
-        demonstration is 1, less where that is called unlike, and P(good) once two answers are given.
+        demonstration is 1, less where that is an outlier, and P(good) once two answers are given.
     prior : Interval
-        Share of the demonstrations that the upper one of `words` describes.
+        Share of the demonstrations with the upper verdict of `vocabulary`.
     identifiable : bool
         False where two groups of demonstrations have policies of their own, and fewer than two answers say which one is
         good.
@@ -80,7 +81,7 @@ class Audit(AuditResult):
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
-        Reasons not to call any demonstration unlike the others, one sentence each.
+        Reasons not to call any demonstration an outlier, one sentence each.
     notes : tuple of str
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ.
     columns : (M, D) array
@@ -90,14 +91,14 @@ class Audit(AuditResult):
         judged by itself (`rpil.inference.answered.with_group`); (M, 0) where there are not two groups, and where data
         were judged by a sample, by a policy of the user's own or within several tasks.
     claimed : (M,) int array
-        What was said without answers: 1 typical, 0 nothing, -1 unlike. It stays until answers contradict it.
+        What was said without answers: 1 similar, 0 nothing, -1 outlier. It stays until answers contradict it.
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations : tuple of str
         What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
         are not in memory (`rpil.results.evidence`).
     anchor : {"none", "answers", "named adversary"}
-        What says who is good; see `rpil.results.words`.
+        What says who is good; see `rpil.results.vocabulary`.
     sessions : tuple of str
         The session of each demonstration; empty where none are known, as in an audit that was read from a file.
     order : (M,) array or None
@@ -109,12 +110,14 @@ class Audit(AuditResult):
         Those by which verdicts and weights were given.
     own_reasons : tuple of str
         Those of `reasons` that compare with demonstrations that are not in the audit; else empty.
+    fps : float or None
+        Steps a second, where they are known: then sentences name seconds.
     within : str
         "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
     provenance : Provenance or None
         How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
-    max_unlike_of_parts : float or None
-        Where tasks were judged by themselves, the smallest `max_unlike` of a task with unlike ones; where a reference
+    max_outliers_of_parts : float or None
+        Where tasks were judged by themselves, the smallest `max_outliers` of a task with outliers; where a reference
         was judged beside them, that with its labels; else None.
     """
 
@@ -137,7 +140,7 @@ class Audit(AuditResult):
         """A data frame with a row for each demonstration, in the order of the data.
 
         The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, rank (the place in the
-        ranking, 1 the most trusted), expert_proba (the probability that `words` names), log_odds and its parts,
+        ranking, 1 the most trusted), expert_proba (the probability that `vocabulary` names), log_odds and its parts,
         reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session where
         sessions are known.
 

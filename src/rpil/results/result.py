@@ -23,7 +23,7 @@ from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import GivenLabel, reasons_of
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
@@ -59,13 +59,13 @@ class AuditResult(Judged):
         return self.answers.shared(self.copy_of)
 
     @property
-    def max_unlike(self) -> float:
-        """The largest share of the demonstrations that ``rpil keep`` rejects as unlike."""
-        if self.max_unlike_of_parts is not None:
-            return self.max_unlike_of_parts
+    def max_outliers(self) -> float:
+        """The largest share of the demonstrations that ``rpil keep`` rejects as outliers."""
+        if self.max_outliers_of_parts is not None:
+            return self.max_outliers_of_parts
         if self._answers_of_copies().once(self.copy_of).count >= self.settings.keep.min_answers:
             return 1.0
-        return self.settings.keep.max_unlike
+        return self.settings.keep.max_outliers
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:
@@ -81,7 +81,7 @@ class AuditResult(Judged):
         """The number of demonstrations with each word: of all, or of those called `ids`."""
         verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
         verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
-        own = (self.words.upper, "open", self.words.lower)
+        own = (self.vocabulary.upper, "open", self.vocabulary.lower)
         # Where tasks are judged by themselves, some may have an anchor and others none.
         return {word: verdicts.count(word) for word in SIDES if word in own or word in self.verdicts}
 
@@ -102,7 +102,7 @@ class AuditResult(Judged):
     def place(self, index: int) -> str:
         """The probability of a demonstration where it has a word, or else its place in the ranking, as text."""
         if self.has_proba(index):
-            return f"{self.words.probability} {self.expert_proba[index]:.2f}"
+            return f"{self.vocabulary.probability} {self.expert_proba[index]:.2f}"
         return f"place {self.ranks[index]:,} of {len(self.ids):,}"
 
     def style(self, who: Demonstrator) -> str:

@@ -60,8 +60,8 @@ def read_audit(path: StrPath, kind: type[A]) -> tuple[A, View]:
         if len(audit.ids) > MAX_DEMONSTRATIONS:
             raise DataError(f"{path}: it holds more than {MAX_DEMONSTRATIONS:,} demonstrations; save fewer.")
         is_sound = is_harmless(about.command) and re.fullmatch(r"([\w.-]{1,100}/[\w.-]{1,100})?", about.hub)
-        if not is_sound or (about.fps is not None and about.fps <= 0):
-            raise ValueError("a command, a name on the hub, or frames a second")
+        if not is_sound:
+            raise ValueError("a command, or a name on the hub")
         audit.suggest_labels()  # what cannot be asked or shown fails here and not later
         view = make_view(audit, about)
         json.dumps(view, allow_nan=False)
@@ -96,6 +96,7 @@ def check_sound(audit: Judged) -> None:
     sound &= _are_within(audit.step_weight, 0, 2)
     sound &= _are_within(np.concatenate([audit.copy_of, known.compared.ravel()]), 0, n - 1)
     sound &= _are_within(np.array([audit.prior.mean, audit.prior.low, audit.prior.high]), *SHARE)
+    sound &= audit.fps is None or audit.fps > 0
     sound &= audit.order is None or bool(np.isfinite(audit.order).all())
     steps = dict(zip(audit.ids, audit.lengths.tolist(), strict=True))
     sound &= all(traces.fits(steps[name]) for name, traces in audit.traces.items())

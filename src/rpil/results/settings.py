@@ -11,11 +11,11 @@ from rpil.inference.settings import JudgeSettings
 @stored()
 @dataclass(frozen=True)
 class KeepSettings:
-    """How far demonstrations are rejected because they are unlike the others; all three are chosen by hand."""
+    """How far demonstrations are rejected because they differ from the others; all three are chosen by hand."""
 
     min_answers: int = 2
-    """Answers about different demonstrations from which on all unlike ones may be rejected: one answer may be wrong."""
-    max_unlike: float = 0.2
+    """Answers about different demonstrations from which on all outliers may be rejected: one answer may be wrong."""
+    max_outliers: float = 0.2
     """Share of the demonstrations that may be without: a larger group may as well be another way to do it."""
     example_share: float = 0.6
     """Share of the demonstrations that is named as another way to choose, by the ranking."""

@@ -6,7 +6,7 @@ s_n is the share of step n in its demonstration (`rpil.inference.step_trust`), w
 1/2. So W_m is the mean weight of a step of demonstration m, and c in [-1, 1] says for which policy the steps are
 evidence: 1 for that of the training group T, -1 for that of the others R, 0 where nothing says which is better.
 
-    without answers    W_m = P(typical), where m is called unlike;  W_m = 1, elsewhere
+    without answers    W_m = P(similar), where m is an outlier;  W_m = 1, elsewhere
                        c = 1;  0 where two groups have policies of their own
     two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
 
@@ -20,7 +20,7 @@ from scipy.special import expit
 
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Judged
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 
 def weights_of(audit: Judged) -> Float[Array, " N"]:

@@ -32,7 +32,7 @@ from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import groups_differ
-from rpil.results.words import WORDS, Anchor
+from rpil.results.vocabulary import VOCABULARIES, Anchor
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
@@ -102,13 +102,15 @@ def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
 
 
 def parts_not_judged(data: FitData) -> tuple[str, ...]:
-    """A sentence that names the parts of the action that rest, and so are not judged; none where all are judged."""
+    """A sentence that names the parts of the action that do not move, and so are not judged; none where all are."""
     if data.judged is None or data.judged.all():
         return ()
     names = [*map(data.action_name, range(len(data.judged)))]
     resting, moving = ([*compress(names, which)] for which in (~data.judged, data.judged))
     starred = dict.fromkeys(_starred(name, resting, moving) for name in resting)
-    return (f"Not judged: {len(resting)} of {len(names)} parts of the action, which rest: {', '.join(starred)}.",)
+    return (
+        f"Not judged: {len(resting)} of {len(names)} parts of the action, which do not move: {', '.join(starred)}.",
+    )
 
 
 def _starred(name: str, resting: Sequence[str], moving: Sequence[str]) -> str:
@@ -145,7 +147,7 @@ def audit_from_mixture(
         expert_proba=proba,
         reliability=proba,
         reliability_interval=np.stack([proba, proba], axis=1),
-        verdicts=tuple(WORDS["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
+        verdicts=tuple(VOCABULARIES["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
         step_log_ratio=posterior.log_ratio,
         step_share=np.full(len(posterior.log_ratio), 0.5),
         step_weight=data.per_step(proba),
@@ -182,7 +184,7 @@ def assumption_sentences(
     """
     sentences = (
         FINDINGS[audit.finding],
-        audit.words.explanation,
+        audit.vocabulary.explanation,
         "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
         policy,
         *audit.doubts,

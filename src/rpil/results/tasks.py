@@ -50,7 +50,7 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
             replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
         ),
         answers=audit.answers.select(chosen.tolist()),
-        max_unlike_of_parts=audit.max_unlike,
+        max_outliers_of_parts=audit.max_outliers,
         copy_of=first[place],
         contradicting=named(audit.contradicting),
         traces={names[name]: own for name, own in audit.traces.items() if name in names},
@@ -130,7 +130,7 @@ def join_audits(
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
-        max_unlike_of_parts=min((audit.max_unlike for audit in parts if "unlike" in audit.verdicts), default=None),
+        max_outliers_of_parts=min((audit.max_outliers for audit in parts if "outlier" in audit.verdicts), default=None),
     )
 
 

@@ -48,7 +48,7 @@ def groups_differ(
     parts = list(_parts(contrast, data))
     what = "where they take action" if isinstance(data.space, Discrete) else f"in part{'s' * (len(parts) > 1)}"
     whose = "" if isinstance(data.space, Discrete) else " of the action"
-    policies = (f"{TWO_GROUPS}their policies differ most {what} {listed(parts)}{whose}.",) if parts else ()
+    policies = (f"{TWO_GROUPS}they differ most {what} {listed(parts)}{whose}.",) if parts else ()
     return (f"{TWO_GROUPS}{sizes}{found}.", *policies)
 
 

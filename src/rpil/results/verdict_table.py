@@ -30,7 +30,7 @@ def verdict_columns(
     return {
         **audit.table(),
         "id": file_ids(audit.ids),
-        "max_unlike": [audit.max_unlike] * len(audit.ids),
+        "max_outliers": [audit.max_outliers] * len(audit.ids),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
@@ -53,10 +53,9 @@ def write_verdicts(
     """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
 
     The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
-    expert_proba, log_odds, max_unlike (the share that may be rejected as unlike), the parts of log_odds from_actions,
-    from_demonstrator and from_label in nats, reliability,
-    demonstrator, task, n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the
-    run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
+    expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
+    from_actions, from_demonstrator and from_label, reliability, demonstrator, task,
+    n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
     Parameters
     ----------
@@ -86,12 +85,12 @@ def write_verdicts(
 
 def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of an audit are kept."""
-    return choose(audit.table(), replace(audit.settings.keep, max_unlike=audit.max_unlike), asked)
+    return choose(audit.table(), replace(audit.settings.keep, max_outliers=audit.max_outliers), asked)
 
 
 def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     """Write ``{"episodes": [...], "rejected": {...}, "undecided": [...], "run": ..., "provenance": ...}``: the ids that
-    are kept, those that are rejected by rule, and those that are unlike and kept for want of answers.
+    are kept, those that are rejected by rule, and outliers that are kept for want of answers.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.

@@ -6,7 +6,7 @@ in the data, from 0 on; M are all of them. Its keys:
 run, title, source, seconds
     The run id, the heading, the name of the data, and the duration of the audit, or None.
 finding
-    name, sentence, next (what to do), decided (whether words were given).
+    name, sentence (with numbers and names), next (what to do), decided (whether words were given).
 words
     upper, lower, probability, meaning, threshold (of the probability).
 sides
@@ -53,7 +53,7 @@ provenance
 drawings
     For the first in the order of looking, by number as text. In P points, of which point k begins at
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
-    with most of the evidence (name, share of the evidence, nats, value, low and high of what is typical there), and of
+    with most of the evidence (name, share of the evidence, nats, value, low and high of what is similar there), and of
     discrete actions taken (names, codes); compared_with, see `rpil.results.judged`. Curves are packed by
     `packed`.
 """
@@ -69,15 +69,16 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.faults.report import RULES, FaultReport
-from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.inference.findings import DECIDED
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
+from rpil.results.overview import headline
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
-from rpil.results.words import SIDES
+from rpil.results.vocabulary import SIDES
 
 MAX_FOUND = 20_000
 """Recording faults of a view, the worst."""
@@ -107,7 +108,6 @@ class About:
     tasks: Mapping[str, str] = field(default_factory=dict)
     """By ids as text, as `demonstrators`."""
     demonstrators: Mapping[str, str] = field(default_factory=dict)
-    fps: float | None = None
     lerobot: bool = False
     hub: str = ""
     command: str = ""
@@ -125,7 +125,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "source": about.source,
         "seconds": about.seconds,
         **_finding(audit),
-        "question": answering.question(audit, about.fps) or "",
+        "question": answering.question(audit) or "",
         "pair": [places[name] for name in audit.pair] if asked else [],
         "doubts": list(audit.doubts),
         "notes": [note for note in audit.notes if TWO_GROUPS not in note],
@@ -145,7 +145,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
             for one in audit.demonstrators
         ],
         "faults": _faults(audit, about.faults),
-        "fps": about.fps,
+        "fps": audit.fps,
         "lerobot": about.lerobot,
         "hub": about.hub,
         "command": about.command,
@@ -157,8 +157,8 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
 def looking_order(audit: AuditResult) -> tuple[list[int], int]:
     """All demonstrations, those that are most worth a look first, and how many need a person.
 
-    These are the pair that is asked about, those whose label contradicts the other answers, and the unlike or bad ones.
-    Then come the open ones, and the rest; the lowest log-odds first.
+    These are the pair that is asked about, those whose label contradicts the other answers, and outliers or bad
+    ones. Then come the open ones, and the rest; the lowest log-odds first.
     """
     index = {name: m for m, name in enumerate(audit.ids)}
     pair = [index[name] for name in audit.pair] if answering.is_asked(audit) else []
@@ -170,12 +170,12 @@ def looking_order(audit: AuditResult) -> tuple[list[int], int]:
 
 def _finding(audit: AuditResult) -> View:
     """What the audit says as a whole."""
-    words, finding = audit.words, audit.finding
+    words, finding = audit.vocabulary, audit.finding
     counts = audit.verdict_counts()
     return {
         "finding": {
             "name": finding,
-            "sentence": FINDINGS[finding],
+            "sentence": headline(audit),
             "next": answering.NEXT_STEPS[finding],
             "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
         },
@@ -294,7 +294,7 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
     return {
         "ratio": packed({**extremes, "mean": bin_means(ratio)}),
         "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-        "compared_with": traces.compared_with if traces else "typical",
+        "compared_with": traces.compared_with if traces else "similar",
         "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
             {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}

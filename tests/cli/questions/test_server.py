@@ -55,7 +55,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     a, b = (audit.index(name) for name in audit.pair)
     status, state = client.answer(0, "1", a, b)
     assert status == 200
-    assert state["lines"][0] == "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad."
+    assert state["lines"][0] == "Now: 20 similar, 0 good, 0 open, 4 outliers, 0 bad."
     assert any(line.startswith("Places of 24 that changed most: ") for line in state["lines"])
     answered = audit.answered({}, [audit.pair])
     assert client.get("/api/view")["lines"] == state["lines"]

@@ -25,9 +25,9 @@ from rpil.data.id_values import read_answers
 
 
 def test_a_question_names_facts_and_never_what_the_audit_thinks(audit):
-    text = "\n".join([question_sentence(audit, (0, 3), 10.0), *fact_lines(audit, (0, 3))])
+    text = "\n".join([question_sentence(audit, (0, 3)), *fact_lines(audit, (0, 3))])
     assert re.search(r"0: 40 steps; ranks: length 0\.50, pauses 0\.\d\d, smoothness ", text)
-    assert not re.search(r"P\(|typical|unlike", text)
+    assert not re.search(r"P\(|similar|outlier", text)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_an_answer_that_looks_wrong_is_named_once(audit):
     assert list(contradiction_lines((), after)) == ["The answer about 9 contradicts 6 others; check it."]
     assert list(contradiction_lines((9,), after)) == []
     assert list(change_lines(before, after))[-1] == "The answer about 9 contradicts 6 others; check it."
-    assert "No word changed." in list(change_lines(after, after))
+    assert "No verdict changed." in list(change_lines(after, after))
 
 
 def rows():
@@ -81,7 +81,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     assert session.question == audit.pair
     lines = session.answer(audit.pair, "1")
     assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
-    assert lines[0] == "Now: 20 typical, 0 good, 0 open, 4 unlike, 0 bad."
+    assert lines[0] == "Now: 20 similar, 0 good, 0 open, 4 outliers, 0 bad."
     assert session.version == len(session.given) == 1
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts

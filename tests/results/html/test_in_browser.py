@@ -85,7 +85,7 @@ def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> No
     audit = make_audit(pair=(0, 7))
     browser.open(write(tmp_path / "r.html", audit))
     assert browser.text("[data-role=review]") == "Review 5"
-    lower = [str(m) for m in np.argsort(audit.log_odds) if audit.verdicts[m] == "unlike" and m != 7]
+    lower = [str(m) for m in np.argsort(audit.log_odds) if audit.verdicts[m] == "outlier" and m != 7]
     assert column(browser, 1)[:6] == ["0", "7", *lower, "5"]
     browser.click("[data-role=review]")
     assert column(browser, 1) == ["0", "7", *lower]
@@ -95,7 +95,7 @@ def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> No
 def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit()
     browser.open(write(tmp_path / "r.html", audit))
-    browser.click('[data-filter=verdict][data-value="unlike"]')
+    browser.click('[data-filter=verdict][data-value="outlier"]')
     browser.click('[data-filter=demonstrator][data-value="bob"]')
     assert set(column(browser, 1)) == {"7", "9"}
     assert browser.text("[data-role=shown]") == "2 of 10 demonstrations"
@@ -123,7 +123,7 @@ def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) ->
 
 
 def test_only_the_rows_that_can_be_seen_are_in_the_page(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit(("typical", "unlike", "open") * 200, lengths=[5] * 600)
+    audit = make_audit(("similar", "outlier", "open") * 200, lengths=[5] * 600)
     browser.open(write(tmp_path / "r.html", audit))
     assert len(column(browser, 1)) < 80
     assert browser.evaluate("document.querySelector('[role=grid]').ariaRowCount") == "601"
@@ -158,7 +158,7 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert len(rows) == 1 + len(given | marks)
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     kept["provenance"]["files"] = tuple(kept["provenance"]["files"])
-    bad = {m for m in range(10) if marks.get(str(m), "bad" if audit.verdicts[m] == "unlike" else "good") == "bad"}
+    bad = {m for m in range(10) if marks.get(str(m), "bad" if audit.verdicts[m] == "outlier" else "good") == "bad"}
     assert kept == {
         "episodes": [m for m in range(10) if m not in bad],
         "run": audit.run_id,
@@ -197,14 +197,14 @@ def test_it_is_used_by_keys_alone(browser: Browser, tmp_path: Path) -> None:
 
 def test_whole_numbers_are_kept_exactly(browser: Browser, tmp_path: Path) -> None:
     ids = (2**53 + 1, 2**63 - 1, 7)
-    browser.open(write(tmp_path / "r.html", make_audit(("typical",) * 3, ids=ids)))
+    browser.open(write(tmp_path / "r.html", make_audit(("similar",) * 3, ids=ids)))
     assert json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))["episodes"] == list(ids)
 
 
 def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
     from rpil import formats
 
-    audit = make_audit(("unlike",) * len(HOSTILE), ids=HOSTILE, sessions=HOSTILE, order=np.arange(float(len(HOSTILE))))
+    audit = make_audit(("outlier",) * len(HOSTILE), ids=HOSTILE, sessions=HOSTILE, order=np.arange(float(len(HOSTILE))))
     page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, command="rpil </code>")
     browser.open(page)
     for _ in HOSTILE:
@@ -227,7 +227,7 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
     value = np.arange(80.0)
     audit = make_audit(
-        ("unlike", "typical"),
+        ("outlier", "similar"),
         lengths=[80, 80],
         pair=(0, 1),
         traces={0: Traces((TracedPart(evil, 0.6, -9.0, value, value, value),))},
@@ -250,8 +250,8 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
     value = np.arange(300.0)
     traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value - 1, value + 1),))}
-    audit = make_audit(("unlike", "typical"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces)
-    browser.open(write(tmp_path / "r.html", audit, fps=30.0, lerobot=True, hub="someone/drive"))
+    audit = make_audit(("outlier", "similar"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces, fps=30.0)
+    browser.open(write(tmp_path / "r.html", audit, lerobot=True, hub="someone/drive"))
     assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 3
     assert "elbow: 60 % of the evidence" in browser.text(".detail")
     step = audit.worst_steps(0)[0]

@@ -18,15 +18,15 @@ from html_page import Page
 from rpil.data.errors import DataError
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 from rpil.results.answering import NEXT_STEPS
 from rpil.results.html.page import Article, format_percent, render_page, write_page
+from rpil.results.overview import headline
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.view import About, View, make_view
-from rpil.results.words import WORDS
+from rpil.results.vocabulary import VOCABULARIES
 
 ADDRESSES = (
     "https://github.com/leeoniya/uPlot",
@@ -59,24 +59,24 @@ def page(audit: Audit) -> Page:
 
 
 def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
-    assert f"An audit Some are unlike. {FINDINGS['some are unlike']} 10 demonstrations:" in page.text
-    assert "10 demonstrations: 5 typical , 1 open , 4 unlike ." in page.text
-    assert f"Next: {NEXT_STEPS['some are unlike']}" in page.text
-    assert "Share of typical ones 55 % 95 % interval 31 % to 77 %" in page.text
+    assert f"An audit {headline(make_audit())} 10 demonstrations:" in page.text
+    assert "10 demonstrations: 5 similar , 1 open , 4 outliers ." in page.text
+    assert f"Next: {NEXT_STEPS['outliers']}" in page.text
+    assert "Share of similar ones 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
-    assert f"{WORDS['none'].explanation} {WORDS['none'].experience}" in page.text
+    assert f"{VOCABULARIES['none'].explanation} {VOCABULARIES['none'].experience}" in page.text
     assert "rpil audit demos.parquet --labels labels.csv" in page.text
     assert "need JavaScript" in page.text
 
 
-@pytest.mark.parametrize("finding", ["nobody stands out", "nothing could be learned"])
+@pytest.mark.parametrize("finding", ["no outliers", "nothing could be learned"])
 def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
-    text = Page(render(make_audit(("open",) * 10, finding=finding))).text
-    assert f"{finding.capitalize()}. {FINDINGS[finding]} 10 demonstrations, ranked below; the ranking gives no" in text
-    assert "gives no words. Next:" in text
+    audit = make_audit(("open",) * 10, finding=finding)
+    text = Page(render(audit)).text
+    assert f"{headline(audit)} 10 demonstrations, ranked below, without verdicts. Next:" in text
     assert NEXT_STEPS[finding] in text
-    assert "0 unlike" not in text
+    assert "0 outliers" not in text
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,9 @@ def test_two_groups_are_told_with_the_question() -> None:
     changes = {"identifiable": False, "competing": (tuple(ids[:4]), tuple(ids[4:])), "pair": ("d0", "d9")}
     note = "The two groups: A has 4 demonstrations and B 26; B takes longer."
     text = Page(render(make_audit(("open",) * 30, ids=ids, finding="two groups", notes=(note,), **changes))).text
-    assert f"Two groups. {FINDINGS['two groups']} 30 demonstrations, ranked below" in text
-    assert f"neither is called unlike the other. {note}" in text
-    assert f"Next: {NEXT_STEPS['two groups']} Which is better: d0 (look at steps " in text
+    assert "Two groups act differently: 4 and 26; without an answer nobody can say which is good. 30 demonstr" in text
+    assert f"neither is called an outlier. {note}" in text
+    assert f"Next: {NEXT_STEPS['two groups']} Which is better: d0 (look " in text
     assert "d0,better than d9 , or mark either" in text
 
 
@@ -181,7 +181,7 @@ def test_lost_places_demonstrators_and_provenance_are_told() -> None:
     who = Demonstrator("ann", Interval(0.8, 0.5, 0.9), (0, 1, 9))
     made = Provenance("0.2.0", "3.11", {"numpy": "2"}, "rpil audit x", 7, {"judge.seeds": [1, 2]}, (), "2026-11-23")
     text = Page(render(make_audit(demonstrators=(who,), provenance=made), lost=("12 starts alone.",))).text
-    assert "What is lost without the unlike ones 12 starts alone." in text
+    assert "What is lost without them 12 starts alone." in text
     assert "ann 80 % (50–90) 3 2 0 1" in text
     assert "rpil 0.2.0 python 3.11 libraries numpy 2 command rpil audit x seed 7 settings judge.seeds 1; 2" in text
 
@@ -190,7 +190,7 @@ def test_text_from_the_data_is_never_html() -> None:
     evil = "</script><script>alert(1)</script><!--"
     ids = (evil, '"><img src=x>')
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
-    audit = make_audit(("typical", "unlike"), ids=ids, identifiable=False, doubts=(evil,), **changes)
+    audit = make_audit(("similar", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
     audit = replace(audit, provenance=Provenance(evil, "", {evil: evil}, evil, 0, {evil: [evil]}, (), evil))
     about = {"title": evil, "source": evil, "read": (evil,), "command": evil, "hub": evil}
     text = render(audit, sections=[(evil, evil)], tasks={evil: evil}, **about)
@@ -220,7 +220,7 @@ def test_only_the_script_and_the_style_of_the_page_are_allowed(audit: Audit) -> 
 
 def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     ids = ("bell\x07", "half \ud800", "reversed \u202e", "noncharacter \ufffe", "a\u00a0b", "naïve 漢字")
-    audit = make_audit(("typical",) * 6, ids=ids, contradicting=ids)
+    audit = make_audit(("similar",) * 6, ids=ids, contradicting=ids)
     text = render(audit, title="null \x00", source="demo\x1b[31m.csv", sections=[("\x7f", "two\nlines")])
     text.encode("utf-8")
     assert {c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Cf", "Cn")} == {"\n"}
@@ -263,14 +263,14 @@ def test_write_page_names_a_missing_folder(tmp_path: Path, audit: Audit) -> None
 
 def test_pages_stay_small(audit: Audit) -> None:
     n = 1000
-    large = make_audit(("typical", "unlike") * (n // 2), lengths=[300] * n)
+    large = make_audit(("similar", "outlier") * (n // 2), lengths=[300] * n)
     one, many = (len(render(each).encode()) for each in (audit, large))
     assert one < 250_000
     assert many - one < 1600 * n  # so that 5,000 are within 8 MB
 
 
 def test_counts_of_words_have_commas() -> None:
-    assert "1,200 typical" in Page(render(make_audit(("typical",) * 1200 + ("unlike",), lengths=[2] * 1201))).text
+    assert "1,200 similar" in Page(render(make_audit(("similar",) * 1200 + ("outlier",), lengths=[2] * 1201))).text
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ class Review:
         session, audit, question = self.session, self.session.audit, self.session.question
         asked: View = {"demonstrations": [audit.index(name) for name in question]}
         if question:
-            asked["sentence"] = question_sentence(audit, question, self.about.fps)
+            asked["sentence"] = question_sentence(audit, question)
             asked["why"] = WHY_PAIR if len(question) == 2 else WHY_ONE
             asked["facts"] = list(fact_lines(audit, question))
             asked["buttons"] = choices(question)

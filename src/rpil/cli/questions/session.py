@@ -12,6 +12,7 @@ from rpil.data.id_values import parse_answers, same_question, write_answers
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
+from rpil.results.vocabulary import numbered
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -29,7 +30,7 @@ Reply = tuple[Question, str]
 """A question, and the key that was given as its answer, one of its `choices`."""
 
 AnswerRows = tuple[tuple[str, str], ...]
-"""Answers as a file of labels has them: ids as text, and words."""
+"""Answers as a file of labels has them: ids as text, and labels."""
 
 
 def choices(question: Question) -> dict[str, str]:
@@ -133,9 +134,9 @@ class Session:
             self._written = None
 
 
-def question_sentence(audit: Audit, question: Question, fps: float | None) -> str:
+def question_sentence(audit: Audit, question: Question) -> str:
     """The question in words, with where to look; never what the audit thinks of the demonstrations."""
-    where = " or ".join(where_to_look(audit, name, fps) for name in question)
+    where = " or ".join(where_to_look(audit, name) for name in question)
     return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
 
 
@@ -148,15 +149,15 @@ def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
 
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """What an answer changed: the number of each word, which demonstrations have another, and who moved most."""
-    counts = ", ".join(f"{count:,} {word}" for word, count in new.verdict_counts().items())
+    """What an answer changed: the number of each verdict, which demonstrations have another, and who moved most."""
+    counts = ", ".join(numbered(count, word) for word, count in new.verdict_counts().items())
     yield f"Now: {counts}."
     moved: dict[str, list[Hashable]] = {}
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
         if before != word:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
-    yield f"Now called {lists}." if moved else "No word changed."
+    yield f"Now called {lists}." if moved else "No verdict changed."
     distance = abs(new.ranks - old.ranks)
     most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
     far = (f"{printable(new.ids[m])} from {old.ranks[m]:,} to {new.ranks[m]:,}" for m in most)

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from rpil.data.files import replacing
 from rpil.data.text import counted, printable
 from rpil.results.view import View
+from rpil.results.vocabulary import numbered
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
@@ -42,7 +43,8 @@ def html_environment(package: str, folder: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"percent": format_percent, "count": counted, "hash": _csp_hash, "data": _as_data, "plain": _plain}
+    jinja.filters |= {"percent": format_percent, "count": counted, "numbered": numbered, "plain": _plain}
+    jinja.filters |= {"hash": _csp_hash, "data": _as_data}
     # Scripts and styles are no templates: braces mean something else there.
     jinja.globals["asset"] = lambda name: Markup(loader.get_source(jinja, name)[0])
     return jinja

@@ -1,6 +1,6 @@
-"""The words for demonstrations: they depend on what says who is good, the anchor of an audit.
+"""The verdicts on demonstrations: they depend on what says who is good, the anchor of an audit.
 
-Without an anchor the data alone can tell who is unlike the others, and not who is good.
+Without an anchor the data alone can tell who differs from the others, and not who is good.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Literal
 Anchor = Literal["none", "answers", "named adversary"]
 """What says who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
 
-Verdict = Literal["typical", "good", "expert", "open", "unlike", "bad", "adversary"]
+Verdict = Literal["similar", "good", "expert", "open", "outlier", "bad", "adversary"]
 Side = Literal["upper", "open", "lower"]
 
 
 @dataclass(frozen=True)
-class Words:
-    """A vocabulary; its third word, for demonstrations that the data do not decide, is always "open"."""
+class Vocabulary:
+    """The verdicts of an audit; the third one, for demonstrations that the data do not decide, is always "open"."""
 
     upper: Verdict
     lower: Verdict
@@ -36,29 +36,29 @@ class Words:
         return f"{self.explanation} {self.experience}".rstrip() if graded else self.explanation
 
     def verdict(self, proba: float, min_proba: float) -> Verdict:
-        """The word for a demonstration with this probability; either side needs `min_proba`."""
+        """The verdict on a demonstration with this probability; either side needs `min_proba`."""
         if proba >= min_proba:
             return self.upper
         return self.lower if proba <= 1 - min_proba else "open"
 
 
-WORDS: dict[str, Words] = {
-    "none": Words(
-        "typical",
-        "unlike",
-        "P(typical)",
-        "P(typical) is the probability that a demonstration belongs to the group whose actions agree best; it is the "
-        "probability of a good demonstration only if that group is good.",
-        "In 11 recorded sets with words 86% of the demonstrations with P(typical) of .9 or more were good, 36% of "
+VOCABULARIES: dict[str, Vocabulary] = {
+    "none": Vocabulary(
+        "similar",
+        "outlier",
+        "P(similar)",
+        "P(similar) is the probability that a demonstration acts like most others; it is the probability of a good "
+        "demonstration only if most are good.",
+        "In 11 recorded sets with verdicts 86% of the demonstrations with P(similar) of .9 or more were good, 36% of "
         "those with .1 or less, and 64% of all (docs/results.md).",
     ),
-    "answers": Words(
+    "answers": Vocabulary(
         "good",
         "bad",
         "P(good)",
         "P(good) is the probability that a demonstration is good, given the answers about some of them.",
     ),
-    "named adversary": Words(
+    "named adversary": Vocabulary(
         "expert",
         "adversary",
         "P(expert)",
@@ -69,11 +69,20 @@ WORDS: dict[str, Words] = {
 """The vocabularies by their anchors."""
 
 SIDES: dict[str, Side] = {
-    **{words.upper: "upper" for words in WORDS.values()},
+    **{words.upper: "upper" for words in VOCABULARIES.values()},
     "open": "open",
-    **{words.lower: "lower" for words in WORDS.values()},
+    **{words.lower: "lower" for words in VOCABULARIES.values()},
 }
-"""The side of each word, whatever the vocabulary."""
+"""The side of each verdict, whatever the vocabulary."""
+
+PLURALS = {"expert": "experts", "outlier": "outliers", "adversary": "adversaries"}
+"""The verdicts that are nouns."""
+
+
+def numbered(count: int, verdict: str) -> str:
+    """``4 outliers``, ``1 outlier``, ``4 good``."""
+    return f"{count:,} {verdict if count == 1 else PLURALS.get(verdict, verdict)}"
+
 
 COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}
 """The palette of Okabe and Ito, which readers with any of the common colour deficiencies can distinguish."""

@@ -7,12 +7,12 @@ import pytest
 from audits import make_audit
 from problems import make
 from rpil.estimators.rpil import RPIL
-from rpil.results.words import SIDES, WORDS
+from rpil.results.vocabulary import SIDES, VOCABULARIES
 
 
-@pytest.mark.parametrize("anchor", WORDS)
+@pytest.mark.parametrize("anchor", VOCABULARIES)
 def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
-    words = WORDS[anchor]
+    words = VOCABULARIES[anchor]
     assert words.probability == f"P({words.upper})"
     assert words.explanation.startswith(f"{words.probability} is the probability")
     assert words.explanation.endswith(".")
@@ -21,24 +21,24 @@ def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
 
 
 def test_without_an_anchor_the_sentence_is_conditional():
-    assert "of a good demonstration only if that group is good" in WORDS["none"].explanation
+    assert "of a good demonstration only if most are good" in VOCABULARIES["none"].explanation
 
 
 def test_words_change_at_the_thresholds():
-    words = WORDS["none"]
-    assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["typical", "open", "open", "unlike"]
+    words = VOCABULARIES["none"]
+    assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["similar", "open", "open", "outlier"]
 
 
 def test_counts_have_the_words_of_the_audit_and_those_that_occur():
-    audit = make_audit(("good", "good", "typical", "unlike"))
-    assert audit.verdict_counts() == {"typical": 1, "good": 2, "open": 0, "unlike": 1}
-    assert audit.verdict_counts((3,)) == {"typical": 0, "good": 0, "open": 0, "unlike": 1}
+    audit = make_audit(("good", "good", "similar", "outlier"))
+    assert audit.verdict_counts() == {"similar": 1, "good": 2, "open": 0, "outlier": 1}
+    assert audit.verdict_counts((3,)) == {"similar": 0, "good": 0, "open": 0, "outlier": 1}
 
 
 @pytest.mark.parametrize(
     ("options", "anchor", "finding"),
     [
-        ({}, "none", "some are unlike"),
+        ({}, "none", "outliers"),
         ({"labels": {"d0": "good", "d11": "bad"}}, "answers", "answered"),
         ({"labels": {"d0": "expert", "d11": "adversary"}}, "answers", "answered"),
         ({"adversary": "uniform"}, "named adversary", "mixture"),
@@ -49,13 +49,13 @@ def test_a_fit_uses_the_words_of_its_anchor(options, anchor, finding):
     data = make("random", 0).demonstrations
     audit = RPIL(**options).fit(data).audit_
     assert (audit.anchor, audit.finding) == (anchor, finding)
-    said_before = {"typical", "unlike"} if anchor == "answers" else set()
-    assert set(audit.verdicts) <= {audit.words.upper, "open", audit.words.lower} | said_before
-    assert audit.words.lower in audit.verdicts
-    assert audit.assumptions[1] == WORDS[anchor].explanation
+    said_before = {"similar", "outlier"} if anchor == "answers" else set()
+    assert set(audit.verdicts) <= {audit.vocabulary.upper, "open", audit.vocabulary.lower} | said_before
+    assert audit.vocabulary.lower in audit.verdicts
+    assert audit.assumptions[1] == VOCABULARIES[anchor].explanation
 
 
 def test_experience_is_said_where_probabilities_are_graded():
-    for words in WORDS.values():
+    for words in VOCABULARIES.values():
         assert words.meaning([0.5, 0.6]) == " ".join(filter(None, (words.explanation, words.experience)))
         assert words.meaning([0.5, 0.5]) == words.explanation
