@@ -194,12 +194,14 @@ def _table(columns: Cells) -> Table:
 
 
 def verdict_sentence(audit: Audit) -> str:
+    """How many demonstrations have which verdict."""
     from rpil.inference.findings import DECIDED
+    from rpil.results.vocabulary import numbered
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
     if {*audit.verdicts} == {"open"} and audit.finding not in DECIDED:
         return f"{size} are ranked; all are open."
-    counts = ", ".join(f"{count:,} {word}" for word, count in audit.verdict_counts().items())
+    counts = ", ".join(numbered(count, verdict) for verdict, count in audit.verdict_counts().items())
     return f"{size}: {counts}."
 
 

@@ -54,8 +54,9 @@ def write_verdicts(
 
     The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
     expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
-    from_actions, from_demonstrator and from_label, reliability, demonstrator, task,
-    n_steps, `Audit.facts` as fact_length and so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
+    from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
+    fact_length and so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet
+    has the run id and the provenance among its metadata too.
 
     Parameters
     ----------
