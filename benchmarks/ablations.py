@@ -27,9 +27,10 @@ from claims import Job, Row
 from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
+from rpil.data.fit_data import FitData
 from rpil.inference import claims as inference
+from rpil.inference.held_out import HeldOutModel, _Linear, held_out_model
 from rpil.inference.rivals import SecondWay
-from rpil.inference.scores import Scoring
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
 from worlds.simulated import of_paper
@@ -37,6 +38,11 @@ from worlds.simulated import of_paper
 DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
 FAMILIES = ("recorded", "half", "point mass", "paper", *kinds.KINDS)
+
+
+def deal_within_groups(model: _Linear, seed: int, data: FitData | None = None) -> HeldOutModel | None:
+    """Other folds of other data alone, as `columns_within` asks for: the judge deals its own demonstrations once."""
+    return None if data is None else held_out_model(data, seed, model.settings)
 
 
 Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any] | property]
@@ -48,7 +54,7 @@ RULES: dict[str, Change] = {
     "no rival groups (max_shared_gain 0)": ("rivals", {"max_shared_gain": 0.0}),
     "min_p_two .9": ("claims", {"min_p_two": 0.9}),
     "nobody by chance": (inference, "by_chance", lambda *_: None),
-    "one dealing of the folds": (Scoring, "dealt_again", lambda *_: None),
+    "one dealing of the folds": (_Linear, "dealt_again", deal_within_groups),
     "no better half": (inference, "in_better_part", lambda scores, upper: upper),
     "no agreement (min_agreement -1)": ("claims", {"min_agreement": -1.0}),
     "all teach (share 1)": ("trimming", {"share": 1.0}),

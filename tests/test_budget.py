@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (3356, 39),
     "estimators": (2321, 16),
     "faults": (2286, 81),
-    "formats": (8952, 70),
+    "formats": (8965, 70),
     "inference": (2671, 88),
     "mixture": (810, 20),
     "numerics": (592, 14),

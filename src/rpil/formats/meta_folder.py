@@ -39,7 +39,7 @@ class MetaFolder:
         from pyarrow import fs
 
         selector = fs.FileSelector(str(self.top / "meta"), recursive=True, allow_not_found=True)
-        found = [PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector)]
+        found = sorted(PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector))
         for place in found if isinstance(self.filesystem, fs.LocalFileSystem) else ():
             if not is_hidden(place.name):
                 check_inside(str(place), str(self.top))
