@@ -119,7 +119,7 @@ def test_a_lerobot_folder_is_compared_with_what_it_says_of_itself(tmp_path):
     pq.write_table(table, root / "meta" / "episodes" / "file-000.parquet")
     (root / "meta" / "info.json").write_text(json.dumps({"fps": 30}))
     found = json.loads(ok("check", root, "--json").stdout)
-    assert [(f["rule"], f["id"]) for f in found["findings"]] == [("frame count", 3)]
+    assert [(f["rule"], f["id"]) for f in found["findings"]] == [("frame count", 3), ("episode table", 3)]
     assert "33.33 ms" in found["usual"]["dropped frames"]
     slow = json.loads(ok("check", root, "--json", "--fps", "60").stdout)
     assert slow["counts"]["dropped frames"] == len(lengths)
@@ -200,7 +200,7 @@ def test_demonstrations_that_are_not_there_are_counted_apart():
     pq.write_table(lengths, "set/meta/episodes/file-000.parquet")
     Path("set/meta/info.json").write_text(json.dumps({"fps": 30}))
     first = ok("check", "set").stdout.splitlines()[0]
-    assert re.search(r"54 recording faults", first)
+    assert re.search(r"55 recording faults", first)
     assert re.search(r"0 of 1 demonstration\b", first)
     assert re.search(r"54 more.*missing", first)
 
@@ -235,7 +235,7 @@ def test_an_audit_names_the_faults_beside_the_trust():
         assert {row["id"]: row["faults"] for row in json.load(file)}[4] == "spike"
     with open("report.html") as file:
         page = file.read()
-    assert "Recording faults" in page
+    assert "Odd in the recording" in page
     assert "for one step at 2.00 s" in page
     assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}
 

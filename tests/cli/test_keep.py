@@ -252,11 +252,12 @@ def test_idle_ends_are_cut_on_request(tmp_path):
 
 def test_a_folder_is_checked(tmp_path):
     root = folders.write(tmp_path / "drive", [20] * 4, cameras=())
-    assert "does not agree" not in ok("check", root).stdout
+    assert "totals" not in ok("check", root).stdout
     place = root / "meta" / "info.json"
     place.write_text(place.read_text().replace('"total_frames": 80', '"total_frames": 7'))
     assert "total_frames is 7, and the data hold 80" in ok("check", root).stdout
     found = json.loads(ok("check", root, "--json").stdout)
-    assert [one["what"] for one in found["folder"]] == ["totals"]
+    assert [(one["rule"], one["id"]) for one in found["findings"]] == [("totals", "")]
+    assert call("check", root, "--fail-on", "totals").exit_code == 1
     assert call("check", root, "--fail-on", "any").exit_code == 1
     refused("for folders of LeRobot", "check", root / "data" / "chunk-000" / "file-000.parquet", "--video")

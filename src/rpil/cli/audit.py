@@ -100,7 +100,7 @@ def audit(
         check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)
-        faults = look_for_faults(recording, progress)
+        faults = look_for_faults(recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
         write_outputs(outputs, run, time.perf_counter() - start, progress)
     result = run.audit

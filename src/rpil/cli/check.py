@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import check_paths, open_with_missing, show_stages
-from rpil.cli.options import COLUMN_OPTIONS, json_option, pop_columns, quiet_option, stream_option, with_options
-from rpil.data.text import MAX_IDS, counted, listed, printable
+from rpil.cli.options import (
+    COLUMN_OPTIONS,
+    OutputFile,
+    json_option,
+    pop_columns,
+    quiet_option,
+    stream_option,
+    with_options,
+)
+from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
-    from rpil.formats.format import Defect
 
 MAX_FINDINGS = 30
 """Findings that are printed."""
@@ -30,6 +36,13 @@ MAX_FINDINGS = 30
     metavar="FILE",
     help="Findings that are expected, and left out: JSON of rule to a list of ids.",
 )
+@click.option(
+    "-o",
+    "--output",
+    type=OutputFile(".csv", ".parquet", ".json"),
+    metavar="OUT.csv",
+    help="Also write a row for each finding: CSV, Parquet or JSON.",
+)
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @stream_option
@@ -40,6 +53,7 @@ MAX_FINDINGS = 30
 def check(
     file: str,
     expected: str | None,
+    output: str | None,
     fail_on: str | None,
     json_wanted: bool,
     quiet: bool,
@@ -49,35 +63,23 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_paths((file, expected))
+    check_paths((file, expected), output)
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
-        from rpil.formats.registry import find
 
         columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        folder = find(file)
-        if options["video"] and not folder.has_defects:
-            raise click.UsageError("--video is for folders of LeRobot: leave it out")
         skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
         read = open_with_missing(file, columns, progress, options["stream"])
-        progress("checking")
-        report = find_faults(read, fps=options["fps"], expected=suppressed, skip_bad=skip_bad)
-        progress("looking at the videos" if options["video"] else "checking the files")
-        defects = folder.find_defects(options["video"]) if folder.has_defects else []
-    lines = [*fault_lines(report), *defect_lines(defects)]
-    findings = report.to_dict() | {"folder": [asdict(one) for one in defects]}
-    click.echo(terminal.to_json(findings) if json_wanted else "\n".join(lines))
-    if fatal & set(report.counts) or (defects and fail_on == "any"):
+        progress("checking the steps, and looking at the videos" if options["video"] else "checking")
+        given = {"fps": options["fps"], "video": options["video"], "expected": suppressed}
+        report = find_faults(read, skip_bad=skip_bad, **given)
+        if output:
+            report.write(output)
+    click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
+    if fatal & set(report.counts):
         sys.exit(1)
-
-
-def defect_lines(defects: Sequence[Defect]) -> list[str]:
-    """What of a folder does not agree with its data, in lines."""
-    lines = [f"  {one.what}, {printable(one.place)}: {terminal.to_one_line(one.sentence)}" for one in defects]
-    more = [f"  ... and {len(lines) - MAX_FINDINGS:,} more; --json prints all"] * (len(lines) > MAX_FINDINGS)
-    return ["", "The folder does not agree with its data:", *lines[:MAX_FINDINGS], *more] if lines else []
 
 
 def _rules(fail_on: str | None) -> set[str]:
@@ -91,20 +93,14 @@ def _rules(fail_on: str | None) -> set[str]:
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
-    size = f"{counted(report.n_demonstrations, 'demonstration')} ({report.n_steps:,} steps)"
-    n, concerned = len(report.findings), len({fault.id for fault in report.findings} - report.absent)
-    if not n:
-        lines = [f"No recording faults found in {size}."]
-    else:
-        n_absent = len(report.absent)
-        more = f"; the recording names {n_absent:,} more, which {'is' if n_absent == 1 else 'are'} missing"
-        lines = [f"{counted(n, 'recording fault')} found in {concerned:,} of {size}{more * (n_absent > 0)}.", ""]
-        lines += [f"  {count:>6,}  {rule}" for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])]
+    lines, n = [report.headline], len(report.findings)
+    if n:
+        lines += ["", *(f"  {k:>6,}  {rule}" for rule, k in sorted(report.counts.items(), key=lambda item: -item[1]))]
     shown = report.findings[:n_findings]
     if shown:
         width = max(len(printable(fault.id)) for fault in shown)
         lines += ["", "The worst first:" if n > 1 else "It is:"]
-        lines += [f"  {printable(f.id):<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
+        lines += [f"  {printable(f.id) or '-':<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
     if n > len(shown):
         lines.append(f"  ... and {n - len(shown):,} more; --json prints all")
     if report.set_aside:

@@ -232,9 +232,15 @@ def audit_data(
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
 
-def look_for_faults(recording: Recording, progress: StageProgress, skip_bad: bool = False) -> FaultReport:
-    """What the rules of ``rpil check`` find; without those with missing values if `skip_bad`."""
+def look_for_faults(
+    recording: Recording, progress: StageProgress, skip_bad: bool = False, rules: Iterable[str] = ()
+) -> FaultReport:
+    """What the rules of ``rpil check`` find in the steps, without those with missing values if `skip_bad`; in files and
+    videos as far as `rules` asks for it, which takes longer."""
     from rpil.faults.checking import check
+    from rpil.faults.folder import BY_LOOKING, RULES
 
     progress("looking for recording faults")
-    return check(recording, skip_bad=skip_bad)
+    wanted = {*rules}
+    looks, reads = (any(rule.name in wanted for rule in some) for some in (BY_LOOKING, RULES))
+    return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)

@@ -84,7 +84,7 @@ def keep(
         else:
             read, audit = open_with_missing(file, given.columns, progress, given.stream), None
             table = _verdicts_on(read, verdicts)
-        faults = look_for_faults(read, progress, skip_bad=True) if trim or given.without_faults else None
+        faults = look_for_faults(read, progress, True, given.without_faults) if trim or given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
         choice, n_unnamed = _choice(read, table, asked)
         _check_left(choice, file, verdicts, table)

@@ -8,10 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Unpack, cast
+from typing import Unpack
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.id_values import is_id_file
 from rpil.data.recorded_facts import Outcome
@@ -19,10 +18,10 @@ from rpil.estimators.pipeline import FitOptions
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels
 from rpil.estimators.within_tasks import Statements, fit_within_tasks
-from rpil.formats import ReadOptions, read, read_recording
-from rpil.formats.arrow import Frame, read_frame
+from rpil.formats import ReadOptions, opened
+from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.recording import Recording, from_demonstrations, from_tables
+from rpil.formats.recording import Recording
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
@@ -79,7 +78,7 @@ def audit(
     from_file = operator is not None and is_id_file(operator)
     options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)
     options = replace(options, operator=None) if from_file else options
-    recording = _opened(data, options)
+    recording = opened(data, options)
     stated = Statements.of(recording, labels, operator, None if isinstance(outcome, str) else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
@@ -109,17 +108,3 @@ def audit_recording(
     files = (path, recording.options.embeddings, *files)
     provenance = Provenance.of(command, options.random_state, changed, files)
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)
-
-
-def _opened(data: object, options: ColumnOptions) -> Recording:
-    """The recording in the data; a `DataError` where they have no columns to choose."""
-    if isinstance(data, Frame):
-        return read_frame(data, options)
-    if isinstance(data, str | os.PathLike):
-        return read_recording(data, options, on_disk=None)
-    if options != ColumnOptions():
-        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
-    if isinstance(data, Recording):
-        return data
-    demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
-    return from_tables(from_demonstrations(demonstrations, "demonstrations in memory"))

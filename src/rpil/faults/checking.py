@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from typing import Unpack, cast
 
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
+from rpil.data.files import StrPath
 from rpil.faults.duplicates import Duplicate
 from rpil.faults.expected import leave_out
+from rpil.faults.folder import BY_LOOKING, Timestamps, find_beside, find_other_rate
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.motion import trims
 from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
@@ -20,6 +23,9 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole_rules import OtherLag
+from rpil.formats import ColumnChoices, opened
+from rpil.formats.arrow import Frame
+from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.formats.times import Times
@@ -32,30 +38,36 @@ COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]
 
 
 def check(
-    recording: Recording | Demonstrations | Dataset,
+    data: StrPath | Frame | Demonstrations | Recording | Dataset | Iterable[object],
     *,
     times: Times | None = None,
     fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
+    video: bool = False,
     skip_bad: bool = False,
     settings: FaultSettings = FaultSettings(),
+    **columns: Unpack[ColumnChoices],
 ) -> FaultReport:
-    """Find recording faults, as ``rpil check`` does: all rules, applied to demonstrations in memory or on disk.
+    """Find what is odd in recordings, as ``rpil check`` does: all rules, on demonstrations in memory or on disk.
 
     Parameters
     ----------
-    recording : Recording, Demonstrations or Dataset
-        What `rpil.open` gives, whose values may be missing, or demonstrations without times.
+    data : path, frame, Demonstrations, Recording, Dataset or iterable of trajectories
+        As for `rpil.audit`; values may be missing. Demonstrations in memory have no times.
     times : Times, optional
         Timestamps, frame rate and lengths; by default those that the recording states, as far as it does.
     fps : float, optional
         Frames a second, where the recording does not say.
     expected : mapping of rule to ids, optional
         Findings that are declared expected; they are counted and left out.
+    video : bool
+        Also look at the videos of a folder of LeRobot, which needs the extra video.
     skip_bad : bool
         Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
         the missing values are reported then.
     settings : FaultSettings, optional
+    **columns
+        As for `rpil.read`.
 
     Returns
     -------
@@ -63,12 +75,43 @@ def check(
 
     Examples
     --------
-    >>> rpil.check(rpil.open("drive.parquet")).counts     # doctest: +SKIP
+    >>> report = rpil.check("drive.csv", id="trip", action=["steer", "accel"])     # doctest: +SKIP
+    >>> report.to_frame(), report.trims                                            # doctest: +SKIP
     """
+    check_options(columns)
+    options = ColumnOptions(**columns)
+    is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
+    recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
+    report = _check_steps(demonstrations, times, skip_bad, settings)
+    beside, unseen = _check_files(recording, demonstrations, video)
+    if Timestamps.name not in {found.rule for found in beside}:
+        beside += find_other_rate(times, demonstrations)
+    findings, n_expected = leave_out([*report.findings, *beside], expected or {})
+    not_checked = {**report.not_checked, **unseen}
+    return replace(report, findings=tuple(findings), n_expected=n_expected, not_checked=not_checked)
+
+
+def _check_files(
+    recording: Recording | Demonstrations | Dataset, demonstrations: DemonstrationSet, video: bool
+) -> tuple[list[Fault], dict[str, str]]:
+    """What is found in the files beside the demonstrations, and the rules that need a look at videos, without one."""
+    if not isinstance(recording, Recording) or recording.find_defects is None:
+        if video:
+            raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
+        return [], {}
+    unseen = [] if video or not recording.origin.metadata.videos else [rule.name for rule in BY_LOOKING]
+    found = find_beside(recording.find_defects(video), demonstrations)
+    return found, dict.fromkeys(unseen, "videos are not looked at, which --video, or video=True, does")
+
+
+def _check_steps(
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, settings: FaultSettings
+) -> FaultReport:
+    """What is found in the steps of the demonstrations."""
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
     measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations, settings), seconds)
@@ -80,8 +123,7 @@ def check(
     usual, idle_ends = {}, {}
     if not kept.any() or (missing and not skip_bad):
         reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
-        checked = MissingValues.name, FrameCount.name, DroppedFrames.name
-        why |= {name: reason for name in RULES if name not in checked}
+        why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds)
@@ -90,9 +132,8 @@ def check(
         usual = OtherLag(data).usual() if "lag" not in data.lacking else {}
         usual |= DroppedFrames.usual(seconds, recorded)
         idle_ends = trims(data) if "columns" not in data.lacking else {}
-    findings, n_expected = leave_out(without_consequences(findings), expected or {})
     return FaultReport(
-        tuple(findings),
+        tuple(without_consequences(findings)),
         why,
         unknown,
         usual,
@@ -100,7 +141,6 @@ def check(
         len(demonstrations),
         demonstrations.n_steps,
         tuple(f.id for f in missing) if skip_bad else (),
-        n_expected,
     )
 
 

@@ -143,7 +143,7 @@ class RepeatedFrames(ComparingRule):
 
     name = "repeated frames"
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
-    sentence = "{rows} the row before while all moves, most from {first} (usual: up to {threshold:.0f})"
+    sentence = "{rows} the row before while all moves, most from {first} (usual: {usual})"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -168,7 +168,8 @@ class RepeatedFrames(ComparingRule):
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
-        return super().say(fault, m, c, rows=rows)
+        most = int(fault.threshold)
+        return super().say(fault, m, c, rows=rows, usual=f"up to {most}" if most else "none")
 
 
 class IdleEnd(ComparingRule):

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from html import escape
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import Id
+from rpil.data.files import StrPath
+from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.text import counted, one_line, printable, shortened
-from rpil.faults import duplicates, motion, recorded, whole_rules
+from rpil.faults import duplicates, folder, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
+from rpil.formats.columns_file import write_columns
 
 RULES: dict[str, type[Rule]] = {
     rule.name: rule
@@ -39,20 +43,25 @@ RULES: dict[str, type[Rule]] = {
         motion.IdleTail,
         duplicates.Duplicate,
         whole_rules.Length,
+        *folder.RULES,
     )
 }
 """Every rule."""
 
 
+MAX_SHOWN = 10
+"""Findings in the text of a report."""
+
+
 @stored()
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FaultReport:
-    """What was found in M demonstrations.
+    """What was found in M demonstrations; `to_frame` has a row for each finding.
 
     Attributes
     ----------
     findings : tuple of Fault
-        The worst first.
+        The worst first; also of the files beside the demonstrations, and of videos.
     not_checked : mapping of rule to str
         The rules that could not be applied, and why.
     unknown : mapping of rule to names of columns
@@ -90,6 +99,66 @@ class FaultReport:
         """Ids of the demonstrations that the recording names and does not hold."""
         return {found.id for found in self.findings if found.rule == "frame count" and not found.value}
 
+    @property
+    def odd(self) -> tuple[Id, ...]:
+        """Ids of the demonstrations in which something is found, the worst first."""
+        absent = {"", *self.absent}
+        return tuple(dict.fromkeys(found.id for found in self.findings if found.id not in absent))
+
+    @property
+    def headline(self) -> str:
+        """How much is found, one sentence."""
+        size, n = f"{counted(self.n_demonstrations, 'demonstration')} ({self.n_steps:,} steps)", len(self.findings)
+        if not n:
+            return f"No recording faults found in {size}."
+        absent = counted(len(self.absent), "more demonstration")
+        more = f"; the recording names {absent}, which {'is' if len(self.absent) == 1 else 'are'} missing"
+        return f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}{more * bool(self.absent)}."
+
+    def table(self) -> dict[str, list[object]]:
+        """Columns with a row for each finding, the worst first, by the fields of `Fault`; ids are text."""
+        columns = {one.name: [getattr(found, one.name) for found in self.findings] for one in fields(Fault)}
+        return columns | {"id": [str(name) for name in columns["id"]]}
+
+    def to_frame(self, backend: Backend | None = None) -> DataFrame:
+        """A data frame of `table`.
+
+        Parameters
+        ----------
+        backend : {"pandas", "polars", "pyarrow"}, optional
+            By default the first of these that is installed; pyarrow always is.
+
+        Raises
+        ------
+        DataError
+            If the backend is unknown or not installed.
+        """
+        return data_frame(self.table(), backend)
+
+    def write(self, path: StrPath) -> None:
+        """Write `table` to a .csv, .parquet or .json file, there a list of objects.
+
+        Raises
+        ------
+        DataError
+            Where the path has another extension, or cannot be written.
+        """
+        write_columns(path, self.table(), "findings")
+
+    def __repr__(self) -> str:
+        lines = [f"  {name}: {sentence}" for name, _, sentence in self._rows()]
+        more = [f"  ... and {len(self.findings) - len(lines):,} more"] * (len(self.findings) > len(lines))
+        return "\n".join([self.headline, *lines, *more, "All: to_frame(); idle ends: trims."])
+
+    def _repr_html_(self) -> str:
+        cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self._rows())
+        return f"<p>{escape(self.headline)}</p><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Of the worst findings the demonstration, the rule and what is seen, as text that can be shown."""
+        shown = self.findings[:MAX_SHOWN]
+        return [(printable(one.id) or "the folder", one.rule, one_line(one.sentence)) for one in shown]
+
     def to_dict(self) -> dict[str, object]:
         """As plain numbers and text."""
         return {
@@ -109,10 +178,10 @@ class FaultReport:
 def odd_lines(report: FaultReport, command: str, width: int = 80) -> list[str]:
     """Two lines, no longer than `width`, unless the `command` is, which lists all: how many recordings are odd, and
     what is seen in the worst. Nothing where none is."""
-    n = len({found.id for found in report.findings})
+    n = len(report.odd)
     if not n:
         return []
-    worst = report.findings[0]
+    worst = next(found for found in report.findings if found.id == report.odd[0])
     seen = f"  {printable(worst.id)}: {one_line(worst.sentence)}"
     return [f"{counted(n, 'recording')} look{'s' * (n == 1)} odd; what is seen: {command}", shortened(seen, width)]
 

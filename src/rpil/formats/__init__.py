@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import TypedDict, Unpack, cast
 
 from numpy.typing import ArrayLike
 
@@ -31,7 +31,7 @@ from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.description import Description
-from rpil.formats.recording import Recording
+from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
 from rpil.formats.weights import write_weights
 
@@ -54,8 +54,8 @@ def check_format(path: StrPath) -> Path:
     return Path(path)
 
 
-class ReadOptions(TypedDict, total=False):
-    """All of `ColumnOptions` but the outcome."""
+class ColumnChoices(TypedDict, total=False):
+    """All of `ColumnOptions` but the outcome, and what is done about missing values."""
 
     id: str | None
     action: Names
@@ -66,12 +66,17 @@ class ReadOptions(TypedDict, total=False):
     embeddings: str | None
     only: Ids
     without: Ids
-    skip_bad: bool
     memory: Size | None
     fill_missing: bool
     operator: str | None
     task: str | None
     session: str | None
+
+
+class ReadOptions(ColumnChoices, total=False):
+    """All of `ColumnOptions` but the outcome."""
+
+    skip_bad: bool
 
 
 class OpenOptions(ReadOptions, total=False):
@@ -160,6 +165,20 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     check_options(columns)
     options = ColumnOptions(**columns)
     return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
+
+
+def opened(data: object, options: ColumnOptions) -> Recording:
+    """The recording in any data; a `DataError` where they have no columns to choose."""
+    if isinstance(data, Frame):
+        return read_frame(data, options)
+    if isinstance(data, str | os.PathLike):
+        return read_recording(data, options, on_disk=None)
+    if options != ColumnOptions():
+        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
+    if isinstance(data, Recording):
+        return data
+    demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
+    return from_tables(from_demonstrations(demonstrations, "demonstrations in memory"))
 
 
 def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:

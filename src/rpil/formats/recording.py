@@ -20,6 +20,7 @@ from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options
+from rpil.formats.format import Defect
 from rpil.formats.layout import Layout
 from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
@@ -59,6 +60,8 @@ class Recording:
         The demonstrations that were left out because a value is missing or infinite.
     add : function of demonstrations and step numbers, optional
         Adds observations that are in another file.
+    find_defects : function of whether to look at videos, optional
+        What the files beside the demonstrations say otherwise than these; None where the format has no such files.
     """
 
     description: Description
@@ -72,6 +75,7 @@ class Recording:
     write_some: Callable[[Sequence[Id], StrPath, Cuts], None] | None = None
     set_aside: tuple[Id, ...] = ()
     add: Callable[[Demonstrations, pa.Table | None], Demonstrations] | None = None
+    find_defects: Callable[[bool], list[Defect]] | None = None
 
     def __repr__(self) -> str:
         return "\n".join(self.description.short())

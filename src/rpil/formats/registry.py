@@ -28,7 +28,7 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Defect, Format, not_a_folder
+from rpil.formats.format import Format, not_a_folder
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported
 from rpil.formats.places import Cuts, UnsortedError
@@ -97,7 +97,10 @@ class ClaimedPath:
 
                 recording = with_embeddings(recording, options.embeddings)
             return replace(
-                recording, options=options, write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts)
+                recording,
+                options=options,
+                write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts),
+                find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
             )
 
     def _recording(self, options: ColumnOptions) -> Recording:
@@ -163,15 +166,6 @@ class ClaimedPath:
                 raise not_a_folder(new)
             self.format.check_output(path, new, trim)
         return check_writable(new)
-
-    @property
-    def has_defects(self) -> bool:
-        """Whether the format has anything beside the demonstrations that may not agree with them."""
-        return self.format.find_defects is not None
-
-    def find_defects(self, look: bool) -> list[Defect]:
-        """What does not agree with the demonstrations; in videos too if `look`."""
-        return self.format.find_defects(Path(self.path), look) if self.format.find_defects is not None else []
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.rule import Fault
-from rpil.formats import csv, parquet
-from rpil.results.choice import TABLE_EXTENSIONS, Asked, Choice, choose, file_ids
+from rpil.formats.columns_file import write_columns
+from rpil.results.choice import Asked, Choice, choose, file_ids
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult
 
@@ -70,18 +69,10 @@ def write_verdicts(
     DataError
         Where the path has another extension, or cannot be written.
     """
-    path = check_extension(path, TABLE_EXTENSIONS, "verdicts")
-    columns = verdict_columns(audit, demonstrators, findings, tasks)
-    if path.suffix.lower() == ".json":
-        _write_json(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
-        return
-    import pyarrow as pa
-
-    writer = csv if path.suffix.lower() == ".csv" else parquet
     said = {RUN_KEY: audit.run_id}
     if audit.provenance is not None:
         said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
-    writer.write_tables(path, iter([pa.table(columns).replace_schema_metadata(said)]))
+    write_columns(path, verdict_columns(audit, demonstrators, findings, tasks), "verdicts", said)
 
 
 def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
@@ -103,9 +94,5 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     """
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
     content = choice.to_dict() | {"run": audit.run_id} | made
-    _write_json(check_extension(path, (".json",), "demonstrations to keep"), content)
-
-
-def _write_json(path: Path, value: object) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(value, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+    with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
+        temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")

@@ -43,7 +43,8 @@ demonstrators
     words); with answers the most trusted first.
 faults
     Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, first, last,
-    sentence; the worst first), not_checked (of each reason, rules), usual (sentences).
+    sentence; the worst first), n_odd (demonstrations), first (the worst of some of them, numbers of found), beside
+    (sentences on files and videos), not_checked (of each reason, rules), usual (sentences).
 fps, lerobot, hub
     Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
 command
@@ -80,8 +81,8 @@ from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
 from rpil.results.vocabulary import SIDES
 
-MAX_FOUND = 20_000
-"""Recording faults of a view, the worst."""
+MAX_FOUND, MAX_FIRST = 20_000, 8
+"""Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
 
 DECIMALS_SHOWN = 9
 """Of probabilities and shares."""
@@ -247,11 +248,17 @@ def _significant(values: Array) -> list[float]:
 def _faults(audit: AuditResult, report: FaultReport | None) -> View:
     """The recording faults."""
     if report is None:
-        return {"kinds": [], "found": {}, "not_checked": [], "usual": []}
+        return {"kinds": [], "found": {}, "n_odd": 0, "first": [], "beside": [], "not_checked": [], "usual": []}
     places = {str(name): m for m, name in enumerate(audit.ids)}
     found = report.findings[:MAX_FOUND]
     unknown = report.not_checked
+    worst: dict[int | None, int] = {}
+    for k, one in enumerate(found):
+        worst.setdefault(places.get(str(one.id)), k)
     return {
+        "n_odd": len(report.odd),
+        "first": [k for m, k in worst.items() if m is not None][:MAX_FIRST],
+        "beside": [one.sentence for one in found if one.id == ""][:MAX_FIRST],
         "kinds": [
             {"rule": rule, "words": RULES[rule].words, "n": count}
             for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
@@ -261,7 +268,9 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
             "demonstration": [places.get(str(one.id)) for one in found],
             "first": [one.first for one in found],
             "last": [one.last for one in found],
-            "sentence": [one.sentence if str(one.id) in places else f"{one.id}: {one.sentence}" for one in found],
+            "sentence": [
+                one.sentence if one.id == "" or str(one.id) in places else f"{one.id}: {one.sentence}" for one in found
+            ],
         },
         "not_checked": [
             {"reason": reason, "rules": [rule for rule in unknown if unknown[rule] == reason]}

@@ -51,7 +51,7 @@ def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
     table = pq.read_table(file)
     later = folders.pa.array(table["timestamp"].to_numpy() + np.float32(2 / folders.FPS))
     pq.write_table(table.set_column(table.column_names.index("timestamp"), "timestamp", later), file)
-    assert ("frame count", "0") in found(tmp_path / "kept")
+    assert ("video frames", "0") in found(tmp_path / "kept")
 
 
 @pytest.mark.parametrize("size", [0.5, 0, -3, 1.5, "many", True, None])
@@ -100,7 +100,7 @@ def test_videos_that_are_missing_damaged_or_too_short(tmp_path, version):
     assert found(root) == [("video file", "observation.images.front")]
     frames = [one for m in (range(3) if version == "v3.0" else [0]) for one in folders.pictures(m, LENGTHS[m])]
     folders.write_video(front[0], frames[:-2], "libx264", {"g": "2"})
-    assert ("frame count", "2" if version == "v3.0" else "0") in found(root)
+    assert ("video frames", "2" if version == "v3.0" else "0") in found(root)
 
 
 @VERSIONS
@@ -125,7 +125,7 @@ def test_black_frozen_repeated_and_exchanged_pictures(tmp_path, version):
             place = folder / name / f"chunk-000/file-{m:03d}.mp4"
             place = place if version == "v3.0" else folder / f"chunk-000/{name}/episode_{m:06d}.mp4"
             folders.write_video(place, frames, "libx264", {"g": "2", "crf": "20"})
-    expected = [("black frames", "1"), ("exchanged cameras", "4"), ("frozen picture", "2"), ("repeated frames", "3")]
+    expected = [("black frames", "1"), ("exchanged cameras", "4"), ("frozen picture", "2"), ("repeated pictures", "3")]
     assert sorted(found(root, look=True)) == expected
     assert found(root) == []
 
@@ -218,7 +218,7 @@ def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, s
 def test_times_of_videos_with_more_frames_than_rows_are_told_by_keep(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, per_file=5)
     change_episodes(root, from_timestamp=0.0, to_timestamp=5.9)
-    with pytest.warns(UserWarning, match=r"kept, frame count of 0: .*front has 118 frames for 30 rows") as told:
+    with pytest.warns(UserWarning, match=r"kept, video frames of 0: .*front has 118 frames for 30 rows") as told:
         find(root).keep(tmp_path / "kept", [1, 2])
     assert len(told) == 1
 
@@ -227,7 +227,7 @@ def test_keep_names_one_fault_of_each_kind_and_the_number_of_others(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS, per_file=1)
     for file in [*(root / "videos").rglob("*.mp4")][:3]:
         folders.write_video(file, folders.pictures(0, 4), "libx264", {"g": "2"})
-    said = r"kept, frame count of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
+    said = r"kept, video frames of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
     with pytest.warns(UserWarning, match=said) as told:
         find(root).keep(tmp_path / "kept", range(5))
     assert len(told) == 1

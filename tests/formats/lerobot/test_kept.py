@@ -247,6 +247,6 @@ def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):
     root = folders.write(tmp_path / "drive", (9, 30), per_file=1)
     file = sorted((root / "videos").rglob("*.mp4"))[1]
     folders.write_video(file, folders.pictures(1, (9, 30)[1] - 4), "libx264", {"g": "2"})
-    with pytest.warns(UserWarning, match="kept, frame count of 1: .* has 26 frames for 30 rows") as told:
+    with pytest.warns(UserWarning, match="kept, video frames of 1: .* has 26 frames for 30 rows") as told:
         rpil.open(root).keep([0, 1], tmp_path / "kept", {0: (2, 8)})
     assert len(told) == 1

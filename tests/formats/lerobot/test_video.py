@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import lerobot_folders as folders
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.lerobot import video
+from rpil.formats.lerobot.defects import find_defects
 from rpil.formats.lerobot.video import Packets, cut, look, picture
 from rpil.formats.registry import find
 
@@ -64,7 +64,7 @@ def test_a_folder_of_videos_may_be_no_link_to_another_place(tmp_path, version):
     (root / "videos").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(DataError, match="it is a link that leads out"):
         find(root).keep(tmp_path / "kept", [0])
-    (defect,) = formats.registry.find(root).find_defects(True)
+    (defect,) = find_defects(root, True)
     assert "it is a link that leads out" in defect.sentence
     assert np.array_equal(sorted(path.name for path in tmp_path.iterdir()), ["drive", "elsewhere"])
 
@@ -84,6 +84,6 @@ def test_a_video_that_ends_its_process_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(video, "_open_mp4", lambda _: os.kill(os.getpid(), signal.SIGSEGV))
     with pytest.raises(DataError, match=r"file-000\.mp4: .*copy or write it again"):
         picture(path, 0.1, folders.FPS, 32)
-    for use in (lambda: find(root).keep(tmp_path / "kept", [0]), lambda: find(root).find_defects(True)):
+    for use in (lambda: find(root).keep(tmp_path / "kept", [0]), lambda: find_defects(root, True)):
         with pytest.raises(DataError, match=r"drive: .*copy or write it again"):
             use()

@@ -170,11 +170,13 @@ def test_faults_are_a_line_a_kind() -> None:
     report = FaultReport(findings, {"sign": "too few", "scale": "too few"}, {}, {}, {}, 10, 99)
     page = Page(render(make_audit(), faults=report))
     assert [button["data-rule"] for button in page.all("button") if "data-rule" in button] == ["jump", "lag"]
-    assert "jump 3 a column jumps" in page.text
+    assert [button["data-choose"] for button in page.all("button") if "data-choose" in button] == ["0", "1", "2", "3"]
+    assert "4 demonstrations to look at first" in page.text
+    assert page.text.index("Odd in the recording") < page.text.index("jump 3")
     assert page.text.count("too few") == 1
     nothing = FaultReport((), {"sign": "too few"}, {}, {}, {}, 10, 99)
-    assert "Recording faults None found." in Page(render(make_audit(), faults=nothing)).text
-    assert "Recording faults" not in Page(render(make_audit())).text
+    assert "Odd in the recording Nothing found." in Page(render(make_audit(), faults=nothing)).text
+    assert "Odd in the recording" not in Page(render(make_audit())).text
 
 
 def test_lost_places_demonstrators_and_provenance_are_told() -> None:

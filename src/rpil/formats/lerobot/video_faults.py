@@ -69,7 +69,7 @@ def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
     """More or fewer frames than rows, or frames at other times."""
     n, name = len(times), str(shot.episode)
     if n != shot.n_rows:
-        yield Defect("frame count", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows")
+        yield Defect("video frames", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows")
     elif (off := np.abs(times - shot.start - np.arange(n) / fps).max()) > NEAR_SECONDS:
         said = f"LeRobot cannot load it, for {shot.camera} is up to {off:.3g} s off {fps:.3g} frames a second"
         yield Defect("frame times", name, f"{said}; correct from_timestamp, or write the video again")
@@ -97,10 +97,10 @@ def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fp
             yield Defect("frozen picture", str(episode), words)
         elif shares[k] >= REPEATED_SHARE and known and shares[k] > usual[1]:
             words = f"{camera} repeats {shares[k]:.0%} of its frames while all moves"
-            yield Defect("repeated frames", str(episode), words)
+            yield Defect("repeated pictures", str(episode), words)
     if np.median(shares) >= REPEATED_SHARE:
         slow = f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data"
-        yield Defect("repeated frames", "all", slow)
+        yield Defect("repeated pictures", "all", slow)
 
 
 def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> Iterator[Defect]:

@@ -80,6 +80,16 @@ const start = (article, prefix, before = null) => {
     });
   }
 
+  for (const button of article.querySelectorAll("[data-choose]")) {
+    button.disabled = false;
+    button.addEventListener("click", () => {
+      filters.clear();
+      changed();
+      choose(Number(button.dataset.choose));
+      article.querySelector(".work").scrollIntoView();
+    });
+  }
+
   const groups = part("groups");
   if (groups && view.demonstrations.group.some(Boolean)) {
     const d = view.demonstrations, inside = d.id.map((_, m) => m).filter((m) => d.group[m]), isFirst = inside.map((m) => d.group[m] === "A");

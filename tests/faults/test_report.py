@@ -1,0 +1,132 @@
+"""The report of all findings: of steps, files and videos, as a frame, a file, text, and in a notebook."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import lerobot_folders as folders
+import rpil
+from recordings import changed, demonstrations, recording
+from rpil.data.errors import DataError
+from rpil.faults.folder import BY_LOOKING
+from rpil.faults.report import odd_lines
+from rpil.formats.times import Times
+
+CLEAN = recording()
+LENGTHS = [len(x) for x, _ in CLEAN]
+
+
+def jumping(names=("x", "y", "<b>z")):
+    """A frame of demonstrations at 20 steps a second; in the sixth a column jumps."""
+    x = CLEAN[5][0]
+    later = x + np.where(np.arange(len(x)) >= 80, 20.0, 0.0)[:, None] * [0, 1, 0]
+    rows = [np.column_stack(pair) for pair in changed(CLEAN, 5, observations=later)]
+    columns = [*(f"observation.{name}" for name in names), "action.0", "action.1", "action.2"]
+    frame = pd.DataFrame(np.concatenate(rows), columns=columns)
+    frame.insert(0, "episode", np.repeat(np.arange(len(rows)), LENGTHS))
+    frame.insert(1, "timestamp", np.concatenate([np.arange(n) / 20 for n in LENGTHS]))
+    return frame
+
+
+def test_a_file_a_frame_and_a_recording_are_checked_alike(tmp_path):
+    frame, path = jumping(("x", "y", "z")), tmp_path / "drive.csv"
+    frame.to_csv(path, index=False)
+    found = [rpil.check(data).findings for data in (frame, path, str(path), rpil.open(path))]
+    assert found[0] == found[1] == found[2] == found[3]
+    (jump,) = found[0]
+    assert (jump.rule, jump.id, jump.last, jump.column) == ("jump", 5, 80, "y")
+    assert jump.sentence.startswith("y jumps by ")
+    assert " at 4.00 s (usual: up to " in jump.sentence
+    chosen = rpil.check(path, id="episode", observations=["observation.x"], action="action.*")
+    assert chosen.findings == ()
+    with pytest.raises(DataError, match="has no columns to choose"):
+        rpil.check(demonstrations(CLEAN), id="episode")
+
+
+def test_the_report_is_a_frame_a_file_and_text(tmp_path):
+    report = rpil.check(jumping())
+    frame = report.to_frame()
+    assert frame.columns.tolist()[:4] == ["rule", "id", "first", "last"]
+    assert frame["rule"].tolist() == ["jump"]
+    assert frame["id"].tolist() == ["5"]
+    for name in ("a.csv", "a.parquet", "a.json"):
+        report.write(tmp_path / name)
+    read = pd.read_csv(tmp_path / "a.csv"), pq.read_table(tmp_path / "a.parquet").to_pandas()
+    rows = json.loads((tmp_path / "a.json").read_text())
+    assert read[0]["sentence"][0] == read[1]["sentence"][0] == rows[0]["sentence"] == frame["sentence"][0]
+    with pytest.raises(DataError, match="findings"):
+        report.write(tmp_path / "a.txt")
+    assert repr(report).startswith("1 recording fault found in 1 of 12 demonstrations")
+    assert "  5: y jumps" in repr(report)
+    assert "<td>5</td><td>jump</td>" in report._repr_html_()
+    assert rpil.check(demonstrations(CLEAN)).to_frame("pyarrow").num_rows == 0
+
+
+def test_names_are_no_html_in_a_notebook():
+    spiky = jumping()
+    spiky.loc[60, "observation.<b>z"] += 30
+    shown = rpil.check(spiky)._repr_html_()
+    assert "<b>" not in shown
+    assert "&lt;b&gt;z" in shown
+
+
+def test_two_lines_say_how_many_are_odd_and_what_is_seen_in_the_worst():
+    lines = odd_lines(rpil.check(jumping()), "rpil check drive.csv", 60)
+    assert lines[0] == "1 recording looks odd; what is seen: rpil check drive.csv"
+    assert lines[1].startswith("  5: y jumps by ")
+    assert len(lines[1]) <= 60
+    assert odd_lines(rpil.check(demonstrations(CLEAN)), "rpil check drive.csv") == []
+
+
+def stamps(seconds):
+    return np.concatenate([np.arange(n) * seconds for n in LENGTHS])
+
+
+def late(clock):
+    """Twice, half a second is missing."""
+    return np.concatenate([clock[:n] + 0.5 * (np.arange(n) > 20) + 0.5 * (np.arange(n) > 30) for n in LENGTHS])
+
+
+@pytest.mark.parametrize(
+    ("timestamps", "said"),
+    [
+        (stamps(1 / 18.5), ["declared are 20 frames a second; the timestamps say 18.5"]),
+        (stamps(1 / 20), []),
+        (np.floor(stamps(1 / 20)), []),  # a clock of whole seconds
+        (late(np.arange(max(LENGTHS)) / 20), []),
+        (None, []),
+    ],
+)
+def test_other_frames_a_second_than_declared_are_one_finding(timestamps, said):
+    report = rpil.check(demonstrations(CLEAN), times=Times(timestamps, 20.0))
+    found = [one for one in report.findings if one.rule == "timestamps"]
+    assert [one.sentence for one in found] == said
+    assert all(one.id == "" for one in found)
+    assert report.odd == tuple(dict.fromkeys(one.id for one in report.findings if one.id != ""))
+
+
+def test_findings_of_files_and_videos_are_in_the_same_table(tmp_path):
+    pytest.importorskip("av", reason="needs the extra video")
+    root = folders.write(tmp_path / "drive", [30] * 5, per_file=1)
+    video = root / "videos" / "observation.images.front" / "chunk-000" / "file-001.mp4"
+    folders.write_video(video, [0 * picture for picture in folders.pictures(0, 30)], "libx264", {"g": "2"})
+    place = root / "meta" / "info.json"
+    place.write_text(place.read_text().replace('"total_frames": 150', '"total_frames": 7'))
+    plain, looked = rpil.check(root), rpil.check(root, video=True)
+    assert [(one.rule, one.id) for one in plain.findings if one.rule == "totals"] == [("totals", "")]
+    assert {rule.name for rule in BY_LOOKING} <= set(plain.not_checked)
+    assert not {rule.name for rule in BY_LOOKING} & set(looked.not_checked)
+    table = looked.table()
+    assert ("black frames", "1") in [*zip(table["rule"], table["id"], strict=True)]
+    assert "totals" in table["rule"]
+    assert looked.odd == (1,)
+    left_out = rpil.check(root, expected={"totals": ["all"]})
+    assert "totals" not in left_out.counts
+    assert left_out.n_expected == 1
+    with pytest.raises(DataError, match="video is for folders of LeRobot; leave it out"):
+        rpil.check(demonstrations(CLEAN), video=True)
