@@ -169,7 +169,6 @@ WITHOUT_TESTS = {
     "faults/recorded.py": "tests/faults/test_frame_times.py",
     "faults/naming.py": "tests/faults/test_maprules.py",
     "faults/whole_rules.py": "tests/faults/test_maprules.py",
-    "faults/report.py": "tests/faults/test_rules.py",
     "faults/expected.py": "tests/cli/test_check.py",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",

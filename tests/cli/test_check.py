@@ -56,6 +56,13 @@ def test_findings_are_printed_also_as_json():
     assert (row["id"], row["rule"], row["first"], row["last"]) == (4, "spike", 60, 60)
 
 
+def test_findings_are_written_as_a_table():
+    write("data.parquet", spike)
+    ok("check", "data.parquet", "-o", "faults.csv")
+    assert '"spike","4",60,60' in Path("faults.csv").read_text()
+    refused("faults.txt", "check", "data.parquet", "-o", "faults.txt")
+
+
 @pytest.mark.parametrize(("fail_on", "code"), [("spike", 1), ("jump,spike", 1), ("any", 1), ("frozen-sensor", 0)])
 def test_exit_code(fail_on, code):
     write("data.parquet", spike)

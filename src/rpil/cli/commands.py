@@ -238,9 +238,9 @@ def look_for_faults(
     """What the rules of ``rpil check`` find in the steps, without those with missing values if `skip_bad`; in files and
     videos as far as `rules` asks for it, which takes longer."""
     from rpil.faults.checking import check
-    from rpil.faults.folder import BY_LOOKING, RULES
+    from rpil.faults.folder import BY_LOOKING, FOLDER_RULES
 
     progress("looking for recording faults")
     wanted = {*rules}
-    looks, reads = (any(rule.name in wanted for rule in some) for some in (BY_LOOKING, RULES))
+    looks, reads = (any(rule.name in wanted for rule in some) for some in (BY_LOOKING, FOLDER_RULES))
     return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)

@@ -23,7 +23,7 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
 from rpil.faults.settings import FaultSettings
 from rpil.faults.whole_rules import OtherLag
-from rpil.formats import ColumnChoices, opened
+from rpil.formats import ReadOptions, opened
 from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
@@ -44,9 +44,8 @@ def check(
     fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
     video: bool = False,
-    skip_bad: bool = False,
     settings: FaultSettings = FaultSettings(),
-    **columns: Unpack[ColumnChoices],
+    **columns: Unpack[ReadOptions],
 ) -> FaultReport:
     """Find what is odd in recordings, as ``rpil check`` does: all rules, on demonstrations in memory or on disk.
 
@@ -62,12 +61,10 @@ def check(
         Findings that are declared expected; they are counted and left out.
     video : bool
         Also look at the videos of a folder of LeRobot, which needs the extra video.
-    skip_bad : bool
-        Where values are missing, set those demonstrations aside and apply the other rules to the rest; by default only
-        the missing values are reported then.
     settings : FaultSettings, optional
     **columns
-        As for `rpil.read`.
+        As for `rpil.read`. With ``skip_bad=True``, where values are missing, those demonstrations are set aside and the
+        other rules are applied to the rest; by default only the missing values are reported then.
 
     Returns
     -------
@@ -79,6 +76,7 @@ def check(
     >>> report.to_frame(), report.trims                                            # doctest: +SKIP
     """
     check_options(columns)
+    skip_bad = columns.pop("skip_bad", False)
     options = ColumnOptions(**columns)
     is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
     recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)

@@ -73,13 +73,13 @@ class ExchangedCameras(FolderRule):
 BY_LOOKING = BlackFrames, FrozenPicture, RepeatedPictures, ExchangedCameras
 """What is seen only where videos are looked at."""
 
-RULES = Timestamps, VideoFile, VideoFrames, FrameTimes, *BY_LOOKING, Metadata, Totals, EpisodeTable, Statistics
+FOLDER_RULES = Timestamps, VideoFile, VideoFrames, FrameTimes, *BY_LOOKING, Metadata, Totals, EpisodeTable, Statistics
 
 
 def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> list[Fault]:
     """What formats found, each about the demonstration that it names, or about none."""
     names = {str(name): m for m, name in enumerate(demonstrations.ids)}
-    severities, found = {rule.name: rule.severity for rule in RULES}, []
+    severities, found = {rule.name: rule.severity for rule in FOLDER_RULES}, []
     for one in defects:
         m = names.get(one.place)
         last = 0 if m is None else int(demonstrations.lengths[m]) - 1

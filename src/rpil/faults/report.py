@@ -43,7 +43,7 @@ RULES: dict[str, type[Rule]] = {
         motion.IdleTail,
         duplicates.Duplicate,
         whole_rules.Length,
-        *folder.RULES,
+        *folder.FOLDER_RULES,
     )
 }
 """Every rule."""

@@ -54,8 +54,8 @@ def check_format(path: StrPath) -> Path:
     return Path(path)
 
 
-class ColumnChoices(TypedDict, total=False):
-    """All of `ColumnOptions` but the outcome, and what is done about missing values."""
+class ReadOptions(TypedDict, total=False):
+    """All of `ColumnOptions` but the outcome."""
 
     id: str | None
     action: Names
@@ -66,17 +66,12 @@ class ColumnChoices(TypedDict, total=False):
     embeddings: str | None
     only: Ids
     without: Ids
+    skip_bad: bool
     memory: Size | None
     fill_missing: bool
     operator: str | None
     task: str | None
     session: str | None
-
-
-class ReadOptions(ColumnChoices, total=False):
-    """All of `ColumnOptions` but the outcome."""
-
-    skip_bad: bool
 
 
 class OpenOptions(ReadOptions, total=False):
