@@ -12,7 +12,6 @@ import pytest
 import rpil
 from recordings import changed, demonstrations, recording
 from rpil.data.errors import DataError
-from rpil.faults.report import odd_lines
 
 CLEAN = recording()
 LENGTHS = [len(x) for x, _ in CLEAN]
@@ -70,11 +69,3 @@ def test_names_are_no_html_in_a_notebook():
     shown = rpil.check(spiky)._repr_html_()
     assert "<b>" not in shown
     assert "&lt;b&gt;z" in shown
-
-
-def test_two_lines_say_how_many_are_odd_and_what_is_seen_in_the_worst():
-    lines = odd_lines(rpil.check(jumping()), "rpil check drive.csv", 60)
-    assert lines[0] == "1 recording looks odd; what is seen: rpil check drive.csv"
-    assert lines[1].startswith("  5: y jumps by ")
-    assert len(lines[1]) <= 60
-    assert odd_lines(rpil.check(demonstrations(CLEAN)), "rpil check drive.csv") == []

@@ -34,11 +34,6 @@ def counted(size: int, noun: str) -> str:
     return f"{size:,} {noun}{'' if size == 1 else 's'}"
 
 
-def shortened(text: str, most: int) -> str:
-    """At most so many characters of a line, of which the last three are dots where it goes on."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
 def duration(steps: float, seconds: float | None) -> str:
     """The time that steps take, at so many `seconds` each, as ``4.20 s``; where these are unknown ``85 steps``."""
     if seconds is None:

@@ -11,7 +11,7 @@ from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
-from rpil.data.text import counted, one_line, printable, shortened
+from rpil.data.text import counted, one_line, printable
 from rpil.faults import duplicates, folder, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
 from rpil.formats.columns_file import write_columns
@@ -173,17 +173,6 @@ class FaultReport:
             "set_aside": list(self.set_aside),
             "expected": self.n_expected,
         }
-
-
-def odd_lines(report: FaultReport, command: str, width: int = 80) -> list[str]:
-    """Two lines, no longer than `width`, unless the `command` is, which lists all: how many recordings are odd, and
-    what is seen in the worst. Nothing where none is."""
-    n = len(report.odd)
-    if not n:
-        return []
-    worst = next(found for found in report.findings if found.id == report.odd[0])
-    seen = f"  {printable(worst.id)}: {one_line(worst.sentence)}"
-    return [f"{counted(n, 'recording')} look{'s' * (n == 1)} odd; what is seen: {command}", shortened(seen, width)]
 
 
 def explain(findings: Iterable[Fault], name: object) -> str | None:

@@ -73,7 +73,7 @@ class Undone(ComparingRule):
     """A demonstration fits the map between states and actions of the others once a fault is undone."""
 
     needs = ("map", "several")
-    unknown = "sound demonstrations fit the map between states and actions as well with this fault undone"
+    unknown = "in these data it would not be seen"
     causes = ("never moves", "next state", "two episodes")
     sentences: ClassVar[dict[str, str]]
     """What is said of each kind of fault that is tried."""
@@ -178,7 +178,7 @@ class TwoEpisodes(ComparingRule):
 
     name, words = "two episodes", "an end is followed by a beginning"
     sentence = "at {last} it looks like an end and a new beginning: perhaps two episodes, perhaps a second try"
-    needs, unknown = ("observations", "several"), "beginnings and ends are not unlike the rest"
+    needs, unknown = ("observations", "several"), "beginnings and ends look like the rest"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:

@@ -92,6 +92,16 @@ def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> No
     assert browser.text(".detail h3") == "0"
 
 
+def test_an_odd_recording_is_shown_at_a_click(browser: Browser, tmp_path: Path) -> None:
+    browser.open(write(tmp_path / "r.html", make_audit()))
+    browser.type("[data-role=search]", "ann")
+    assert len(column(browser, 1)) == 5
+    assert "it leaps" not in browser.text(".detail")
+    browser.click('.odd [data-choose="9"]')
+    assert "it leaps" in browser.text(".detail")
+    assert len(column(browser, 1)) == 10
+
+
 def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit()
     browser.open(write(tmp_path / "r.html", audit))
