@@ -148,7 +148,7 @@ class FaultReport:
     def __repr__(self) -> str:
         lines = [f"  {name}: {sentence}" for name, _, sentence in self._rows()]
         more = [f"  ... and {len(self.findings) - len(lines):,} more"] * (len(self.findings) > len(lines))
-        return "\n".join([self.headline, *lines, *more, "All: to_frame(); idle ends: trims."])
+        return "\n".join([self.headline, *lines, *more, *(["All: to_frame(); idle ends: trims."] if lines else [])])
 
     def _repr_html_(self) -> str:
         cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self._rows())
