@@ -101,6 +101,16 @@ def csv_folder(folder: Path) -> Path:
     return path
 
 
+def json_lines(folder: Path) -> Path:
+    """An object for each step, with an object and a list in it."""
+    rows = zip(OWNERS.tolist(), FRAMES.tolist(), STATES.tolist(), MOVES.tolist(), strict=True)
+    steps = (
+        {"episode_index": m, "frame_index": k, "observation": {"x": x, "y": y}, "action": a} for m, k, (x, y), a in rows
+    )
+    (folder / "steps.jsonl").write_text("".join(f"{json.dumps(step)}\n" for step in steps))
+    return folder / "steps.jsonl"
+
+
 def lerobot(folder: Path) -> Path:
     """LeRobot's layout of version 3.0, without videos."""
     path = folder / "lerobot"
@@ -238,6 +248,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "TSV, UTF-16": _text_table("d.tsv", "\t", "utf-16", bytes),
     "CSV, compressed": _text_table("e.csv.gz", ",", "utf-8", gzip.compress),
     "folder of CSV": csv_folder,
+    "JSON lines": json_lines,
     "NPZ": written("f.npz"),
     "NPZ, stacked": stacked_npz,
     "Parquet": written("g.parquet"),

@@ -212,7 +212,10 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
 
 
 REFUSED = {
-    "no names": (text(BASE).split("\n", 1)[1], "the first row holds numbers, not names; put the names of the columns"),
+    "no names": (
+        text(BASE).split("\n", 1)[1],
+        "the first row holds numbers, not names; name its 5 columns with columns=",
+    ),
     "a row too short": (text(BASE) + "3,1\n", "row 61: 2 values for 5 columns in '3,1'"),
     "an action for each step": (
         text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),

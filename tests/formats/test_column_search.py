@@ -47,15 +47,6 @@ def test_a_numeric_column_that_is_lost_is_named():
     assert {ignored[name] for name in ("built", "opened", "weather")} == {"text"}
 
 
-def test_one_step_ids_are_doubted(tmp_path):
-    pa.csv.write_csv(drives().append_column("run_id", [np.arange(300)]), tmp_path / "drive.csv")
-    notes = rpil.open(tmp_path / "drive.csv", id="run_id", action="steer").description.notes
-    assert notes[0] == "Each demonstration has one step: is run_id the right column of the demonstration?"
-    assert not any(
-        "one step" in note for note in rpil.open(tmp_path / "drive.csv", id="trip", action="steer").description.notes
-    )
-
-
 @pytest.mark.parametrize(
     ("action", "observations", "said"),
     [

@@ -197,7 +197,7 @@ def test_a_truncated_file_is_one_sentence(name, path):
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
     largest = max(sorted(files), key=lambda file: file.stat().st_size)
     content, output, whole = largest.read_bytes(), output_for(path), rpil.read(path)
-    is_text = {".csv", ".tsv"} & {path.suffix, largest.suffix}  # whose last lines may be lost unseen
+    is_text = {".csv", ".tsv", ".jsonl"} & {path.suffix, largest.suffix}  # whose last lines may be lost unseen
     for share in np.arange(10) / 10:
         largest.write_bytes(content[: int(share * len(content))])
         error = error_of(lambda: rpil.read(path))

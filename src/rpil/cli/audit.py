@@ -96,7 +96,7 @@ def audit(
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
-        given = RunOptions.of(options)
+        given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
         check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)

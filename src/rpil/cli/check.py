@@ -68,7 +68,7 @@ def check(
         from rpil.faults.checking import check as find_faults
         from rpil.faults.expected import read_expected
 
-        columns, fatal = pop_columns(options), _rules(fail_on)
+        columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
         read = open_with_missing(file, columns, progress, options["stream"])

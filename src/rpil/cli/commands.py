@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+from click.core import ParameterSource
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import RunOptions, command_words
@@ -144,7 +145,21 @@ def open_recording(
     from rpil import formats
 
     progress(f"reading {file}")
-    return formats.read_recording(file, columns, on_disk=stream)
+    recording = formats.read_recording(file, columns, on_disk=stream)
+    if guessed := recording.columns.guessed:
+        _tell_of_guess(guessed)
+    return recording
+
+
+def _tell_of_guess(guessed: Mapping[str, str]) -> None:
+    """Print the columns that were guessed, once, and put them into the commands that are printed from now on."""
+    ctx = click.get_current_context()
+    roles = {"id": ("demonstrations by", "--id COLUMN"), "action": ("action", "--action COLUMNS")}
+    said = ", ".join(f"{roles[name][0]} {columns.replace(',', ', ')}" for name, columns in guessed.items())
+    click.echo(to_one_line(f"Guess: {said}; to change it: {' '.join(roles[name][1] for name in guessed)}"), err=True)
+    for name, columns in guessed.items():
+        ctx.params[name] = columns if name == "id" else (columns,)
+        ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
 
 
 def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
@@ -168,7 +183,9 @@ def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[
         return recording, None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    columns = replace(options.columns, only=(), without=())  # which are ids of the data
+    guessed, own = recording.columns.guessed, options.columns
+    columns = replace(own, id=guessed.get("id", own.id), action=guessed.get("action", own.action), guess=False)
+    columns = replace(columns, only=(), without=())  # which are ids of the data
     return recording, open_recording(reference, columns, progress)
 
 

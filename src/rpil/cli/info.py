@@ -31,7 +31,7 @@ from rpil.cli.options import (
 @click.pass_context
 def info(ctx: click.Context, /, file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
-    recording = open_recording(file, pop_columns(options), lambda _: None, stream)
+    recording = open_recording(file, pop_columns(options, guess=True), lambda _: None, stream)
     if json_wanted:
         click.echo(terminal.to_json(recording.description.to_dict()))
     else:

@@ -47,8 +47,8 @@ class RunOptions:
     """Whether a choice is accepted where answers are too few to reject outliers."""
 
     @classmethod
-    def of(cls, options: dict[str, Value]) -> RunOptions:
-        columns = pop_columns(options)
+    def of(cls, options: dict[str, Value], guess: bool = False) -> RunOptions:
+        columns = pop_columns(options, guess)
         options.pop("session", None)  # is one of the columns
         options["adversary"] = options["adversary"].replace("-", " ")
         return cls(columns, **options)
@@ -136,6 +136,13 @@ COLUMN_OPTIONS = (
         help="Who gave each demonstration: a column of FILE, a CSV file (id,demonstrator), or JSON.",
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
+    click.option("--columns", metavar="NAMES", multiple=True, help="Columns of a CSV file without a header: a,b,c."),
+    click.option(
+        "--split-gap",
+        type=click.FloatRange(0, min_open=True),
+        metavar="SECONDS",
+        help="Also end a demonstration where the next row is later by more than this, or earlier.",
+    ),
     click.option(
         "--embeddings",
         type=click.Path(),
@@ -219,16 +226,17 @@ def with_options(*options: Option) -> Option:
     return lambda command: reduce(lambda wrapped, option: option(wrapped), reversed(options), command)
 
 
-def pop_columns(options: dict[str, Value]) -> ColumnOptions:
+def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.id_values import is_id_file
     from rpil.formats.columns import ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk"}
+    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk", "guess"}
     operator = options["operator"]
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,
         session=options.get("session"),
+        guess=guess,
         **{name: options.pop(name) for name in names & options.keys()},
     )
 

@@ -13,6 +13,8 @@ from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_names
+from rpil.formats.guesses import GUESSED_ROWS
+from rpil.formats.made_columns import split_at_gaps
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
@@ -40,24 +42,31 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    return replace(with_chosen(from_tables(from_arrow(table, options, FRAME, "data frame")), options), options=options)
+    found = from_arrow(table, options, FRAME, "data frame")
+    found = found if options.split_gap is None else split_at_gaps(found, options.split_gap)
+    return replace(with_chosen(from_tables(found), options), options=options)
 
 
 def from_arrow(
-    table: pa.Table, options: ColumnOptions, source: str, format_name: str, notes: tuple[str, ...] = ()
+    table: pa.Table,
+    options: ColumnOptions,
+    source: str,
+    format_name: str,
+    notes: tuple[str, ...] = (),
+    default_id: str | None = None,
 ) -> StepTables:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
-    table = _plain(table)
+    table = plain_columns(table)
     check_names(table.column_names, source)
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
-    plain = [name for name, kind in kinds.items() if kind in ("number", "text")]
-    kinds |= flat.kinds_of(table.select(plain).slice(0, flat.HEAD_ROWS))
-    columns = find_columns(table.column_names, kinds, source, options, head=table.select(plain).slice(0, 1))
+    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, GUESSED_ROWS)
+    kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
+    columns = find_columns(table.column_names, kinds, source, options, default_id, head)
     chosen = table.select([*columns.all, *columns.outcomes])
     return StepTables([chosen], columns, Origin(source, format_name, notes=notes))
 
 
-def _plain(table: pa.Table) -> pa.Table:
+def plain_columns(table: pa.Table) -> pa.Table:
     """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
     import pyarrow as pa
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -13,7 +13,8 @@ from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import LENGTH, ColumnOptions, Columns, Kind, Names, check_names
+from rpil.formats.columns import LENGTH, STRETCH, ColumnOptions, Columns, Kind, Names, check_names
+from rpil.formats.guesses import guess_actions, guess_id, text_with_time
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,7 +52,7 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
 
 _NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
-_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/-][^\d]*")
+_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/_-][^\d_.]{0,15}")
 
 
 def find_columns(
@@ -61,13 +62,16 @@ def find_columns(
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
     head: pa.Table | None = None,
+    made: Mapping[str, Kind] = {},
 ) -> Columns:
     """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id.
 
-    By the first row of `head` a column of numbers with a unit is named among those that are not read.
+    By the first row of `head` a column of numbers with a unit is named among those that are not read. The columns that
+    are `made` of what lies beside the table are found as well.
     """
     check_names(names, source)
-    return _Search(names, kinds, source, options, head).columns(default_id)
+    found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
+    return replace(found, made=(*made, *found.made))
 
 
 @dataclass(eq=False)
@@ -81,6 +85,7 @@ class _Search:
     head: pa.Table | None
     chosen_parts: dict[str, list[str]] = field(default_factory=dict)
     excluded_parts: dict[str, bool] = field(default_factory=dict)
+    guessed: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self, given_kinds: Mapping[str, Kind]) -> None:
         self.kinds: dict[str, Kind] = {name: given_kinds.get(name, "number") for name in self.names}
@@ -114,16 +119,15 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index),
-            parts=() if options.id else tuple(name for name in (*other_ids, operator, task) if name),
+            parts=() if options.id or self.guessed else tuple(name for name in (*other_ids, operator, task) if name),
             operator=operator,
             task=task,
             ignored=ignored,
             action_kind=options.action_kind,
             order_given=order is not None,
-            times=tuple(name for name in times if self.kinds[name] in ("number", "time", "counter")),
+            times=self.times(ignored),
             session=session,
             outcome=outcome,
             chosen_parts=self.chosen_parts,
@@ -131,10 +135,19 @@ class _Search:
             source=self.source,
             observations_given=bool(asked),
             allows_missing=options.allow_missing or options.skip_bad,
+            id_chosen=options.id is not None or "id" in self.guessed,
+            guessed=self.guessed,
+            made=() if episode in self.kinds or episode == default_id else (STRETCH,),
         )
-        read = {*found.all}
-        others = (name for name in self.names if name not in read and may_be_outcome(name))
+        others = (name for name in self.names if name not in {*found.all} and may_be_outcome(name))
         return replace(found, outcomes=tuple(name for name in others if self.kinds[name] in ("number", "list")))
+
+    def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
+        """The timestamps that are neither data nor the order, and for pauses a text with a time."""
+        there = [name for name in ignored if name not in self.excluded]
+        named = [name for name in there if self.plain[name] in spellings.TIMESTAMP]
+        texts = [] if self.options.split_gap is None else text_with_time(self.head, there)
+        return *(name for name in named if self.kinds[name] in ("number", "time", "counter")), *texts
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""
@@ -160,9 +173,14 @@ class _Search:
             )
         )
         wanted = self.one(self.options.id, "id") or (found[0] if found else default_id)
+        if wanted is None and self.options.split_gap is not None:
+            wanted = STRETCH
+        if wanted is None and self.options.guess:
+            wanted = guess_id(self.head, [name for name in self.free if name not in given])
+            self.guessed |= {"id": wanted} if wanted else {}
         if wanted is None:
             what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
-            raise self.no_column(what, "id")
+            raise self.no_column(what, "id", "split_gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
         return wanted, [name for name in others if self.kinds[name] != "list"]
@@ -180,6 +198,10 @@ class _Search:
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in _NUMBERS]
             if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
                 return found, False
+        guess = guess_actions(name for name, _ in free if self.options.guess and self.kinds[name] in _NUMBERS)
+        if guess:
+            self.guessed["action"] = ",".join(guess)
+            return guess, len(guess) == 1
         raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
 
     def observations(self) -> list[str]:
@@ -299,10 +321,12 @@ class _Search:
                     "exclude",
                 )
 
-    def no_column(self, what: str, option: str) -> DataError:
+    def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
         unread = ("nested", "text", "written list", "empty")
         shown = [(quoted([name]), self.kinds[name]) for name in self.names[:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
         more = ", ..." if len(self.names) > 12 else ""
-        return DataError(f"{self.source}: no column {what} with <option> (found {listed}{more}).", option)
+        pauses = ", or end demonstrations at pauses with <option>" if len(options) > 1 else ""
+        said = f"no column {what} with <option> (found {listed}{more}){pauses}"
+        return DataError(f"{self.source}: {said}.", options)

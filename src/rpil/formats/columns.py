@@ -22,6 +22,9 @@ Names = str | Sequence[str]
 Ids = Id | Sequence[Id]
 """Ids of demonstrations; in a text there may be ranges such as ``0-16``, and several with commas between them."""
 
+STRETCH = "stretch"
+"""The column of the demonstrations that end at pauses, where no other column tells them apart."""
+
 LENGTH = "length"
 """What a user names in the place of a column: the number of steps of each demonstration."""
 
@@ -42,6 +45,12 @@ class ColumnOptions:
         The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
     action, observations, exclude : str or sequence of str
         Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
+    columns : str or sequence of str
+        The names of the columns of a text table without a first row of names.
+    split_gap : float
+        Seconds: a demonstration ends where the times of two rows are further apart, or go back.
+    guess : bool
+        Whether the id and the action may be guessed from values where no name says them.
     action_kind : {"auto", "discrete", "continuous"}
         Whether one column of whole numbers holds classes; "auto" decides by how many there are.
     embeddings : str
@@ -70,6 +79,9 @@ class ColumnOptions:
     task: str | None = None
     session: str | None = None
     outcome: str | None = None
+    columns: Names = ()
+    split_gap: float | None = None
+    guess: bool = False
     action_kind: ActionKind = "auto"
     embeddings: str | None = None
     only: Ids = ()
@@ -87,7 +99,7 @@ class ColumnOptions:
 
 def check_options(given: Iterable[str]) -> None:
     """A `TypeError` that names the option that was meant, where one of the `given` names is that of none."""
-    known = [one.name for one in fields(ColumnOptions) if one.name not in ("allow_missing", "on_disk")]
+    known = [one.name for one in fields(ColumnOptions) if one.name not in ("allow_missing", "on_disk", "guess")]
     for name in sorted({*given} - {*known}):
         close = [f"; did you mean {one}?" for one in get_close_matches(name, [*known, "labels", "settings"], 1)]
         raise TypeError(f"there is no option {name!r}{''.join(close)}")
@@ -119,6 +131,9 @@ class Columns:
     source: str = field(default="", compare=False)  # in messages
     observations_given: bool = False
     allows_missing: bool = False
+    id_chosen: bool = False  # by the user, or by a guess, and not by its name
+    guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
+    made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
 
     def without_observations(self, names: Set[str], reason: str) -> Columns:
         """The same, where some columns are no observations for a `reason`."""
@@ -128,7 +143,7 @@ class Columns:
     @property
     def data(self) -> list[str]:
         """The columns that hold the demonstrations themselves."""
-        return list(dict.fromkeys([self.episode, *self.actions, *self.observations]))
+        return self._there(self.episode, *self.actions, *self.observations)
 
     @property
     def facts(self) -> list[str]:
@@ -141,7 +156,11 @@ class Columns:
     def all(self) -> list[str]:
         """All columns to read."""
         named = [*(name for name in (self.operator, self.task) if name is not None), *self.facts]
-        return list(dict.fromkeys([*self.data, *self.orders, *self.index, *self.parts, *self.times, *named]))
+        return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
+
+    def _there(self, *names: str) -> list[str]:
+        """Different names, without those of columns that are not there yet."""
+        return [name for name in dict.fromkeys(names) if name not in self.made]
 
 
 def check_names(names: Sequence[str], source: str) -> None:

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
-from rpil.formats.columns import ColumnOptions
+from rpil.formats.columns import ColumnOptions, as_list
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -78,10 +78,16 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     if len(names) == 1:
         only = names[0][:40]
         raise DataError(f"{path.name}: it has one column, {only!r}; write commas, semicolons or tabs between columns.")
-    names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    if 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
-        raise DataError(f"{path.name}: the first row holds numbers, not names; put the names of the columns above it.")
     skip = start + reader.line_num
+    if given := as_list(options.columns):
+        names, skip, n_columns = given, start, len(names)
+        if len(given) != n_columns:
+            said = f"<option> names {len(given)} columns, and the first row has {n_columns}; correct it"
+            raise DataError(f"{path.name}: {said}.", "columns")
+    elif 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
+        said = f"the first row holds numbers, not names; name its {len(names)} columns with <option>"
+        raise DataError(f"{path.name}: {said}, as in a,b,c, or put their names above it.", "columns")
+    names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     return TextTable(path, tuple(names), skip, separator, encoding, _decimal(lines[skip:], separator), options.on_disk)
 
 

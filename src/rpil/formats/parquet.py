@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,9 +18,11 @@ from rpil.data.names import MARK, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
+from rpil.formats.made_columns import with_facts
+from rpil.formats.meta_folder import read_facts
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups
-from rpil.formats.places import Cuts, kept_rows
+from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.step_tables import StepTables
 from rpil.formats.store import columns_of_file, open_rows, opened
@@ -51,10 +54,16 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
     origin = Origin(source, _format_name(metadata, len(paths)), metadata)
-    tables = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
+    tables: Iterator[pa.Table] = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
+    if options.on_disk and (columns.made or options.split_gap is not None):
+        what = "columns of meta, and demonstrations that end at pauses, need the rows in memory; read them with"
+        raise UnsortedError(f"{source}: {what} <option>.", "no_stream")
     if options.on_disk:
         return StepTables(tables, columns, origin, in_place=rows, layout=layout)
     check_memory(rows.n_bytes, source, options.memory)
+    if named := [name for name in columns.made if name in metadata.facts]:
+        tables = with_facts(tables, columns.episode, read_facts(filesystem, paths, named))
+        columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
     sizes = Counter[str]()
     for group, name in zip(rows.groups, rows.files(np.array([group.first for group in rows.groups])), strict=True):
         sizes[name] += group.last - group.first

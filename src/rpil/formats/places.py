@@ -11,7 +11,7 @@ import numpy as np
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import MARK, is_outcome, plain_name
+from rpil.data.names import MARK, is_order, is_outcome, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.rows import Rows, TableRows, place_of, read_columns
@@ -119,12 +119,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     def at(row: int) -> str:
         return place_of(rows, row, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
 
-    flags = {str(name).lower() for name in names_of[:3]}
-    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(columns.episode)):
-        raise DataError(
-            f"{source}: column {columns.episode!r} is yes or no, and no id; where it marks the ends of demonstrations, "
-            f"make a column of ids from it, in Python: numpy.cumsum({columns.episode}) - {columns.episode}."
-        )
+    _check_ids(names_of, group, columns, source)
     order, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
@@ -226,6 +221,27 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return Order(words=fault or _FILE_ORDER), None
+
+
+def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
+    """A `DataError` where ids are yes or no; or where a user, or a guess, chose the time or number of a row."""
+    name, flags = columns.episode, {str(name).lower() for name in names[:3]}
+    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(name)):
+        raise DataError(
+            f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
+            f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
+        )
+    if not columns.id_chosen or len(group) < 2:
+        return
+    ways = "name the column of the demonstration with <option>, or, where pauses divide demonstrations, <option>"
+    if 2 * len(names) > len(group):
+        raise DataError(
+            f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}.",
+            ("id", "split_gap"),
+        )
+    if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
+        said = "looks like a time, or the number of a step, as it changes from row to row"
+        raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
 
 def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:

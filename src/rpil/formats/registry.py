@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -29,10 +29,13 @@ from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, not_a_folder
+from rpil.formats.hub import downloaded
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported
+from rpil.formats.made_columns import split_at_gaps
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
+from rpil.formats.step_tables import StepTables
 from rpil.formats.store import may_be_many_files, size_of
 
 
@@ -57,6 +60,7 @@ FORMATS: Iterable[Format] = Formats(
     "npz",
     "hdf5_file",
     "array_folder",
+    "json_lines",
     "table_folder",
 )
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
@@ -105,11 +109,16 @@ class ClaimedPath:
 
     def _recording(self, options: ColumnOptions) -> Recording:
         """The recording in all that is at the path."""
-        place, read = Path(self.path), partial(self.format.read, Path(self.path), options)
+        place = Path(self.path)
+        read: Callable[[], StepTables] = partial(self.format.read, place, options)
         if place.is_file():
             check_readable(place)
         elif self.format.read_address is not None and not place.exists():
             read = partial(self.format.read_address, self.path, options)
+        if options.columns and self._tables != "text":
+            raise DataError(f"{self.path}: only text tables without names take <option>; leave it out.", "columns")
+        if options.split_gap is not None:
+            read = partial(_read_split, read, options.split_gap)
         if self._is_read_here:
             return from_tables(read(), options.on_disk)
         return imported(read, self.path, options, self._tables == "Parquet")
@@ -141,6 +150,9 @@ class ClaimedPath:
             new, path = self.check_output(output, bool(cuts)), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
+            if options.split_gap is not None:
+                remedy = "write a table with rpil convert, and keep from that"
+                raise DataError(f"{self.path}: what ends at pauses is no part of the file; {remedy}.")
             if options.id and self.format.has_own_ids:
                 remedy = "leave id out, or write a table with rpil convert"
                 raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.")
@@ -175,8 +187,13 @@ class ClaimedPath:
         return self.format.commands_to_keep(Path(self.path), ids, kept, output)
 
 
+def _read_split(read: Callable[[], StepTables], gap: float) -> StepTables:
+    return split_at_gaps(read(), gap)
+
+
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
+    path = downloaded(path)
     known = find_format(path)
     return ClaimedPath(path, known if known is not None else _refuse(check_exists(path)))
 

@@ -20,8 +20,9 @@ from rpil.data.guard import guarded, in_words
 from rpil.data.names import is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_names
+from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
+from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_table, input_file
@@ -164,6 +165,12 @@ def has_parquet(path: StrPath) -> bool:
     return bool(_listed(path)[2]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
 
 
+def has_tables(path: StrPath) -> bool:
+    """Whether a folder has Parquet files, or text tables that are called so: a .txt file may be any text."""
+    _, _, files, texts = _listed(path)
+    return bool(files) or not all(text.lower().endswith((".txt", ".txt.gz")) for text in texts)
+
+
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     """The file system, and the Parquet files and the text tables of a data set in the order of their names.
 
@@ -238,8 +245,13 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
-    """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
+def columns_of_file(
+    file: pq.ParquetFile, name: str, options: ColumnOptions, facts: Mapping[str, Sequence[str]] = {}
+) -> Columns:
+    """The columns of an open file, by their names, types and first values; a `DataError` where these are too large.
+
+    Those of the `facts` that the user names are among them.
+    """
     import pyarrow as pa
 
     schema = file.schema_arrow
@@ -247,12 +259,15 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> 
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
-    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain, use_threads=False), None)
+    n_rows = GUESSED_ROWS if options.guess else flat.HEAD_ROWS
+    batch = next(file.iter_batches(n_rows, columns=plain, use_threads=False), None)
     head = None if batch is None else pa.Table.from_batches([batch])
     if head is not None:
         check_table(head, name)
-        kinds |= flat.kinds_of(head)
-    return find_columns(schema.names, kinds, name, options, head=head)
+        kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
+    named = {options.operator, options.session, (options.outcome or "").removeprefix("-")} - {*schema.names}
+    made: dict[str, Kind] = {fact: "text" for fact in facts if fact in named}
+    return find_columns(schema.names, kinds, name, options, head=head, made=made)
 
 
 def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str) -> None:
@@ -299,7 +314,7 @@ def open_rows(
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
-            columns = columns or columns_of_file(file, name, options)
+            columns = columns or columns_of_file(file, name, options, metadata.facts)
             check_columns(file, columns, name, first)
             n_bytes += 0 if options.on_disk else sum(bytes_of_groups(file, {*columns.all, *columns.outcomes}))
             head = next(file.iter_batches(1, columns=columns.data, use_threads=False), None)

@@ -97,14 +97,14 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock = Clock(ticks, _unit(name, table[name].type, values))
+        clock = Clock(ticks, unit_of(name, table[name].type, values))
         is_named = plain_name(name) in TIMESTAMP
         if is_named or (clock.unit is not None and clock.is_plausible(offsets)):
             found.append(clock)
     return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
 
 
-def _unit(name: str, kind: pa.DataType, values: Array) -> float | None:
+def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
     import pyarrow as pa
 
@@ -149,6 +149,6 @@ def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
     words = {*_WORDS_OF_TIME, "date", "datetime"} & {*plain_name(name).split("_")}
     if not words and not pa.types.is_timestamp(column.type):
         return None
-    seconds = values * (_unit(name, column.type, values) or 1.0)
+    seconds = values * (unit_of(name, column.type, values) or 1.0)
     low, high = _WALL_CLOCK
     return seconds if low < seconds.min() and seconds.max() < high else None

@@ -1,0 +1,174 @@
+"""Lines of JSON: an object for each step, or for each demonstration with lists of its steps; and Donkeycar's tubs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Set
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
+from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_text
+from rpil.data.memory import check_memory
+from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
+from rpil.formats import table as flat
+from rpil.formats.arrow import end_to_end, from_arrow, plain_columns
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.csv import FILE
+from rpil.formats.format import Format, check_same_kind, keep_one_file
+from rpil.formats.places import Cuts, kept_rows
+from rpil.formats.step_tables import StepTables
+from rpil.formats.store import has_tables
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_TUB = ".catalog"
+JSON_SUFFIXES = (".jsonl", ".ndjson", _TUB)
+_MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
+_LARGEST_BLOCK = (1 << 31) - 1
+_NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
+_COMMANDS = "user/angle", "user/throttle"
+_OF_TUBS = (
+    "A tub does not say where demonstrations end, and only its images say what the driver saw: --split-gap 1 ends them "
+    "at pauses of a second, and the last angle and throttle stand for observations."
+)
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is such a file, or a folder with such files and without tables."""
+    if path.is_file():
+        return path.name.lower().endswith(JSON_SUFFIXES)
+    return path.is_dir() and bool(_files(path)) and not has_tables(path)
+
+
+def read(path: Path, options: ColumnOptions) -> StepTables:
+    """The columns of all lines; an object within an object has a column for each of its parts, as ``observation.x``.
+
+    Where neither a column nor pauses tell demonstrations apart, each file of a folder is one.
+    """
+    import pyarrow as pa
+
+    files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
+    check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
+    tables = {name: _table(file) for name, file in files.items()}
+    is_tub, default = any(name.lower().endswith(_TUB) for name in files), None
+    if path.is_dir() and options.split_gap is None and not is_tub:
+        default = FILE
+        tables = {m: one.append_column(FILE, pa.repeat(Path(m).stem, len(one))) for m, one in tables.items()}
+    table = end_to_end([*tables.values()], path.name)
+    name = "Donkeycar tub" if is_tub else "JSON lines"
+    return from_arrow(
+        _with_last_commands(table) if is_tub else table,
+        options,
+        path.name,
+        name if len(files) == 1 else f"{name}, {len(files):,} files",
+        (_OF_TUBS,) if is_tub else (),
+        default,
+    )
+
+
+def _files(path: Path) -> list[Path]:
+    """The file at `path`, or those in the folder and in folders in it, but for hidden ones and for ``meta``."""
+    if path.is_file():
+        return [path]
+    found = {file.relative_to(path): file for file in path.rglob("*") if file.name.lower().endswith(JSON_SUFFIXES)}
+    shown = [one for one in found if "meta" not in one.parts and not any(part[0] in "._" for part in one.parts)]
+    ordered = [found[one] for one in sorted(shown, key=lambda one: natural_key(one.as_posix()))]
+    return [file for file in ordered if file.is_file() and file.stat().st_size]
+
+
+def _table(file: Path) -> pa.Table:
+    """The steps in the lines of a file."""
+    import pyarrow as pa
+    import pyarrow.json
+
+    with guarded(file.name, *_NO_LINES):
+        with held_bytes(file) as stream:
+            size = min(file.stat().st_size + 1, _LARGEST_BLOCK)  # a line may be as long as the file
+            reading = pa.json.ReadOptions(use_threads=False, block_size=size)
+            table = plain_columns(pa.json.read_json(pa.PythonFile(stream), reading))
+        manifest = file.with_name("manifest.json")
+        if file.suffix.lower() == _TUB and manifest.is_file() and "_index" in table.column_names:
+            lines = parse_lines(read_text(manifest, LARGEST_TABLE), str(manifest), LARGEST_TABLE)
+            deleted = [n for line in lines if isinstance(line, dict) for n in line.get("deleted_indexes", ())]
+            table = table.filter(pa.array(~np.isin(table["_index"].to_numpy(), deleted)))
+        return _steps(table)
+
+
+def _steps(table: pa.Table) -> pa.Table:
+    """A row for each step of lines that hold demonstrations, in lists that are as long as the actions of each line."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    lists = [field.name for field in table.schema if pa.types.is_list(field.type)]
+    lengths = {name: pc.list_value_length(table[name]).fill_null(0).to_numpy() for name in lists}
+    nested = [name for name in lists if table.schema.field(name).type.value_type.num_fields]
+    varied = [name for name in lists if len(np.unique(lengths[name])) > 1]
+    if not nested and not varied:
+        return table
+    first = (nested or varied)[0]
+    steps = [name for name in lists if np.array_equal(lengths[name], lengths[first])]
+    plain = {name: plain_name(name) for name in table.column_names}
+    patterns = [pattern for pair in ACTION_COLUMNS for pattern in pair]
+    if any(one.fullmatch(plain[name]) for name in plain if name not in steps for one in patterns):
+        return table  # lists within one step, such as an image
+    rows = pa.array(np.repeat(np.arange(len(table)), lengths[first]))
+    columns = {name: pc.list_flatten(table[name]) if name in steps else table[name].take(rows) for name in plain}
+    others = [plain[name] for name in plain if name not in steps]
+    if not any(one.fullmatch(name) for name in others for one in EPISODE_COLUMNS):
+        columns[EPISODE[0]] = rows
+    flat = plain_columns(pa.table(columns))
+    short = [name.removeprefix(f"{first}.") for name in flat.column_names]
+    return flat.rename_columns(short) if len({*short}) == len(short) else flat
+
+
+def _with_last_commands(table: pa.Table) -> pa.Table:
+    """The records of tubs with the last angle and throttle, where they have no sensors."""
+    import pyarrow as pa
+
+    others = (field for field in table.schema if not field.name.startswith(("_", "user/", "pilot/")))
+    if any(pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in others):
+        return table
+    for name in (name for name in _COMMANDS if name in table.column_names):
+        last = np.append(0.0, table[name].cast(pa.float64()).to_numpy()[:-1])
+        table = table.append_column(f"observation.last_{name.removeprefix('user/')}", pa.array(last))
+    return table
+
+
+def check_output(path: Path, output: Path, trim: bool = False) -> None:
+    """A `DataError` where the data are a folder, which is not given back, or `output` is no file of their kind."""
+    if path.is_dir():
+        remedy = "write a table with rpil convert, and keep from that"
+        raise DataError(f"{path}: a folder of JSON lines is not given back; {remedy}.")
+    check_same_kind(path, output, trim)
+
+
+def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts) -> set[str]:
+    """Write the steps of the demonstrations `ids`, an object each; return the ids found."""
+    import pyarrow as pa
+
+    table = _table(path)
+    episode = from_arrow(table, options, path.name, "").columns.episode
+    names, owners = flat.id_codes(table, episode, lambda _: path.name)
+    wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
+    own_cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
+    rows = {name: pa.array(kept_rows(owners, [*wanted], own_cuts, name)) for name in table.column_names}
+    kept = pa.table({name: table[name].take(rows[name]) for name in rows})
+    with output.open("w", encoding="utf-8") as file:
+        file.writelines(f"{json.dumps(row, default=str)}\n" for row in kept.to_pylist())
+    return {*wanted.values()}
+
+
+FORMAT = Format(
+    name="JSON lines",
+    claims=claims,
+    read=read,
+    keep=keep_one_file(keep_lines),
+    suffixes=JSON_SUFFIXES,
+    check_output=check_output,
+)

@@ -1,0 +1,129 @@
+"""Columns that are made of others: demonstrations that end at pauses, and the times in the names of pictures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.json_files import Parsed
+from rpil.formats import table as flat
+from rpil.formats.columns import STRETCH, Columns
+from rpil.formats.guesses import TIME_OF_DAY
+from rpil.formats.times import unit_of
+from rpil.numerics.types import Array, Float
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from rpil.formats.step_tables import StepTables
+
+_TIMESTAMP = "timestamp"
+"""The column of the seconds in texts."""
+
+
+def with_facts(
+    tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
+) -> Iterator[pa.Table]:
+    """The tables with a column for each of the `facts`, which have a value for each id."""
+    import pyarrow as pa
+
+    for table in tables:
+        encoded = table[episode].dictionary_encode().unify_dictionaries().combine_chunks()
+        ids = [str(name) for name in encoded.dictionary.to_pylist()]
+        for name, by_id in facts.items():
+            table = table.append_column(name, pa.array([by_id.get(m) for m in ids]).take(encoded.indices))
+        yield table
+
+
+def split_at_gaps(found: StepTables, gap: float) -> StepTables:
+    """The tables with demonstrations that end where the next row is more than `gap` seconds later, or is earlier.
+
+    Demonstrations that a column tells apart are split further: "P01" into "P01-0" and "P01-1". A `DataError` where no
+    column is a time whose unit is known.
+    """
+    columns, tables = found.columns, iter(found.tables)
+    first = next(tables, None)
+    if first is None:
+        return found
+    clock, unit = _find_clock(first, columns)
+    is_text = flat.kind_of_type(first[clock].type) == "text"
+    made = replace(
+        columns,
+        orders=(_TIMESTAMP,) if is_text else columns.orders,
+        times=tuple(name for name in columns.times if name != clock or not is_text),
+        parts=(),
+        id_chosen=True,
+        made=tuple(name for name in columns.made if name != STRETCH),
+    )
+    split = _split(chain([first], tables), columns, gap, clock, unit)
+    return replace(found, tables=split, columns=made, origin=found.origin.only(()))
+
+
+def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
+    """The column of time, by the first table, and the seconds in a tick of it."""
+    for name in (*columns.orders, *columns.times):
+        column = table[name].drop_null()
+        if flat.kind_of_type(column.type) == "text":
+            return name, 1.0
+        values = np.asarray(column.to_numpy())
+        values = values.astype(np.int64) if values.dtype.kind in "mM" else values
+        if len(values) and (unit := unit_of(name, column.type, values)) is not None:
+            return name, unit
+    said = "no column is a time in seconds, which pauses are found by: name one timestamp, or time_ms, or name it with"
+    raise DataError(f"{columns.source}: {said} <option>.", "order")
+
+
+def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str, unit: float) -> Iterator[pa.Table]:
+    """The tables with new ids, and with the seconds of a `clock` that is text."""
+    import pyarrow as pa
+
+    is_new, counts = columns.episode in columns.made, Counter[object]()
+    last_time, last_id, label = np.nan, object(), 0 if is_new else ""
+    for table in (one for one in tables if len(one)):
+        seconds = _seconds(table[clock], unit, columns)
+        names: list[Id] = [0]
+        codes = np.zeros(len(table), dtype=int)
+        if not is_new:
+            names, codes = flat.id_codes(table, columns.episode, lambda row: f"{columns.source}, row {row + 1}")
+        steps = np.diff(seconds, prepend=last_time)
+        starts = (steps > gap) | (steps < 0) | (np.diff(codes, prepend=codes[0]) != 0)
+        starts[0] |= last_id != names[codes[0]]
+        labels = [label]
+        for name in (names[codes[row]] for row in np.flatnonzero(starts)):
+            labels.append(counts[name] if is_new else f"{name}-{counts[name]}")
+            counts[name] += 1
+        last_time, last_id, label = seconds[-1], names[codes[-1]], labels[-1]
+        new = {columns.episode: pa.array(labels).take(pa.array(np.cumsum(starts)))}
+        if flat.kind_of_type(table[clock].type) == "text":
+            new[_TIMESTAMP] = pa.array(seconds)
+        kept = [name for name in table.column_names if name not in new]
+        yield pa.table({**dict(zip(kept, table.select(kept).columns, strict=True)), **new})
+
+
+def _seconds(column: pa.ChunkedArray, unit: float, columns: Columns) -> Float[Array, " N"]:
+    """A column of time in seconds; NaN where it has no value."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if flat.kind_of_type(column.type) == "text":
+        parts = pc.extract_regex(column.cast(pa.string()), TIME_OF_DAY)
+        if parts.null_count:
+            raise DataError(f"{columns.source}: a text has no time such as 2021_10_25_16_31_20_658; correct it.")
+        date, hour, minute, second, millisecond = (pc.struct_field(parts, k) for k in range(5))
+        millisecond = pc.if_else(pc.equal(millisecond, ""), "000", millisecond)
+        day = pc.replace_substring(date, "_", "-")
+        clock = pc.binary_join_element_wise(hour, minute, second, ":")
+        whole = pc.binary_join_element_wise(pc.binary_join_element_wise(day, clock, " "), millisecond, ".")
+        column, unit = whole.cast(pa.timestamp("ms")), 1e-3
+    if flat.kind_of_type(column.type) == "time":
+        is_missing = np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
+        values = column.to_numpy().astype(np.int64)
+        return np.where(is_missing, np.nan, values * unit)
+    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit

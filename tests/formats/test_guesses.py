@@ -1,0 +1,145 @@
+"""Where no name says the demonstration or the action, three commands guess; whatever acts on the data asks instead."""
+
+from __future__ import annotations
+
+import shlex
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import call, ok, refused
+from rpil.data.errors import DataError
+from rpil.formats.guesses import guess_actions, guess_id, text_with_time
+
+STEPS = 25
+
+
+def drives(n=12, **changes):
+    """Trips, each on one of three days, and the seconds of each."""
+    rng = np.random.default_rng(0)
+    trip, lane = np.repeat(np.arange(n), STEPS), rng.normal(size=n * STEPS)
+    columns = {
+        "clock": np.tile(np.arange(STEPS) / 20, n),
+        "day": trip // 5,
+        "trip": [f"t{m}" for m in trip],
+        "weather": [("dry", "wet")[int(rng.integers(2))] for _ in trip],
+        "lane": lane,
+        "steer": -0.3 * lane + rng.normal(size=n * STEPS) / 10,
+        "brake_pressure": rng.normal(size=n * STEPS),
+    }
+    return pa.table(columns | changes)
+
+
+@pytest.fixture
+def drive(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pa.csv.write_csv(drives(), "my drive.csv")
+    return "my drive.csv"
+
+
+def test_an_id_comes_in_runs_and_has_most_values():
+    names = drives().column_names
+    assert guess_id(drives(), names) == "trip"
+    assert guess_id(drives(), ["day", "lane", "weather"]) == "day"
+    assert guess_id(drives().take(np.random.default_rng(0).permutation(300)), names) is None
+    assert guess_id(drives(t=np.arange(300) // 20), ["t"]) is None  # whole seconds
+    assert guess_id(drives(on=np.arange(300) < 100), ["on"]) is None
+    assert guess_id(drives(row=np.arange(300)), ["row"]) is None
+    assert guess_id(drives(lap=pa.array([None, *range(299)])), ["lap"]) is None
+    assert guess_id(None, names) is guess_id(drives().slice(0, 0), names) is None
+
+
+def test_an_action_is_called_as_what_people_steer_with():
+    assert guess_actions(["lane", "Steering Angle", "throttle", "keyboard", "user/angle"]) == [
+        "Steering Angle",
+        "throttle",
+        "user/angle",
+    ]
+    assert guess_actions(["a,brake", "observation.last_throttle"]) == []
+
+
+def test_a_text_with_a_time_is_found():
+    head = pa.table({"x": [1.0], "note": ["of 2021"], "center": [r"C:\IMG\center_2021_10_25_16_31_20_658.jpg"]})
+    assert text_with_time(head, head.column_names) == ["center"]
+    assert text_with_time(None, ["center"]) == text_with_time(head, ["x", "note", "other"]) == []
+
+
+@pytest.mark.parametrize("command", ["info", "audit", "check"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_three_commands_go_on_with_their_guess_and_print_it(command, suffix, drive):
+    pq.write_table(drives(), "my drive.parquet")
+    done = ok(command, f"my drive.{suffix}")
+    said = "Guess: demonstrations by trip, action steer, brake_pressure; to change it: --id COLUMN --action COLUMNS"
+    assert done.stderr.splitlines().count(said) == 1
+    assert "12 demonstrations" in done.stdout
+
+
+def test_the_next_command_names_what_was_guessed(drive):
+    words = ["rpil", "audit", drive, "--id", "trip", "--action", "steer,brake_pressure"]
+    assert ok("info", drive).stdout.endswith(f"Next: {shlex.join(words)}\n")
+    assert f"Then run: {shlex.join(words)} --labels labels.csv" in ok("audit", drive).stdout
+    assert "Guess" not in ok(*words[1:]).stderr
+    assert "Guess: action steer, brake_pressure; to change it: --action" in ok("info", drive, "--id", "trip").stderr
+
+
+def test_a_reference_is_read_by_the_columns_that_were_guessed(drive):
+    pa.csv.write_csv(drives(3), "good.csv")
+    done = ok("audit", drive, "--reference", "good.csv")
+    assert done.stderr.count("Guess:") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("keep", "-o", "new.csv"),
+        ("fit", "-o", "policy"),
+        ("convert", "-o", "new.csv"),
+        ("check", "--fail-on", "any"),
+        ("audit", "--fail-on", "bad"),
+        ("audit", "--keep", "k.json"),
+    ],
+    ids=" ".join,
+)
+def test_nothing_is_decided_by_a_guess(words, drive):
+    refused("no column says which demonstration a row is from", words[0], drive, *words[1:])
+    with pytest.raises(DataError, match="no column says which demonstration"):
+        rpil.open(drive)
+    with pytest.raises(TypeError, match="no option 'guess'"):
+        rpil.open(drive, guess=True)
+
+
+def test_a_folder_of_csv_guesses_the_action(drive, tmp_path):
+    (tmp_path / "drives").mkdir()
+    for m in range(4):
+        pa.csv.write_csv(drives().slice(m * STEPS, STEPS).drop_columns(["trip"]), tmp_path / "drives" / f"P{m}.csv")
+    done = ok("info", "drives")
+    assert "Guess: action steer, brake_pressure; to change it: --action COLUMNS" in done.stderr
+    assert "4 demonstrations" in done.stdout
+    assert "Next: rpil audit drives --action steer,brake_pressure" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "said"),
+    [
+        ("clock", drives()["clock"], "'clock' looks like a time, or the number of a step"),
+        ("row", np.arange(300), "'row' would make 300 demonstrations of 300 steps"),
+        ("odometer", np.arange(300) // 1.5, "'odometer' would make 200 demonstrations of 300 steps"),
+        ("done", (np.arange(300) + 1) % STEPS == 0, "'done' is yes or no"),
+    ],
+)
+def test_an_id_that_makes_no_demonstrations_is_a_question(column, values, said, drive):
+    table = drives() if column == "clock" else drives().append_column(column, [values])
+    pa.csv.write_csv(table.rename_columns({"clock": "time"}) if column == "clock" else table, drive)
+    column = "time" if column == "clock" else column
+    done = call("info", drive, "--id", column)
+    assert done.exit_code == 2
+    assert said.replace("clock", "time") in done.stderr
+
+
+def test_many_demonstrations_of_one_step_are_read_by_their_names(drive):
+    pa.csv.write_csv(drives().append_column("episode", [np.arange(300)]), drive)
+    assert "Each demonstration has one step" in ok("info", drive, "--action", "steer").stdout

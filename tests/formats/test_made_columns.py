@@ -1,0 +1,163 @@
+"""Demonstrations that end at pauses, and columns of LeRobot's ``meta/episodes``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ok, refused
+from rpil.data.errors import DataError
+from samples import LENGTHS, lerobot
+
+SECONDS = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 0.0, 0.1, 0.2])
+"""A pause of 4.8 s before the fourth row, and a clock that begins anew before the sixth."""
+
+
+def rows(**columns):
+    rng = np.random.default_rng(0)
+    return pa.table(columns | {"x": rng.normal(size=8), "action": rng.normal(size=8)})
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        {"time_s": SECONDS},
+        {"time_ms": (1000 * SECONDS).astype(int)},
+        {"timestamp": pa.array((SECONDS * 1e6).astype(int)).cast(pa.timestamp("us"))},
+    ],
+    ids=lambda clock: next(iter(clock)),
+)
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "frame", "folder"])
+def test_a_demonstration_ends_at_a_pause_and_where_the_clock_goes_back(clock, suffix, tmp_path):
+    table, path = rows(**clock), tmp_path / f"a.{suffix}"
+    if suffix == "folder":
+        path.mkdir()
+        pq.write_table(table, path / "a.parquet")
+    elif suffix != "frame":
+        (pa.csv.write_csv if suffix == "csv" else pq.write_table)(table, path)
+    recording = rpil.open(table if suffix == "frame" else path, split_gap=1.0)
+    assert recording.demonstrations.ids == (0, 1, 2)
+    assert recording.demonstrations.lengths.tolist() == [3, 2, 3]
+    assert recording.description.id_column == "stretch"
+    np.testing.assert_array_equal(recording.demonstrations.actions.ravel(), table["action"].to_numpy())
+    longer = rpil.open(table if suffix == "frame" else path, split_gap=4.9)
+    assert longer.demonstrations.lengths.tolist() == [5, 3]
+
+
+def test_named_demonstrations_are_split_further(tmp_path):
+    table = rows(time_s=SECONDS, trip=["a", "a", "a", "a", "a", "b", "b", "b"])
+    assert rpil.open(table, id="trip", split_gap=1).demonstrations.ids == ("a-0", "a-1", "b-0")
+    folder = tmp_path / "drives"
+    folder.mkdir()
+    for name, part in (("p", table.slice(0, 5)), ("q", table.slice(5))):
+        pa.csv.write_csv(part.drop_columns(["trip"]), folder / f"{name}.csv")
+    assert rpil.open(folder, split_gap=1).demonstrations.ids == ("p-0", "p-1", "q-0")
+
+
+def test_rows_in_several_tables_make_the_same_demonstrations(tmp_path, monkeypatch):
+    pq.write_table(rows(time_s=SECONDS), tmp_path / "a.parquet", row_group_size=2)
+    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 2)
+    assert rpil.open(tmp_path / "a.parquet", split_gap=1).demonstrations.lengths.tolist() == [3, 2, 3]
+    pa.csv.write_csv(rows(time_s=SECONDS), tmp_path / "a.csv")
+    on_disk = rpil.open(tmp_path / "a.csv", split_gap=1, on_disk=True)
+    assert isinstance(on_disk.demonstrations, rpil.Dataset)
+    assert on_disk.demonstrations.lengths.tolist() == [3, 2, 3]
+
+
+def test_a_log_without_a_header_is_split_by_the_times_of_its_pictures(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    moments = [f"2021_10_25_16_31_{20 + int(s):02d}_{round(1000 * (s % 1)):03d}" for s in [*SECONDS[:5], 9.0, 9.1, 9.2]]
+    lines = [rf"C:\IMG\center_{moment}.jpg, {k % 3 / 10}, .{k + 1}, {k}.5" for k, moment in enumerate(moments)]
+    (tmp_path / "driving_log.csv").write_text("\n".join(lines) + "\n")
+    refused("name its 4 columns with --columns, as in a,b,c, or put their names above it", "info", "driving_log.csv")
+    words = ["driving_log.csv", "--columns", "center,steering,throttle,speed"]
+    refused("or end demonstrations at pauses with --split-gap", "info", *words)
+    refused("--columns names 2 columns, and the first row has 4; correct it", "info", words[0], "--columns", "a,b")
+    done = ok("info", *words, "--split-gap", "1")
+    assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
+    assert "Guess: action steering, throttle" in done.stderr
+    ok("convert", *words, "--split-gap", "1", "--action", "steering", "-o", "log.parquet")
+    assert len(rpil.read("log.parquet")) == 3
+    refused("write a table with rpil convert, and keep from that", "keep", *words, "--split-gap", "1",
+            "--action", "steering", "-o", "new.csv", "--share", ".9")  # fmt: skip
+
+
+def test_the_names_of_columns_are_of_text_alone(tmp_path):
+    pq.write_table(rows(time_s=SECONDS), tmp_path / "a.parquet")
+    with pytest.raises(DataError, match="only text tables without names take columns="):
+        rpil.open(tmp_path / "a.parquet", columns="a,b,c")
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({}, "no column is a time in seconds, which pauses are found by"),
+        ({"t": np.arange(8)}, "no column is a time in seconds"),  # of which nothing says the unit
+        ({"center": ["a_2021_10_25_16_31_20", *["none"] * 7]}, "a text has no time such as 2021_10_25_16_31_20_658"),
+    ],
+)
+def test_a_time_must_be_known(columns, said):
+    with pytest.raises(DataError, match=said):
+        rpil.open(rows(**columns), split_gap=1)
+
+
+def test_a_missing_time_ends_nothing():
+    times = pa.array([0.0, 0.1, None, 0.3, 0.4, 9.0, 9.1, 9.2])
+    assert rpil.open(rows(time_s=times), split_gap=1).demonstrations.lengths.tolist() == [5, 3]
+
+
+@pytest.fixture(params=["v3.0", "v2.1"])
+def folder(request, tmp_path):
+    """LeRobot's layout with three columns more in ``meta``."""
+    path = lerobot(tmp_path)
+    more = {"operator_name": ["ann", "bob", "ann"], "success": [True, False, True], "scene": ["lab"] * 3}
+    place = path / "meta/episodes/chunk-000/file-000.parquet"
+    table = pq.read_table(place)
+    for name, values in more.items():
+        table = table.append_column(name, [values])
+    if request.param == "v3.0":
+        pq.write_table(table, place)
+        return path
+    place.unlink()
+    names = ["episode_index", "length", *more]
+    (path / "meta" / "episodes.jsonl").write_text(
+        "".join(f"{json.dumps(row)}\n" for row in table.select(names).to_pylist())
+    )
+    info = json.loads((path / "meta" / "info.json").read_text())
+    (path / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v2.1"}))
+    return path
+
+
+def test_columns_of_meta_are_listed_and_can_be_named(folder):
+    listed = "Of each demonstration meta has operator_name (ann, bob), success (True, False): name one with --operator"
+    assert any(note.startswith(listed) for note in rpil.open(folder).description.notes)
+    recording = rpil.open(folder, operator="operator_name", session="operator_name", outcome="success")
+    assert recording.description.operators == ("ann", "bob")
+    assert recording.operators == [("0", "ann"), ("1", "bob"), ("2", "ann")]
+    assert recording.facts.sessions == ("ann", "bob", "ann")
+    assert recording.facts.outcome.tolist() == [1, 0, 1]
+    assert rpil.open(folder, outcome="-success").facts.outcome.tolist() == [-1, 0, -1]
+    some = rpil.open(folder, operator="operator_name", only="1-2")
+    assert some.operators == [("1", "bob"), ("2", "ann")]
+    assert recording.demonstrations.lengths.tolist() == [*LENGTHS]
+    assert recording.demonstrations.observation_names == rpil.open(folder).demonstrations.observation_names
+
+
+def test_columns_of_meta_need_the_rows_in_memory(folder):
+    with pytest.raises(DataError, match=r"need the rows in memory; read them with rpil\.read"):
+        rpil.open(folder, operator="operator_name", on_disk=True)
+    with pytest.raises(DataError, match="no column is called 'nobody'"):
+        rpil.open(folder, operator="nobody")
+
+
+def test_an_episode_that_meta_does_not_name_has_no_operator(folder):
+    place = folder / "meta/episodes/chunk-000/file-000.parquet"
+    if place.is_file():
+        pq.write_table(pq.read_table(place).slice(0, 2), place)
+        assert rpil.open(folder, operator="operator_name").operators[-1] == ("2", None)
