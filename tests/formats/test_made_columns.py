@@ -135,7 +135,7 @@ def folder(request, tmp_path):
 
 
 def test_columns_of_meta_are_listed_and_can_be_named(folder):
-    listed = "Of each demonstration meta has operator_name (ann, bob), success (True, False): name one with --operator"
+    listed = "meta has of each demonstration operator_name ('ann', 'bob'), success ('True', 'False'): name one with"
     assert any(note.startswith(listed) for note in rpil.open(folder).description.notes)
     recording = rpil.open(folder, operator="operator_name", session="operator_name", outcome="success")
     assert recording.description.operators == ("ann", "bob")

@@ -42,8 +42,7 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    found = from_arrow(table, options, FRAME, "data frame")
-    found = found if options.split_gap is None else split_at_gaps(found, options.split_gap)
+    found = split_at_gaps(from_arrow(table, options, FRAME, "data frame"), options.split_gap)
     return replace(with_chosen(from_tables(found), options), options=options)
 
 

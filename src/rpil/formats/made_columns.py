@@ -42,15 +42,15 @@ def with_facts(
         yield table
 
 
-def split_at_gaps(found: StepTables, gap: float) -> StepTables:
-    """The tables with demonstrations that end where the next row is more than `gap` seconds later, or is earlier.
+def split_at_gaps(found: StepTables, gap: float | None) -> StepTables:
+    """The tables with demonstrations that end where the next row is more than `gap` seconds later, or earlier.
 
-    Demonstrations that a column tells apart are split further: "P01" into "P01-0" and "P01-1". A `DataError` where no
-    column is a time whose unit is known.
+    With None they are as they were. Demonstrations that a column tells apart are split further: "P01" into "P01-0" and
+    "P01-1". A `DataError` where no column is a time whose unit is known.
     """
     columns, tables = found.columns, iter(found.tables)
-    first = next(tables, None)
-    if first is None:
+    first = None if gap is None else next(tables, None)
+    if gap is None or first is None:
         return found
     clock, unit = _find_clock(first, columns)
     is_text = flat.kind_of_type(first[clock].type) == "text"

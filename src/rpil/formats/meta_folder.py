@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 _NO_FACT = re.compile(r"(?:stats|videos|data|meta)/.*|dataset_.*|tasks?|task_index")
 """Columns of the table of episodes that say nothing of a demonstration."""
-
-_MOST_VALUES, _LONGEST_FACT = 5, 40
-"""Different values of such a column that are printed, and their characters, at most."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +96,14 @@ class MetaFolder:
         """What it says of each episode, without statistics and places."""
         return self.rows("episodes", lambda name: not _NO_FACT.fullmatch(name))
 
-    def facts(self) -> dict[str, tuple[str, ...]]:
-        """The first different values of each column with a text or number for an episode, if there are two."""
-        found: dict[str, dict[str, None]] = {}
-        for name, value in (pair for row in self.episodes for pair in row.items()):
-            values = found.setdefault(name, {})
-            is_known = name in ("episode_index", "length") or _NO_FACT.fullmatch(name)
-            if not is_known and isinstance(value, str | int | float) and len(values) < _MOST_VALUES:
-                values[str(value)[:_LONGEST_FACT]] = None
-        return {name: tuple(values) for name, values in found.items() if len(values) > 1}
+    def facts(self) -> dict[str, dict[str, Parsed]]:
+        """The columns with a text or number for an episode, which has its number, as text."""
+        found: dict[str, dict[str, Parsed]] = {}
+        for row in self.episodes:
+            for name, value in row.items():
+                if isinstance(value, str | int | float) and not _NO_FACT.fullmatch(name):
+                    found.setdefault(name, {})[str(row["episode_index"])] = value
+        return {name: one for name, one in found.items() if name not in ("episode_index", "length")}
 
     def tasks(self) -> dict[str, str] | None:
         """Task by its number; since version 3.0 its text is the index of pandas. None where they are damaged."""
@@ -167,7 +163,7 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     """
     from pyarrow import fs
 
-    data = _data_folder(paths)
+    data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
     meta = None if data is None else MetaFolder(filesystem, data.parent)
     if data is None or meta is None or not meta.info:
         return Metadata()
@@ -200,18 +196,6 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
         unusable=tuple(what for what, holds in is_usable.items() if not holds),
         facts=meta.facts(),
     )
-
-
-def _data_folder(paths: Sequence[str]) -> PurePosixPath | None:
-    """The folder ``data`` beside which ``meta`` may lie."""
-    return next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
-
-
-def read_facts(filesystem: fs.FileSystem, paths: Sequence[str], names: Iterable[str]) -> dict[str, dict[str, Parsed]]:
-    """Columns of the table of episodes, by their `names`: the value of each demonstration by its id as text."""
-    data = _data_folder(paths)
-    rows = [] if data is None else MetaFolder(filesystem, data.parent).episodes
-    return {name: {str(row["episode_index"]): row.get(name) for row in rows} for name in names}
 
 
 def _is_size(value: object) -> bool:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rpil.data.arrays import Id
+from rpil.data.json_files import Parsed
 from rpil.data.names import quoted
-from rpil.data.text import listed
 
 SIZES = "total_episodes", "total_frames"
 
@@ -26,7 +26,9 @@ class Metadata:
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
-    facts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # columns of ``meta/episodes``, and their values
+    facts: Mapping[str, Mapping[str, Parsed]] = field(
+        default_factory=dict
+    )  # column of ``meta/episodes`` -> id -> value
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
@@ -35,8 +37,11 @@ class Metadata:
         n, were, them = self.n_cameras, *(("s were", "them") if self.n_cameras > 1 else (" was", "it"))
         unseen = f"{n} camera{were} not used: where the object lies may be in {them} alone."
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
-        facts = [f"{name} ({listed(values, 4, ', ')})" for name, values in self.facts.items()]
-        more = f"Of each demonstration meta has {', '.join(facts)}: name one with --operator, --session or --outcome."
+        values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
+        facts = [f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1]
+        more = (
+            f"meta has of each demonstration {', '.join(facts[:8])}: name one with --operator, --session or --outcome."
+        )
         said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0), (more, bool(facts))
         return tuple(text for text, holds in said if holds) + tuple(
             f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."

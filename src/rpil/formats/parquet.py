@@ -19,7 +19,6 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, keep_one_file
 from rpil.formats.made_columns import with_facts
-from rpil.formats.meta_folder import read_facts
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
@@ -62,7 +61,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         return StepTables(tables, columns, origin, in_place=rows, layout=layout)
     check_memory(rows.n_bytes, source, options.memory)
     if named := [name for name in columns.made if name in metadata.facts]:
-        tables = with_facts(tables, columns.episode, read_facts(filesystem, paths, named))
+        tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
     sizes = Counter[str]()
     for group, name in zip(rows.groups, rows.files(np.array([group.first for group in rows.groups])), strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -109,16 +109,17 @@ class ClaimedPath:
 
     def _recording(self, options: ColumnOptions) -> Recording:
         """The recording in all that is at the path."""
-        place = Path(self.path)
-        read: Callable[[], StepTables] = partial(self.format.read, place, options)
+        place, tables = Path(self.path), partial(self.format.read, Path(self.path), options)
         if place.is_file():
             check_readable(place)
         elif self.format.read_address is not None and not place.exists():
-            read = partial(self.format.read_address, self.path, options)
+            tables = partial(self.format.read_address, self.path, options)
         if options.columns and self._tables != "text":
             raise DataError(f"{self.path}: only text tables without names take <option>; leave it out.", "columns")
-        if options.split_gap is not None:
-            read = partial(_read_split, read, options.split_gap)
+
+        def read() -> StepTables:
+            return split_at_gaps(tables(), options.split_gap)
+
         if self._is_read_here:
             return from_tables(read(), options.on_disk)
         return imported(read, self.path, options, self._tables == "Parquet")
@@ -185,10 +186,6 @@ class ClaimedPath:
         `output` is the file or folder to which `keep` wrote these: a JSON file stands for lists too long to be read.
         """
         return self.format.commands_to_keep(Path(self.path), ids, kept, output)
-
-
-def _read_split(read: Callable[[], StepTables], gap: float) -> StepTables:
-    return split_at_gaps(read(), gap)
 
 
 def find(path: StrPath) -> ClaimedPath:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import itertools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
@@ -245,9 +245,7 @@ def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
     return [p for p in shown if p.lower().endswith(".parquet")], [p for p in shown if p.lower().endswith(TEXT_SUFFIXES)]
 
 
-def columns_of_file(
-    file: pq.ParquetFile, name: str, options: ColumnOptions, facts: Mapping[str, Sequence[str]] = {}
-) -> Columns:
+def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, facts: Collection[str] = ()) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large.
 
     Those of the `facts` that the user names are among them.
