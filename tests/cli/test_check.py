@@ -99,7 +99,7 @@ def test_unknown_rule_is_refused():
 def test_missing_values_are_reported_with_their_place(stream):
     write("data.parquet", missing)
     result = ok("check", "data.parquet", stream)
-    assert "observation 1 is nan at 2.00 s" in result.stdout
+    assert "observation 1 is nan at 2.0 s" in result.stdout
     assert "--skip-bad" in result.stdout
     skipped = ok("check", "data.parquet", stream, "--skip-bad")
     assert "Set aside, because values are missing: 4." in skipped.stdout
@@ -243,7 +243,7 @@ def test_an_audit_names_the_faults_beside_the_trust():
     with open("report.html") as file:
         page = file.read()
     assert "Odd in the recording" in page
-    assert "for one step at 2.00 s" in page
+    assert "for one step at 2.0 s" in page
     assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpil.data.text import counted, listed, one_line, printable
+from rpil.data.text import counted, duration, listed, moment, one_line, printable
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,9 @@ def test_five_names_are_listed_and_the_others_counted():
     assert listed(range(1005)) == "0, 1, 2, 3, 4 and 1,000 more"
     assert listed(["a", ""], last=", ") == "a, no name"
     assert (counted(1, "step"), counted(2_000, "step")) == ("1 step", "2,000 steps")
+
+
+def test_times_are_seconds_where_these_are_known():
+    assert [duration(n, 0.05) for n in (1, 19, 20, 995)] == ["0.05 s", "0.95 s", "1.0 s", "49.8 s"]
+    assert [duration(n, None) for n in (1, 12.4)] == ["1 step", "12 steps"]
+    assert [moment(995, seconds) for seconds in (0.05, None)] == ["49.8 s", "step 995"]

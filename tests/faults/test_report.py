@@ -37,7 +37,7 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike(tmp_path):
     (jump,) = found[0]
     assert (jump.rule, jump.id, jump.last, jump.column) == ("jump", 5, 80, "y")
     assert jump.sentence.startswith("y jumps by ")
-    assert " at 4.00 s (usual: up to " in jump.sentence
+    assert " at 4.0 s (usual: up to " in jump.sentence
     chosen = rpil.check(path, id="episode", observations=["observation.x"], action="action.*")
     assert chosen.findings == ()
     with pytest.raises(DataError, match="has no columns to choose"):

@@ -35,11 +35,11 @@ def counted(size: int, noun: str) -> str:
 
 
 def duration(steps: float, seconds: float | None) -> str:
-    """The time that steps take, at so many `seconds` each, as ``4.20 s``; where these are unknown ``85 steps``."""
+    """The time that steps take, at so many `seconds` each, as ``4.2 s``; where these are unknown ``85 steps``."""
     if seconds is None:
         return counted(round(steps), "step")
     time = steps * seconds
-    return f"{time:.1f} s" if time >= 10 else f"{time:.2f} s"
+    return f"{time:.1f} s" if time >= 1 else f"{time:.2f} s"
 
 
 def moment(step: int, seconds: float | None) -> str:

@@ -68,7 +68,7 @@ const makeDetail = (model, place, act) => {
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
       d.stretch[m] ? el("p", {}, "Look at ", model.span(d.stretch[m]), ".") : "",
       d.worst[m].length ? el("p", {}, "Worst steps: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
-      model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `, ${model.span([found.first[k], found.last[k]])}: ${printable(found.sentence[k])}`))) : "",
+      model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `: ${printable(found.sentence[k])}`))) : "",
       drawn, view.drawings[m] ? readout : "",
       view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "",
       el("table", { class: "own-facts" }, el("tbody", {}, named(m).map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, printable(text)))), facts(m))));
