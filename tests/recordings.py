@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rpil import Demonstrations
 from rpil.data.episodes import lay_end_to_end
@@ -40,3 +42,16 @@ def changed(episodes, m, **arrays):
     observations, actions = episodes[m]
     episodes[m] = arrays.get("observations", observations), arrays.get("actions", actions)
     return episodes
+
+
+def write_recording(path, damage=None, timestamps=True):
+    """A recording at 30 frames a second; `damage` changes its observations (N, 3), and may be given NaN."""
+    episodes = recording()
+    ids = np.repeat(np.arange(len(episodes)), [len(x) for x, _ in episodes])
+    observations, actions = (np.concatenate(part) for part in zip(*episodes, strict=True))
+    if damage:
+        damage(observations, ids)
+    columns = {"episode_index": ids, "observation": list(observations), "action": list(actions)}
+    if timestamps:
+        columns["timestamp"] = np.concatenate([np.arange(len(x)) / 30 for x, _ in episodes])
+    pq.write_table(pa.table(columns), path)

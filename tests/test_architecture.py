@@ -170,6 +170,7 @@ WITHOUT_TESTS = {
     "faults/naming.py": "tests/faults/test_maprules.py",
     "faults/whole_rules.py": "tests/faults/test_maprules.py",
     "faults/expected.py": "tests/cli/test_check.py",
+    "faults/rule_numbers.py": "tests/cli/test_exchange.py",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",

@@ -123,6 +123,7 @@ def test_audit_prints_json(folder):
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
     # The issue's, and what is needed where the data do not settle it.
     assert list(audit) == [
+        "schema",
         "run", "input", "n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable",
         "groups", "pair", "question", "doubts", "notes", "contradicting", "assumptions", "demonstrations",
         "demonstrators", "provenance", "faults", "keep",

@@ -16,20 +16,8 @@ import pytest
 
 from command_line import call, ok, refused
 from recordings import recording
+from recordings import write_recording as write
 from rpil.faults.expected import read_expected
-
-
-def write(path, damage=None, timestamps=True):
-    """A recording at 30 frames a second; `damage` changes its observations (N, 3), and may be given NaN."""
-    episodes = recording()
-    ids = np.repeat(np.arange(len(episodes)), [len(x) for x, _ in episodes])
-    observations, actions = (np.concatenate(part) for part in zip(*episodes, strict=True))
-    if damage:
-        damage(observations, ids)
-    columns = {"episode_index": ids, "observation": list(observations), "action": list(actions)}
-    if timestamps:
-        columns["timestamp"] = np.concatenate([np.arange(len(x)) / 30 for x, _ in episodes])
-    pq.write_table(pa.table(columns), path)
 
 
 def spike(observations, ids):

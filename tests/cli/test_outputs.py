@@ -183,14 +183,16 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
 def test_every_output_has_a_writer(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.rpil"}
-    assert tuple(paths) == outputs.OUTPUTS
+    assert (*paths, "annotate") == outputs.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []
     data = Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2]))
     recording = from_tables(from_demonstrations(data, "arrays"))
+    paths |= {"annotate": None}
     audit, faults = make_audit(), check(recording.demonstrations)
     given = AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
         outputs.write_outputs(paths, given, 1.0, stages.append)
+    del paths["annotate"]
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())
 

@@ -21,6 +21,7 @@ from rpil.cli.options import (
     Value,
     VerdictLimit,
     command_words,
+    format_option,
     json_option,
     with_options,
 )
@@ -75,7 +76,15 @@ MAX_REASONS = 10
     help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
+@click.option(
+    "--annotate",
+    type=click.Path(),
+    metavar="NEW",
+    help="Also write a copy of this folder of LeRobot 3.0, with the verdict and the score of each episode in "
+    "meta/episodes, for episode_filter.",
+)
 @json_option
+@format_option
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @click.pass_context
 def audit(
@@ -84,6 +93,7 @@ def audit(
     file: str,
     all_rows: bool,
     json_wanted: bool,
+    form: str,
     fail_on: str | None,
     **options: Value,
 ) -> int:
@@ -97,21 +107,32 @@ def audit(
         raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
-        check_paths((file, given.labels, given.operator, given.reference), *outputs.values())
+        files = (path for title, path in outputs.items() if title != "annotate")
+        check_paths((file, given.labels, given.operator, given.reference), *files)
+        if outputs["annotate"] is not None:
+            from rpil.formats.registry import find
+
+            find(file).check_annotate(outputs["annotate"])
         recording, reference = read_data(file, given, progress)
         run = audit_data(file, recording, reference, given, progress)
         faults = look_for_faults(recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
         write_outputs(outputs, run, time.perf_counter() - start, progress)
-    result = run.audit
-    if json_wanted:
+    result, form = run.audit, "json" if json_wanted else form
+    if form == "json":
         click.echo(
             terminal.to_json(
-                {"run": result.run_id, "input": recording.description.to_dict()}
+                terminal.schema("audit")
+                | {"run": result.run_id, "input": recording.description.to_dict()}
                 | result.to_dict()
                 | {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
             )
         )
+    elif form != "text":
+        from rpil.cli import exchange
+
+        found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
+        click.echo(exchange.written(form, found, file, ("rpil audit", terminal.finding_lines(result)[0])))
     else:
         judged_within = result.assumptions[:1] if result.within else ()
         terminal.print_lines([*recording.description.short(), *judged_within, ""])
@@ -120,8 +141,8 @@ def audit(
         print_next_steps(ctx, result, given.quiet)
     for title, path in outputs.items():
         if path is not None:
-            click.echo(f"{title.capitalize()}: {path}", err=json_wanted)
-            if not json_wanted and not given.quiet:
+            click.echo(f"{title.capitalize()}: {path}", err=form != "text")
+            if form == "text" and not given.quiet:
                 terminal.print_lines(lines_after_output(title, path, run))
     undecided = exit_code(run.choice, given.yes) if outputs["keep"] else 0
     return tell_if_too_many(result, fail_on) or undecided

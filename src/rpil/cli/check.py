@@ -13,6 +13,7 @@ from rpil.cli.commands import check_paths, open_with_missing, show_stages
 from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
+    format_option,
     json_option,
     pop_columns,
     quiet_option,
@@ -48,6 +49,7 @@ MAX_FINDINGS = 30
 @stream_option
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
 @json_option
+@format_option
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
 def check(
@@ -55,7 +57,7 @@ def check(
     expected: str | None,
     output: str | None,
     fail_on: str | None,
-    json_wanted: bool,
+    form: str,
     quiet: bool,
     **options: Any,
 ) -> None:
@@ -77,7 +79,14 @@ def check(
         report = find_faults(read, skip_bad=skip_bad, **given)
         if output:
             report.write(output)
-    click.echo(terminal.to_json(report.to_dict()) if json_wanted else "\n".join(fault_lines(report)))
+    if options["json_wanted"] or form == "json":
+        click.echo(terminal.to_json(terminal.schema("check") | report.to_dict()))
+    elif form == "text":
+        click.echo("\n".join(fault_lines(report)))
+    else:
+        from rpil.cli import exchange
+
+        click.echo(exchange.written(form, exchange.of_faults(report.findings), file, ("rpil check", report.headline)))
     if fatal & set(report.counts):
         sys.exit(1)
 

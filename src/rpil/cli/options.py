@@ -112,6 +112,14 @@ seed_option = click.option(
 )
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
 json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
+format_option = click.option(
+    "--format",
+    "form",
+    type=click.Choice(("text", "json", "markdown", "sarif")),
+    default="text",
+    show_default=True,
+    help="What to print: text, JSON as --json does, Markdown for a pull request, SARIF for code scanning.",
+)
 stream_option = click.option(
     "--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."
 )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 UNDECIDED = 3
 """The exit code where a list to keep is written, and holds outliers for want of answers."""
 
-OUTPUTS = ("weights", "verdicts", "keep", "report", "save")
+OUTPUTS = ("weights", "verdicts", "keep", "report", "save", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -35,6 +35,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     if not any(paths.values()):  # what follows imports the report
         return
+    from rpil.formats.registry import find
     from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.saved import write_audit
@@ -55,6 +56,11 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         if reason := why_equal(audit):
             warnings.warn(f"{path}: {reason}", stacklevel=1)
 
+    def write_annotated(path: str) -> None:
+        columns = {"rpil/verdict": audit.verdicts, "rpil/score": audit.log_odds.tolist()}
+        by_id = {name: dict(zip(map(str, audit.ids), values, strict=True)) for name, values in columns.items()}
+        find(run.source).annotate(path, by_id)
+
     writers: dict[str, Callable[[str], None]] = {
         "weights": write_step_weights,
         "verdicts": lambda path: write_verdicts(
@@ -63,6 +69,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         "keep": write_keep,
         "report": lambda path: write_page(path, [Article(make_view(audit, about(run, seconds)))]),
         "save": lambda path: write_audit(path, audit, about(run, seconds)),
+        "annotate": write_annotated,
     }
     for title in OUTPUTS:
         path = paths[title]
@@ -101,6 +108,9 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     it."""
     from rpil.formats.registry import find
 
+    if title == "annotate":
+        keeps = 'episode_filter=lambda episode: episode["rpil/verdict"] not in ("outlier", "bad")'
+        return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
     if title == "weights":
         return [*find(run.source).format.notes_on_weights]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()

@@ -53,6 +53,11 @@ def to_one_line(text: str) -> str:
     return without_secrets(" ".join(click.unstyle(shortened(text)).split()))
 
 
+def schema(command: str) -> dict[str, object]:
+    """What says of the JSON of a command by which of docs/schemas it is; a change that is no addition raises it."""
+    return {"schema": {"name": f"rpil.{command}", "version": 1}}
+
+
 def to_json(value: object) -> str:
     """The value as standard JSON: NaN and infinity become null."""
     return json.dumps(_replace_non_finite(value), allow_nan=False)

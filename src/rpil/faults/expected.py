@@ -10,14 +10,16 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.faults.report import RULES
 from rpil.faults.rule import Fault
+from rpil.faults.rule_numbers import RULE_NAMES
 
 ALL = "all"
 """Stands for all demonstrations."""
 
 
 def rule_name(word: str, where: str) -> str:
-    """The rule of `RULES` that a user writes with spaces, hyphens or underscores; a `DataError` where there is none."""
-    name = word.strip().lower().replace("-", " ").replace("_", " ")
+    """The rule of `RULES` that a user names by its number, or with spaces, hyphens or underscores; a `DataError` where
+    there is none."""
+    name = RULE_NAMES.get(word.strip().upper(), word.strip().lower().replace("-", " ").replace("_", " "))
     if name not in RULES:
         raise DataError(f"{where}: there is no rule {word!r}; the rules are {', '.join(RULES)}.")
     return name

@@ -14,6 +14,7 @@ from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.text import counted, one_line, printable
 from rpil.faults import duplicates, folder, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
+from rpil.faults.rule_numbers import NUMBERS
 from rpil.formats.columns_file import write_columns
 
 RULES: dict[str, type[Rule]] = {
@@ -165,7 +166,7 @@ class FaultReport:
             "demonstrations": self.n_demonstrations,
             "steps": self.n_steps,
             "counts": dict(self.counts),
-            "findings": [found.to_dict() for found in self.findings],
+            "findings": [{"number": NUMBERS[found.rule]} | found.to_dict() for found in self.findings],
             "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims.items()],
             "usual": dict(self.usual),
             "not_checked": dict(self.not_checked),

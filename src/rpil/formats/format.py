@@ -84,6 +84,8 @@ class Format:
         A `DataError` where `keep` cannot write to the output, before any work.
     find_defects : function of a path, optional
         What beside the demonstrations does not agree with them; with True, in videos too.
+    annotate : function of a path, that of a new folder and columns, optional
+        Writes a copy that says more of each demonstration: by the name of a column, values by ids as text.
     shots : function of a path, optional
         Where in video files each demonstration is seen; files need not be there.
     commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
@@ -106,6 +108,7 @@ class Format:
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
     check_output: Callable[[Path, Path, bool], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
+    annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()

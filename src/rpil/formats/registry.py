@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -159,11 +159,30 @@ class ClaimedPath:
                 raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.")
             keep = partial(self.format.keep, path, new, ids, options, cuts)
             if self._is_read_here:
-                return keep()
-            try:
-                in_child(keep, str(path), 4 * size_of(path), options.memory)
-            finally:
-                remove_abandoned(new)  # what a process that was ended had begun
+                keep()
+            else:
+                self._write(keep, new, options)
+
+    def _write(self, work: Callable[[], None], new: Path, options: ColumnOptions) -> None:
+        """Write `new` in a process of its own."""
+        try:
+            in_child(work, str(self.path), 4 * size_of(Path(self.path)), options.memory)
+        finally:
+            remove_abandoned(new)  # what a process that was ended had begun
+
+    def annotate(self, output: StrPath, columns: Mapping[str, Mapping[str, object]]) -> None:
+        """Write a copy of the folder that says more of each demonstration, which `columns` hold by name and id."""
+        with holding(), guarded(str(self.path)):
+            new, annotate = self.check_annotate(output)
+            self._write(partial(annotate, Path(self.path), new, columns), new, ColumnOptions())
+
+    def check_annotate(self, output: StrPath) -> tuple[Path, Callable[..., None]]:
+        """The path of the output and what writes it, or a `DataError`, before any work, where that is not possible."""
+        if self.format.annotate is None or not any(Path(self.path).glob("meta/episodes/**/*.parquet")):
+            raise DataError(
+                f"{self.path}: it is no folder of LeRobot 3.0, whose episodes have a table; use --verdicts."
+            )
+        return self.check_output(output), self.format.annotate
 
     def check_output(self, output: StrPath, trim: bool = False) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write, or cut, there."""

@@ -22,6 +22,7 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import stats
+from rpil.formats.lerobot.annotated import annotate
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
 from rpil.formats.lerobot.kept import Kept
@@ -196,5 +197,6 @@ FORMAT = Format(
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
     find_defects=find_defects,
+    annotate=annotate,
     shots=find_shots,
 )

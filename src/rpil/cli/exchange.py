@@ -1,0 +1,129 @@
+"""What ``rpil check`` and ``rpil audit`` find, for other tools: SARIF for code scanning, Markdown for pull requests."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import quote
+
+from rpil.cli.terminal import to_json, to_one_line
+from rpil.data.archive import rpil_version
+from rpil.data.text import counted, printable
+from rpil.faults.report import RULES
+from rpil.faults.rule_numbers import NUMBERS, OF_AUDIT, RULE_NAMES
+
+if TYPE_CHECKING:
+    from rpil.faults.rule import Fault
+    from rpil.results.record import Audit
+
+MAX_TABLE_ROWS = 100
+"""Findings in a table of Markdown: a comment on GitHub may have 65,536 characters."""
+
+RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
+
+
+class NumberedFinding(NamedTuple):
+    """The number of its rule, the demonstration or the part of a folder, and what is seen."""
+
+    number: str
+    place: str
+    sentence: str
+
+
+def of_faults(faults: Iterable[Fault]) -> list[NumberedFinding]:
+    """Findings in recordings, their folder and videos."""
+    return [NumberedFinding(NUMBERS[one.rule], printable(one.id) or "the folder", one.sentence) for one in faults]
+
+
+def of_audit(audit: Audit) -> list[NumberedFinding]:
+    """Each demonstration with a low verdict, the lowest first, and what the audit as a whole leaves open."""
+    from rpil.inference.findings import FINDINGS
+
+    low = [m for m in audit.ranking()[::-1].tolist() if audit.verdicts[m] in OF_AUDIT]
+    found = [NumberedFinding(NUMBERS[audit.verdicts[m]], printable(audit.ids[m]), audit.reasons[m]) for m in low]
+    if audit.finding in OF_AUDIT:
+        said = " ".join([FINDINGS[audit.finding], *audit.doubts])
+        found.append(NumberedFinding(NUMBERS[audit.finding], "all", said))
+    return found
+
+
+def written(form: str, found: Sequence[NumberedFinding], source: str, head: tuple[str, str]) -> str:
+    """The findings in the data at `source` as "sarif" or "markdown", there below a title and a sentence, the `head`."""
+    title, sentence = head
+    if form == "sarif":
+        return to_json(sarif(found, source))
+    return markdown(f"{title}: {source}", sentence, found)
+
+
+def words_of(number: str) -> str:
+    """What a rule finds, one clause."""
+    name = RULE_NAMES[number]
+    return OF_AUDIT.get(name) or RULES[name].words
+
+
+def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
+    """The findings in the data at `source` as SARIF 2.1.0.
+
+    Code scanning tells results apart by their fingerprints, here of the rule, the demonstration, and how many came
+    before of both, as there are no lines. What a model says is a note, and what rules find a warning.
+    """
+    numbers = sorted({one.number for one in found})
+    rules = [
+        {
+            "id": number,
+            "name": RULE_NAMES[number].title().replace(" ", ""),
+            "shortDescription": {"text": words_of(number)},
+            "helpUri": f"{RULES_PAGE}#numbered-rules",
+        }
+        for number in numbers
+    ]
+    file = {"artifactLocation": {"uri": _address(source)}, "region": {"startLine": 1}}
+    seen, results = Counter[tuple[str, str]](), []
+    for one in found:
+        name = *one[:2], seen[one[:2]]
+        seen[one[:2]] += 1
+        result = {
+            "ruleId": one.number,
+            "ruleIndex": numbers.index(one.number),
+            "level": "note" if RULE_NAMES[one.number] in OF_AUDIT else "warning",
+            "message": {"text": f"{one.place}: {to_one_line(one.sentence)}"},
+            "locations": [{"physicalLocation": file, "logicalLocations": [{"name": one.place}]}],
+            "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(name).encode()).hexdigest()},
+        }
+        results.append(result)
+    driver = {"name": "rpil", "version": rpil_version(), "informationUri": RULES_PAGE, "rules": rules}
+    schema = "https://json.schemastore.org/sarif-2.1.0.json"
+    return {"$schema": schema, "version": "2.1.0", "runs": [{"tool": {"driver": driver}, "results": results}]}
+
+
+def _address(source: str) -> str:
+    """A URI of the data: relative to the working directory where they are in it, as code scanning asks."""
+    if "://" in source:
+        return to_one_line(source)
+    path = Path(os.path.abspath(source))
+    return quote(path.relative_to(Path.cwd()).as_posix()) if path.is_relative_to(Path.cwd()) else path.as_uri()
+
+
+def markdown(title: str, headline: str, found: Sequence[NumberedFinding]) -> str:
+    """The findings as a table of Markdown below a title and a sentence."""
+    lines = [f"### {_plain(title)}", "", _plain(headline)]
+    if found:
+        counts = Counter(one.number for one in found)
+        by_rule = ", ".join(f"{counts[number]:,} {RULE_NAMES[number]} ({number})" for number in sorted(counts))
+        lines += ["", f"{counted(len(found), 'finding')}: {by_rule}.", ""]
+        lines += ["| rule | demonstration | what is seen |", "|---|---|---|"]
+        lines += [f"| {one.number} | {_plain(one.place)} | {_plain(one.sentence)} |" for one in found[:MAX_TABLE_ROWS]]
+    if len(found) > MAX_TABLE_ROWS:
+        lines += ["", f"... and {len(found) - MAX_TABLE_ROWS:,} more."]
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """Text of a file that Markdown shows as it is: no marks, no links, no names of users who would be notified."""
+    marked = re.sub(r"([\\`*_{}\[\]<>#!|~&])", r"\\\1", to_one_line(text))
+    return re.sub(r"@|:(?=//)", "\\g<0>\u200b", marked)

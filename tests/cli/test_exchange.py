@@ -1,0 +1,181 @@
+"""Findings for other tools: SARIF, Markdown, JSON by its schema, and rules by their numbers."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from command_line import call, ok, refused
+from lerobot_folders import write as write_folder
+from recordings import write_recording
+from rpil.cli.exchange import NumberedFinding, markdown, sarif, words_of
+from rpil.faults.report import RULES
+from rpil.faults.rule_numbers import NUMBERS, OF_AUDIT, RULE_NAMES
+from rpil.inference.findings import FINDINGS
+from rpil.results.vocabulary import SIDES
+
+ROOT = Path(__file__).parents[2]
+TYPES = {"string": str, "integer": int, "number": (int, float), "array": list, "object": dict, "null": type(None)}
+TYPES["boolean"] = bool
+
+
+def spike(observations, ids):
+    observations[(ids == 4).nonzero()[0][60], 1] += 30
+
+
+def faults_of(value, schema, defs, place="$"):
+    """Where a value of JSON is not as a schema says, by the words that docs/schemas use; what it does not name is a
+    fault too."""
+    if "$ref" in schema:
+        schema = defs[schema["$ref"].rpartition("/")[2]]
+    kinds = schema.get("type", [])
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    right = [
+        kind for kind in kinds if isinstance(value, TYPES[kind]) and isinstance(value, bool) <= (kind == "boolean")
+    ]
+    if kinds and not right:
+        return [f"{place}: {value!r} is no {kinds}"]
+    wrong = [f"{place}: {value!r}"] if value not in schema.get("enum", [schema.get("const", value)]) else []
+    if isinstance(value, str) and "pattern" in schema and not re.search(schema["pattern"], value):
+        wrong.append(f"{place}: {value!r}")
+    if schema.get("minimum", value) != value and not schema["minimum"] <= value <= schema["maximum"]:
+        wrong.append(f"{place}: {value!r}")
+    if isinstance(value, list) and "items" in schema:
+        wrong += [
+            one for k, item in enumerate(value) for one in faults_of(item, schema["items"], defs, f"{place}[{k}]")
+        ]
+    if isinstance(value, dict):
+        known, others = schema.get("properties", {}), schema.get("additionalProperties")
+        wrong += [f"{place}: no {name}" for name in schema.get("required", []) if name not in value]
+        for name, item in value.items():
+            if name in known or others:
+                wrong += faults_of(item, known.get(name, {} if others is True else others), defs, f"{place}.{name}")
+            elif known:
+                wrong.append(f"{place}: {name} is not described")
+    return wrong
+
+
+def check_schema(printed, command):
+    schema = json.loads((ROOT / "docs" / "schemas" / f"{command}.json").read_text())
+    assert faults_of(printed, schema, schema["$defs"]) == []
+
+
+def test_every_finding_has_one_number():
+    assert {*RULES, *OF_AUDIT} == {*NUMBERS}
+    assert len(RULE_NAMES) == len(NUMBERS)
+    assert {verdict for verdict, side in SIDES.items() if side == "lower"} <= {*OF_AUDIT}
+    assert {*OF_AUDIT} - {*SIDES} <= {*FINDINGS}
+
+
+def test_numbers_stay():
+    some = {"missing values": 101, "frozen sensor": 105, "jump": 109, "offset": 114, "length": 124}
+    some |= {"metadata": 205, "video file": 301, "outlier": 401}
+    assert {name: NUMBERS[name] for name in some} == {name: f"RPIL-{number}" for name, number in some.items()}
+
+
+def test_the_page_has_a_line_for_each_number():
+    page = (ROOT / "docs" / "teams.md").read_text(encoding="utf-8")
+    lines = [f"| {number} | {name} | {words_of(number)} |" for number, name in RULE_NAMES.items()]
+    assert re.findall(r"^\| RPIL-.*$", page, re.MULTILINE) == lines
+
+
+def test_a_rule_is_named_by_its_number():
+    write_recording("data.parquet", spike)
+    assert call("check", "data.parquet", "--fail-on", "RPIL-108").exit_code == 1
+    assert call("check", "data.parquet", "--fail-on", "rpil-109").exit_code == 0
+    refused("no rule 'RPIL-999'", "check", "data.parquet", "--fail-on", "RPIL-999")
+
+
+def test_json_of_a_check_is_as_its_schema_says(tmp_path):
+    write_recording("data.parquet", spike)
+    printed = json.loads(ok("check", "data.parquet", "--json").stdout)
+    assert printed["schema"] == {"name": "rpil.check", "version": 1}
+    assert [one["number"] for one in printed["findings"]] == ["RPIL-108"]
+    check_schema(printed, "check")
+    assert json.loads(ok("check", "data.parquet", "--format", "json").stdout) == printed
+    folder = write_folder(tmp_path / "set", [30] * 5)
+    info = json.loads((folder / "meta/info.json").read_text())
+    (folder / "meta/info.json").write_text(json.dumps(info | {"total_frames": 7}))
+    printed = json.loads(ok("check", folder, "--json").stdout)
+    check_schema(printed, "check")
+    assert [(one["number"], one["id"]) for one in printed["findings"]] == [("RPIL-202", "")]
+
+
+def test_json_of_an_audit_is_as_its_schema_says(folder):
+    Path("labels.csv").write_text("id,label\n0,good\n7,bad\n")
+    Path("who.csv").write_text("id,demonstrator\n" + "".join(f"{m},{'ab'[m % 2]}\n" for m in range(12)))
+    for more in ([], ["--labels", "labels.csv", "--operator", "who.csv"]):
+        printed = json.loads(ok("audit", folder / "good.parquet", "--json", *more).stdout)
+        assert printed["schema"] == {"name": "rpil.audit", "version": 1}
+        check_schema(printed, "audit")
+
+
+@pytest.mark.parametrize("change", [{"schema": 1}, {"steps": 1.5}, {"findings": [{}]}, {"more": 1}])
+def test_json_of_another_form_is_seen(change):
+    write_recording("data.parquet")
+    printed = json.loads(ok("check", "data.parquet", "--json").stdout)
+    with pytest.raises(AssertionError):
+        check_schema(printed | change, "check")
+
+
+def check_sarif(log):
+    """The parts of SARIF 2.1.0 that code scanning needs."""
+    assert log["version"] == "2.1.0"
+    (run,) = log["runs"]
+    rules = run["tool"]["driver"]["rules"]
+    assert all(re.fullmatch(r"RPIL-\d{3}", rule["id"]) and rule["shortDescription"]["text"] for rule in rules)
+    for result in run["results"]:
+        assert rules[result["ruleIndex"]]["id"] == result["ruleId"]
+        assert result["level"] in ("note", "warning")
+        (place,) = result["locations"]
+        assert place["physicalLocation"]["region"]["startLine"] == 1
+        assert re.fullmatch(r"(file:///)?[\w.%/-]+", place["physicalLocation"]["artifactLocation"]["uri"])
+    marks = [result["partialFingerprints"]["primaryLocationLineHash"] for result in run["results"]]
+    assert len({*marks}) == len(marks)
+    return run["results"]
+
+
+def test_sarif_of_a_check():
+    write_recording("my data.parquet", spike)
+    result = call("check", "my data.parquet", "--format", "sarif", "--fail-on", "any")
+    assert result.exit_code == 1
+    (found,) = check_sarif(json.loads(result.stdout))
+    assert found["ruleId"] == "RPIL-108"
+    assert found["message"]["text"].startswith("4: ")
+    assert found["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] == "my%20data.parquet"
+
+
+def test_fingerprints_of_equal_places_differ():
+    log = sarif([NumberedFinding("RPIL-204", "meta/stats.json", text) for text in "ab"], "set")
+    assert len(check_sarif(log)) == 2
+
+
+def test_sarif_and_markdown_of_an_audit(folder):
+    found = check_sarif(json.loads(ok("audit", folder / "good.parquet", "--format", "sarif", "--quiet").stdout))
+    low = {one["ruleId"] for one in found if one["level"] == "note"}
+    assert low == {"RPIL-401"}
+    text = ok("audit", folder / "good.parquet", "--format", "markdown", "--quiet").stdout
+    assert text.startswith("### rpil audit: ")
+    assert text.count("| RPIL-401 |") == sum(one["ruleId"] == "RPIL-401" for one in found) == 6
+
+
+def test_markdown_of_a_check():
+    write_recording("data.parquet", spike)
+    text = ok("check", "data.parquet", "--format", "markdown").stdout
+    assert "1 finding: 1 spike (RPIL-108)." in text
+    assert "\n| RPIL-108 | 4 | " in text
+    write_recording("clean.parquet")
+    assert "|" not in ok("check", "clean.parquet", "--format", "markdown").stdout
+
+
+def test_markdown_shows_text_of_a_file_as_it_is():
+    text = markdown("x", "y", [NumberedFinding("RPIL-108", "a|b\n<img> @me [l](http://h)", "*s*")] * 200)
+    row = text.splitlines()[8]
+    assert row == r"| RPIL-108 | a\|b \<img\> @me \[l\](http://h) | \*s\* |".replace("@", "@\u200b").replace(
+        "://", ":\u200b//"
+    )
+    assert text.count("| RPIL-108 |") == 100
+    assert "100 more" in text
