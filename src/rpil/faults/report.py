@@ -12,7 +12,7 @@ from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import duplicates, folder, motion, recorded, whole_rules
+from rpil.faults import duplicates, folder_rules, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
 from rpil.faults.rule_numbers import NUMBERS
 from rpil.formats.columns_file import write_columns
@@ -44,7 +44,7 @@ RULES: dict[str, type[Rule]] = {
         motion.IdleTail,
         duplicates.Duplicate,
         whole_rules.Length,
-        *folder.FOLDER_RULES,
+        *folder_rules.FOLDER_RULES,
     )
 }
 """Every rule."""

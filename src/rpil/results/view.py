@@ -42,9 +42,9 @@ demonstrators
     For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of words) and style (in
     words); with answers the most trusted first.
 faults
-    Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, first, last,
-    sentence; the worst first), n_odd (demonstrations), first (the worst of some of them, numbers of found), beside
-    (sentences on files and videos), not_checked (of each reason, rules), usual (sentences).
+    Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
+    the worst first), n_odd (demonstrations), first (the worst of some of them, numbers of found), beside (sentences on
+    files and videos), not_checked (of each reason, rules), usual (sentences).
 fps, lerobot, hub
     Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
 command
@@ -266,8 +266,6 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         "found": {
             "rule": [one.rule for one in found],
             "demonstration": [places.get(str(one.id)) for one in found],
-            "first": [one.first for one in found],
-            "last": [one.last for one in found],
             "sentence": [
                 one.sentence if one.id == "" or str(one.id) in places else f"{one.id}: {one.sentence}" for one in found
             ],

@@ -38,7 +38,7 @@ class FrameTimes(FolderRule):
     name, words = "frame times", "the frames of a video are at other times than the steps"
 
 
-class Metadata(FolderRule):
+class BadMetadata(FolderRule):
     name, words, severity = "metadata", "a file of the folder cannot be understood", 1.0
 
 
@@ -73,7 +73,17 @@ class ExchangedCameras(FolderRule):
 BY_LOOKING = BlackFrames, FrozenPicture, RepeatedPictures, ExchangedCameras
 """What is seen only where videos are looked at."""
 
-FOLDER_RULES = Timestamps, VideoFile, VideoFrames, FrameTimes, *BY_LOOKING, Metadata, Totals, EpisodeTable, Statistics
+FOLDER_RULES = (
+    Timestamps,
+    VideoFile,
+    VideoFrames,
+    FrameTimes,
+    *BY_LOOKING,
+    BadMetadata,
+    Totals,
+    EpisodeTable,
+    Statistics,
+)
 
 
 def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> list[Fault]:
