@@ -1,7 +1,7 @@
 """What answers must not do, and what they must: rows of benchmarks/answers.py.
 
 Answers of one side, questions that are asked one after the other, both good, an outcome known for all, and what is left
-of the words after one answer.
+of the verdicts after one answer.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from value import worlds
 from worlds import Array
 
 HIGH, SURE = 0.8, 0.9
-"""AUROC without answers from which one side must not turn a set, and from which one answer confirms the words."""
+"""AUROC without answers from which one side must not turn a set, and from which one answer confirms the verdicts."""
 N_QUESTIONS = 32
 LONG = 200
 """Demonstrations of a set that is asked so many questions."""
@@ -60,7 +60,7 @@ def by_one_side(sets: list[Row], draws: int, k: int, side: int) -> list[Row]:
 
 
 def by_coin(audits: list[Row], draws: int, count: int) -> list[Row]:
-    """Labels by a coin: words of the others, in sets with bad ones and where nobody is bad."""
+    """Labels by a coin: verdicts on the others, in sets with bad ones and where nobody is bad."""
     rows = []
     for kind in dict.fromkeys(audit["kind"] for audit in audits):
         shares = []
@@ -74,7 +74,7 @@ def by_coin(audits: list[Row], draws: int, count: int) -> list[Row]:
                     shares.append((np.delete(words, chosen) != 0).mean())
         if shares:
             figure = f"{np.mean(shares):.1%} of the others have one; at most {max(shares):.0%} of a draw"
-            rows.append({"what": f"{kind}: {count} labels by a coin: words", "figure": figure})
+            rows.append({"what": f"{kind}: {count} labels by a coin: verdicts", "figure": figure})
     return rows
 
 
@@ -129,7 +129,7 @@ def left_after_one(sets: list[Row]) -> list[Row]:
                 others = np.arange(len(audit["good"])) != chosen
                 n_before += int((audit["claimed"] != 0)[others].sum())
                 left += int(((found.stays != 0) | (found.words != 0))[others].sum())
-    what = f"words of others left after one confirming label, sets of AUROC {SURE} or more"
+    what = f"verdicts of others left after one confirming label, sets of AUROC {SURE} or more"
     return [{"what": what, "figure": f"{left} of {n_before}"}]
 
 
@@ -142,7 +142,7 @@ def by_success(quick: bool) -> list[Row]:
     for k, what in enumerate(("P(good)", "success alone", "log-odds without answers", "success, then log-odds")):
         rows.append({"what": f"success of all, arm, AUROC: {what}", "figure": mean(values[k] for values, _ in found)})
     wrong, given = np.sum([words for _, words in found], axis=0)
-    return [*rows, {"what": "success of all, arm: words", "figure": f"{wrong} of {given} wrong"}]
+    return [*rows, {"what": "success of all, arm: verdicts", "figure": f"{wrong} of {given} wrong"}]
 
 
 def of_success(task: str, seed: int) -> tuple[list[float], Array]:

@@ -128,7 +128,7 @@ def by_labels(sets: list[Row], draws: int, count: int) -> list[Row]:
     return [
         {"what": f"{count} random labels: AUROC of the rest", "figure": mean(values)},
         {"what": f"{count} random labels: sets below {LOW} without", "figure": mean(low)},
-        {"what": f"{count} random labels: words", "figure": words},
+        {"what": f"{count} random labels: verdicts", "figure": words},
     ]
 
 
@@ -173,7 +173,7 @@ def by_pair(audits: list[Row]) -> list[Row]:
         answered = [(audit, compared(audit)) for audit in own]
         if kind == "half":
             bad = sum(int((found.words < 0).sum()) for _, found in answered if found)
-            rows.append({"what": "good halves, the pair answered by quality: words", "figure": f"{bad} bad"})
+            rows.append({"what": "good halves, the pair answered by quality: verdicts", "figure": f"{bad} bad"})
             continue
         one_each = sum({0, 1} == set(audit["good"][audit["pair"]].tolist()) for audit in own if audit["pair"])
         values = [auroc(audit["good"], found.log_odds) for audit, found in answered if found]
@@ -182,7 +182,7 @@ def by_pair(audits: list[Row]) -> list[Row]:
         rows.append({"what": f"{kind}: the pair holds one good and one bad", "figure": f"{one_each} of {len(own)}"})
         rows.append({"what": f"{kind}: AUROC with the pair answered", "figure": text})
         words = sum(int((found.words != 0).sum()) for _, found in answered if found)
-        rows.append({"what": f"{kind}: words after this one answer", "figure": f"{words}"})
+        rows.append({"what": f"{kind}: verdicts after this one answer", "figure": f"{words}"})
     return rows
 
 
@@ -295,7 +295,7 @@ def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
             words = labelled(audit, chosen, rng.permutation([1, -1] * 4)).words[rest]
             bad, n = bad + int((words < 0).sum()), n + len(rest)
     return [
-        {"what": "one wrong answer alone: words of the others", "figure": f"{alone}"},
+        {"what": "one wrong answer alone: verdicts of the others", "figure": f"{alone}"},
         {"what": "good halves, eight labels drawn at random: called bad", "figure": f"{bad} of {n}"},
     ]
 

@@ -1,4 +1,4 @@
-"""What an audit says without answers, and whether it is right: words, pairs, and what does not change them.
+"""What an audit says without answers, and whether it is right: verdicts, pairs, and what does not change them.
 
     python benchmarks/claims.py --data ../shared/data --json claims.json
     python benchmarks/claims.py --data ../shared/data --only half,walks
@@ -42,7 +42,7 @@ P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 """Edges of the bins of P(similar) in which good demonstrations are counted."""
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
 HEAD = (
-    "| kind | sets | outlier: bad, good | similar: good, bad | sets with a good outlier | share with a word |",
+    "| kind | sets | outlier: bad, good | similar: good, bad | sets with a good outlier | share with a verdict |",
     "|---|---|---|---|---|---|",
 )
 
@@ -171,7 +171,8 @@ def report(rows: list[Row]) -> list[str]:
     for kind in kinds.KINDS:
         parts[0] += counted(kind, of_kind[kind])
     parts += [changes(of_kind["changes"]), point_masses(of_kind["point mass"])]
-    parts.append([text for row in rows for text in described(row)])
+    told = [text for row in rows for text in described(row)]
+    parts += [["<details><summary>Set by set</summary>"], told, ["</details>"]] if told else []
     return [text for part in parts if part for text in ("", *part)][1:]
 
 
@@ -197,7 +198,7 @@ def pairs_asked(rows: list[Row]) -> list[str]:
 
 
 def good_by_proba(rows: list[Row]) -> list[str]:
-    """How many demonstrations with such a P(similar) are good, of the recorded sets with words: in the others P is 1/2.
+    """How many demonstrations with such a P(similar) are good, of recorded sets with verdicts: in the others P is 1/2.
     Those of middling quality are left out.
 
     `rpil.results.vocabulary` quotes the last line.
@@ -219,7 +220,7 @@ def good_by_proba(rows: list[Row]) -> list[str]:
     if len(most) and len(least):
         text = f"{most.mean():.0%} of the demonstrations with P(similar) of .9 or more were good, "
         text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
-        lines += ["", f"In {len(rows)} recorded sets with words {text}."]
+        lines += ["", f"In {len(rows)} recorded sets with verdicts {text}."]
     return lines
 
 
@@ -265,7 +266,7 @@ def changes(rows: list[Row]) -> list[str]:
     bases = {name.split(":")[0]: row["words"] for name, row in own.items() if name.endswith(AS_IT_IS)}
     if not bases:
         return []
-    lines = ["| change | words given | turned over | withdrawn |", "|---|---|---|---|"]
+    lines = ["| change | verdicts given | turned over | withdrawn |", "|---|---|---|---|"]
     for change in CHANGES:
         rows_of = ((words, own[f"{name}: {change}"]) for name, words in bases.items())
         pairs = [
@@ -301,7 +302,7 @@ def described(row: Row) -> list[str]:
     if row["kind"] != "recorded" and (not wrong or row["kind"] in ("changes", "people")):
         return []
     value, words = auroc(np.array(row["good"]), np.array(row["log_odds"])), sum(word != 0 for word in row["words"])
-    text = f"AUROC {value:.2f}, {row['finding']}, {words} words, {wrong} wrong"
+    text = f"AUROC {value:.2f}, {row['finding']}, {words} verdicts, {wrong} wrong"
     return [" ".join([f"- {row['kind']} {row['name']}: {text}.", *row["doubts"]])]
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from rpil import RPIL, Demonstrations, Settings
-from rpil.results.words import COLOURS, SIDES
+from rpil.results.vocabulary import COLOURS, SIDES
 
 Array = NDArray[Any]
 N_ACTIONS = 4
@@ -163,7 +163,7 @@ def draw_map(ax: Any, actions: Array, title: str) -> None:
 
 def count_right(model: RPIL, good: Array) -> str:
     """The number of right verdicts in words."""
-    right = np.array(model.audit_.verdicts) == np.where(good, "typical", "unlike")
+    right = np.array(model.audit_.verdicts) == np.where(good, "similar", "outlier")
     return f"{right.sum()} of {len(good)} verdicts right"
 
 

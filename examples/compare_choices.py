@@ -21,9 +21,9 @@ made = rpil.simulate(ENV, "corrupted", n_good=8, n_bad=12, seed=0)
 demonstrations = rpil.Demonstrations.from_episodes(made.episodes, source=ENV)
 
 # %%
-# An audit calls some unlike the others; all others are kept.
+# An audit calls some outliers; all others are kept.
 audit = rpil.RPIL().fit(demonstrations).audit_
-kept = [m for m, verdict in enumerate(audit.verdicts) if verdict != "unlike"]
+kept = [m for m, verdict in enumerate(audit.verdicts) if verdict != "outlier"]
 print(f"kept {len(kept)} of {len(demonstrations)} demonstrations, {int(made.is_good[kept].sum())} of 8 good ones")
 
 

@@ -2,7 +2,7 @@
 Sessions, and rankings compared
 ===============================
 
-On the second of three days the zero of a joint was set anew. Everybody of that day is then unlike the others, and
+On the second of three days the zero of a joint was set anew. Everybody of that day then differs from the others, and
 nobody is to blame. `audit.plot.sessions()` shows it; judged within each day, the demonstrations that are really bad are
 found. The area under the ROC curve says how well, because here it is known who is good.
 """

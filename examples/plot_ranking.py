@@ -26,7 +26,7 @@ with as_file(files("rpil.cli") / "bundled" / "overcooked_cramped_room.npz") as p
 print(demonstrations)
 
 # %%
-# One call judges. The finding says what words there are: here "nobody stands out", so that all stay open, and are
+# One call judges. The finding says what verdicts there are: here "no outliers", so that all stay open, and are
 # ranked.
 audit = rpil.audit(demonstrations)
 print(audit)
@@ -41,6 +41,6 @@ print(f"rank correlation with the score: {spearmanr(audit.log_odds, score).stati
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 6), layout="constrained")
 audit.plot.ranking(ax=left)
 right.plot(score, audit.log_odds, "o")
-right.set(xlabel="score that the audit did not see", ylabel="log-odds (nats)")
+right.set(xlabel="score that the audit did not see", ylabel="log-odds: higher is more like the others")
 right.spines[["top", "right"]].set_visible(False)
 plt.show()

@@ -77,10 +77,10 @@ for _ in range(30):
     one_epoch(naive, observations, actions, np.ones(len(actions)))
 
 found = reweight(Learner(), demonstrations, log_prob=log_prob, train=one_epoch)
-for is_typical in (True, False):
-    verdicts = [v for v, good in zip(found.audit.verdicts, is_good, strict=True) if good == is_typical]
-    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("typical", "unlike", "open"))
-    print(f"{'good' if is_typical else 'random'} demonstrations: {words}")
+for was_good in (True, False):
+    verdicts = [v for v, good in zip(found.audit.verdicts, is_good, strict=True) if good == was_good]
+    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("similar", "outlier", "open"))
+    print(f"{'good' if was_good else 'random'} demonstrations: {words}")
 print(f"right actions: {naive.accuracy():.3f} trusting all, {found.policy.accuracy():.3f} trusting the trustworthy")
 
 # %%

@@ -112,7 +112,7 @@ def test_make_says_what_it_does_before_it_waits_for_pip(target):
 
 @pytest.mark.slow
 def test_first_commands_of_the_readme_in_an_empty_environment(tmp_path):
-    """``pip install .`` without extras, then ``rpil demo`` in an empty folder."""
+    """An installation of this checkout without extras, then ``rpil demo`` in an empty folder."""
     tool = runpy.run_path(str(ROOT / "tools" / "environments.py"))
     python = tool["make_environment"](tmp_path / "empty")
     pip = [python, "-m", "pip", "--disable-pip-version-check", "--quiet"]
@@ -120,7 +120,7 @@ def test_first_commands_of_the_readme_in_an_empty_environment(tmp_path):
     if subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("pip reaches no package index")
     first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
-    assert re.findall(r"^(?:pip install|rpil demo).*?(?=  )", first, re.MULTILINE) == ["pip install .", "rpil demo"]
+    assert re.findall(r"^(?:pip install|rpil demo).*?(?=  )", first, re.MULTILINE) == ["pip install rpil", "rpil demo"]
     checkout, folder = tool["copy_checkout"](tmp_path / "checkout"), tmp_path / "work"
     installed = subprocess.run([*pip, "install", "--no-compile", "."], cwd=checkout, capture_output=True, text=True)
     assert installed.returncode == 0, installed.stderr

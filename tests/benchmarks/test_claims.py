@@ -67,8 +67,8 @@ def test_good_ones_are_counted_by_p():
     assert "| 0.9 to 0.99 | 2 | 1 | 50% | 1 |" in lines
     assert "| 0.99 to 1 | 3 | 2 | 67% | 2 |" in lines
     assert lines[-1] == (
-        "In 2 recorded sets with words 60% of the demonstrations with P(similar) of .9 or more were good, 33% of those "
-        "with .1 or less, and 50% of all."
+        "In 2 recorded sets with verdicts 60% of the demonstrations with P(similar) of .9 or more were good, 33% of "
+        "those with .1 or less, and 50% of all."
     )
     assert good_by_proba([*rows, row([0.5], [1], [0])]) == lines  # a set without words is left out
     assert good_by_proba([]) == []
@@ -100,7 +100,7 @@ def test_words_are_counted_by_kind():
         "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
         in lines
     )
-    assert "- recorded reversed: AUROC 0.00, outliers, 3 words, 3 wrong." in lines
+    assert "- recorded reversed: AUROC 0.00, outliers, 3 verdicts, 3 wrong." in lines
     assert not any("- changes" in text for text in lines)
 
 
@@ -111,12 +111,12 @@ def test_a_row_for_each_kind_of_operator():
     assert "| stuck | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
     assert "| nobody bad | 1 | 0, 1 of 3 good | 0, 0 | 1 | 0.33 (standard error nan) |" in lines
     said = [text for text in report(rows) if text.startswith("- ")]
-    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, outliers, 1 words, 1 wrong."]
+    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, outliers, 1 verdicts, 1 wrong."]
 
 
 def test_what_an_audit_says_of_p_is_in_the_results():
     sentence = VOCABULARIES["none"].experience.removesuffix(" (docs/results.md).")
-    assert sentence.startswith("In 11 recorded sets with words")
+    assert sentence.startswith("In 11 recorded sets with verdicts")
     assert [words.experience for anchor, words in VOCABULARIES.items() if anchor != "none"] == ["", ""]
     assert sentence in RESULTS.read_text(encoding="utf-8")
 
