@@ -64,7 +64,7 @@ def check_schema(printed, command):
 
 
 def test_every_finding_has_one_number():
-    assert {*RULES, *OF_AUDIT} == {*NUMBERS}
+    assert {*RULES, *OF_AUDIT} <= {*NUMBERS}  # a rule that is gone keeps its number
     assert len(RULE_NAMES) == len(NUMBERS)
     assert {verdict for verdict, side in SIDES.items() if side == "lower"} <= {*OF_AUDIT}
     assert {*OF_AUDIT} - {*SIDES} <= {*FINDINGS}
@@ -78,7 +78,11 @@ def test_numbers_stay():
 
 def test_the_page_has_a_line_for_each_number():
     page = (ROOT / "docs" / "teams.md").read_text(encoding="utf-8")
-    lines = [f"| {number} | {name} | {words_of(number)} |" for number, name in RULE_NAMES.items()]
+    lines = [
+        f"| {number} | {name} | {words_of(number)} |"
+        for number, name in RULE_NAMES.items()
+        if name in {*RULES, *OF_AUDIT}
+    ]
     assert re.findall(r"^\| RPIL-.*$", page, re.MULTILINE) == lines
 
 

@@ -117,9 +117,10 @@ class FaultReport:
         return f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}{more * bool(self.absent)}."
 
     def table(self) -> dict[str, list[object]]:
-        """Columns with a row for each finding, the worst first, by the fields of `Fault`; ids are text."""
+        """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""
         columns = {one.name: [getattr(found, one.name) for found in self.findings] for one in fields(Fault)}
-        return columns | {"id": [str(name) for name in columns["id"]]}
+        numbers: list[object] = [NUMBERS[found.rule] for found in self.findings]
+        return {"number": numbers, **columns, "id": [str(name) for name in columns["id"]]}
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame of `table`.
