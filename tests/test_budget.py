@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (3357, 39),
     "estimators": (2306, 16),
     "faults": (2542, 88),
-    "formats": (9616, 76),
+    "formats": (9617, 76),
     "inference": (2671, 88),
     "mixture": (810, 20),
     "numerics": (592, 14),

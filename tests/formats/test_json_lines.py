@@ -70,6 +70,9 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     write(tmp_path / "runs" / "meta" / "notes.jsonl", [{"of": "all"}])
     (tmp_path / "runs" / "README.txt").write_text("a,b\n1,2\n")
     assert rpil.read("runs").ids == ("run_0", "run_1", "run_10")
+    (tmp_path / "runs" / "more").mkdir()
+    write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)
+    assert rpil.read("runs").ids == ("more/run_0", "run_0", "run_1", "run_10")
     refused("a folder of JSON lines is not given back", "keep", "runs", "-o", "new")
 
 

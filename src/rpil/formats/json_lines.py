@@ -49,7 +49,7 @@ def claims(path: Path) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """The columns of all lines; an object within an object has a column for each of its parts, as ``observation.x``.
 
-    Where neither a column nor pauses tell demonstrations apart, each file of a folder is one.
+    Where no column tells demonstrations apart, each file of a folder is one.
     """
     import pyarrow as pa
 
@@ -57,9 +57,9 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     tables = {name: _table(file) for name, file in files.items()}
     is_tub, default = any(name.lower().endswith(_TUB) for name in files), None
-    if path.is_dir() and options.split_gap is None and not is_tub:
-        default = FILE
-        tables = {m: one.append_column(FILE, pa.repeat(Path(m).stem, len(one))) for m, one in tables.items()}
+    if path.is_dir() and not is_tub:
+        default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
+        tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = end_to_end([*tables.values()], path.name)
     name = "Donkeycar tub" if is_tub else "JSON lines"
     return from_arrow(

@@ -236,7 +236,8 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
     ways = "name the column of the demonstration with <option>, or, where pauses divide demonstrations, <option>"
     if 2 * len(names) > len(group):
         raise DataError(
-            f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}.",
+            f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
+            "that is meant, call it episode_index.",
             ("id", "split_gap"),
         )
     if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
