@@ -75,6 +75,15 @@ SETS = (
         "In episode 47 a joint leaps by 1.8 between two frames, stays there for a tenth of a second and leaps back.",
     ),
     PublicSet(
+        "6589sq/mycar",
+        "6e39ffb1c5ff",
+        "data/tub_2_24-04-23",
+        "a Donkeycar, driven by hand",
+        "Its settings record only while the throttle is pressed, so that rows are not one frame apart: a policy that "
+        "learns from sequences must know.",
+        options=("--action", "user/angle,user/throttle", "--split-gap", "2"),
+    ),
+    PublicSet(
         "SamueleSandrini/record-test",
         "c6d0de303c6f",
         "",
@@ -125,8 +134,8 @@ def section(public: PublicSet, path: Path) -> str:
 
 def asked(command: str, path: Path, options: Sequence[str]) -> dict[str, Any]:
     """What a command of rpil says, as JSON."""
-    words = [sys.executable, "-m", "rpil", command, ".", "--json", "--quiet", *options]
-    found: dict[str, Any] = json.loads(subprocess.run(words, cwd=path, capture_output=True, check=True).stdout)
+    words = [sys.executable, "-m", "rpil", command, path.name, "--json", "--quiet", *options]
+    found: dict[str, Any] = json.loads(subprocess.run(words, cwd=path.parent, capture_output=True, check=True).stdout)
     return found
 
 
