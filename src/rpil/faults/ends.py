@@ -25,6 +25,9 @@ UNUSUAL_LENGTHS = 0.02
 LENGTH_MARGIN = 0.1
 """By how much a joined demonstration may be unusually short or long."""
 
+USUAL_TAIL = 2.5
+"""Distances of the lower quartile from the median, below the lower quartile, within which clean demonstrations lie."""
+
 LARGE_CHANGE = 0.99
 """Quantile of the changes from step to step, in which a leap is measured."""
 
@@ -75,13 +78,15 @@ def learn_ends(sample: MovingBlock) -> Ends | None:
     spread = np.median(np.abs(ends - centre[:, :, None]), axis=2) / NORMAL_DEVIATION + least
     wide = spread.max(axis=0)[:, None]
     change = np.sqrt(((np.diff(values, axis=1) / wide) ** 2).mean(axis=0))
-    short, long = np.quantile(np.diff(offsets), [UNUSUAL_LENGTHS, 1 - UNUSUAL_LENGTHS])
+    lengths = np.quantile(np.diff(offsets), [UNUSUAL_LENGTHS, 0.25, 0.75, 1 - UNUSUAL_LENGTHS])
+    ratio = lengths[2] / lengths[1]
+    short, long = max(lengths[0], lengths[1] / ratio), min(lengths[3], lengths[2] * ratio)
     bounds = (1 - LENGTH_MARGIN) * short, (1 + LENGTH_MARGIN) * long
     leap = float(np.quantile(change, LARGE_CHANGE)) + 1e-12
     fitted = Ends(centre, spread, bounds, leap)
     each = [values[:, a:b] for a, b in itertools.pairwise(offsets)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]
-    low, high = np.quantile(clean, 0.25), np.quantile(joined, 0.75)
-    limit = high + GAP_SHARE * (min(low, high + FARTHEST) - high)
-    return replace(fitted, limit=float(limit) if low > high + LEAST_GAP else np.nan)
+    (low, middle), high = np.quantile(clean, [0.25, 0.5]), np.quantile(joined, 0.75)
+    limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - USUAL_TAIL * (middle - low))
+    return replace(fitted, limit=float(limit) if low > high + LEAST_GAP and limit > np.median(joined) else np.nan)

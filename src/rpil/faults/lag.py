@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,15 @@ def find_lag(sample: MovingBlock) -> tuple[tuple[Pair, ...], tuple[Int[Array, " 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
     """
+    found = _find_lag(sample)
+    if found[0] and abs(found[0][0].lag) == sample.settings.max_lag:  # it may be longer than what was looked at
+        farther = replace(sample.settings, max_lag=2 * sample.settings.max_lag)
+        return _find_lag(replace(sample, settings=farther))
+    return found
+
+
+def _find_lag(sample: MovingBlock) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
+    """The same, up to the largest lag of the settings."""
     columns, values, settings = sample.columns, sample.values, sample.settings
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
     if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
@@ -101,7 +110,7 @@ def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Int[Array, " M"
     for pair in pairs:
         driver = whitened(block.values[pair.action], pair.memory, offsets)
         response = whitened((block.change if pair.of_change else block.values)[pair.state], pair.memory, offsets)
-        own = _own_correlations(driver, response, offsets, block.settings.max_lag)
+        own = _own_correlations(driver, response, offsets, len(pair.usual) // 2)
         middle = pair.usual[largest:-largest]
         for k in range(2 * largest + 1):
             agreement[:, k] += own[:, k : k + len(middle)] @ middle

@@ -15,6 +15,10 @@ from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
+LEAST_RELATED = 0.5
+"""Correlation of an observation with an action from which on they go together."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredColumns:
     """The columns that the rules compare: C of them, observations before actions.
@@ -57,6 +61,9 @@ class MeasuredColumns:
         for first, towards in zip(self.rotations, self.towards, strict=True):
             own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
         return own
+
+    partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    """The action that goes with an observation, or the observation with an action; -1 where none does."""
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
@@ -151,7 +158,20 @@ def learn_columns(
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
-    return replace(moving, columns=replace(moving.columns, moving=share))
+    return replace(moving, columns=replace(moving.columns, moving=share, partner=_partners(moving)))
+
+
+def _partners(sample: MovingBlock) -> Int[Array, " C"]:
+    """The column of the other kind that is most correlated with each; -1 where none is."""
+    values, is_action = sample.values, sample.columns.is_action
+    partner = np.full(len(values), -1)
+    if is_action.any() and not is_action.all() and np.isfinite(values).all():
+        level = values - values.mean(axis=1, keepdims=True)
+        level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-300)
+        for own, other in ((~is_action, is_action), (is_action, ~is_action)):
+            related = np.abs(level[own] @ level[other].T)
+            partner[own] = np.where(related.max(axis=1) >= LEAST_RELATED, np.flatnonzero(other)[related.argmax(axis=1)], -1)
+    return partner
 
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:

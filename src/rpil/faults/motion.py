@@ -13,11 +13,13 @@ from rpil.numerics.types import Array
 OF_COLUMNS = "columns", "several"
 RESTS = "{} rest for long, or demonstrations differ too much in this"
 
-FEW = (4, 0.1)
-"""Demonstrations, or share of them, in which a column may never move before that is usual."""
+FEW, MOST = (4, 0.1), 0.25
+"""Demonstrations, or share of them, that may have a fault before that is usual; and the largest share."""
 
-MOST_STILL = 0.25
-"""Share of the demonstrations in which a column never moves, up to which that is a fault."""
+
+def few(n_demonstrations: int) -> float:
+    """Demonstrations that may have a fault of some kinds; what more have is usual."""
+    return min(max(FEW[0], FEW[1] * n_demonstrations), MOST * n_demonstrations)
 
 
 class Leap(ComparingRule):
@@ -33,7 +35,9 @@ class Leap(ComparingRule):
         least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
         least = np.maximum(least, s.smallest_leap * columns.spread)
         limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
-        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit))
+        lengths = self.data.lengths[:, None]
+        pace = np.maximum(np.median(lengths) / lengths, 1.0)  # what is done in fewer steps takes larger ones
+        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit) * pace)
 
 
 class Spike(Leap):
@@ -45,10 +49,10 @@ class Spike(Leap):
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
         d_t+1 have opposite signs; its first and last step, t; and the largest change."""
         change, size = block.change, block.size
-        apart = np.zeros_like(size)
-        np.minimum(size[:, 1:-2], size[:, 2:-1], out=apart[:, 1:-2])
-        apart[:, 1:-2] *= change[:, 1:-2] * change[:, 2:-1] < 0
-        apart[:, 1:-2] -= np.maximum(size[:, :-3], size[:, 3:])
+        apart, after = np.zeros_like(size), np.pad(size[:, 3:], ((0, 0), (0, 1)))
+        np.minimum(size[:, 1:-1], size[:, 2:], out=apart[:, 1:-1])
+        apart[:, 1:-1] *= change[:, 1:-1] * change[:, 2:] < 0
+        apart[:, 1:-1] -= np.maximum(size[:, :-2], after)
         spike, step = segments.largest(np.maximum(apart, 0.0), block.offsets)
         return spike, step, step, block.largest
 
@@ -81,6 +85,10 @@ class Jump(Leap):
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
 
+AT_END = 0.1
+"""Share of the range of a column in a demonstration that is one of its ends."""
+
+
 class HeldValue(ComparingRule):
     """One value for long, while others move."""
 
@@ -93,16 +101,23 @@ class HeldValue(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
-        the value; and the lowest and the highest value."""
+        the value; whether
+        it is an end of its range, and its partner is at an end as well; and the lowest and the highest value."""
         values, offsets = block.values, block.offsets
         still, first, length = segments.longest_runs(block.size > 0, block.moves, offsets)
         low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
-        return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
+        at, agrees = values[np.arange(len(values)), first + offsets[:-1, None]], np.zeros(still.shape, dtype=bool)
+        is_end, partner = (at == low) | (at == high), block.columns.partner
+        for m, c in np.argwhere(is_end & (still >= block.settings.min_frozen) & (partner >= 0)).tolist():
+            begin, p = offsets[m] + first[m, c], partner[c]
+            mean = values[p, begin : begin + length[m, c]].mean()
+            agrees[m, c] = min(mean - low[m, p], high[m, p] - mean) <= AT_END * (high[m, p] - low[m, p])
+        return still, first, length, at, agrees, low, high
 
     def compare(self) -> Compared:
         s, chosen = self.settings, np.isin(self.columns.is_action, self.kinds)
         self.names = tuple(np.array(self.columns.names)[chosen].tolist())
-        still, self.first, length, self.at, low, high = (of_each[:, chosen] for of_each in self.measured)
+        still, self.first, length, self.at, agrees, low, high = (of_each[:, chosen] for of_each in self.measured)
         self.last = self.first + length - 1
         limit = np.maximum(self.fence(still, s.frozen_factor, s.smallest_run), s.min_frozen)
         bottom, top = low.min(axis=0), high.max(axis=0)
@@ -112,6 +127,7 @@ class HeldValue(ComparingRule):
         usual_top = (high >= top - near).mean(axis=0) >= s.common_limit
         may_rest = ((self.at <= bottom + near) & usual_bottom) | ((self.at >= top - near) & usual_top)
         may_rest |= self.first == 0  # what has not been touched yet rests
+        may_rest |= agrees  # a hand that is closed stays closed: the action says so, and the state
         is_extreme = (self.at == bottom) | (self.at == top)
         value = np.where((is_extreme == self.is_extreme) & ~may_rest, still, 0)
         return above(value, np.where(self.columns.moving[chosen] >= s.min_moving, limit, np.inf))
@@ -164,7 +180,7 @@ class RepeatedFrames(ComparingRule):
     def compare(self) -> Compared:
         repeats, self.first, length = self.measured
         self.last = self.first + length - 1
-        return above(repeats, self.fence(repeats, self.settings.usual_factor, self.settings.smallest_repeat))
+        return above(repeats, self.fence(repeats, 1.0, self.settings.smallest_repeat))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
@@ -226,7 +242,8 @@ def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
 class Scale(ComparingRule):
     """Values and changes are both many times larger, or smaller, than elsewhere.
 
-    A quiet demonstration has small values in all its columns; a smaller column must be so beside the others as well.
+    A quiet demonstration has small values in all its columns; a smaller column must be so beside most of the
+    observations, or of the actions, as well.
     """
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
@@ -245,7 +262,8 @@ class Scale(ComparingRule):
         (low, high), (slow, fast) = (self.two_fences(values, s.scale_factor) for values in (levels, changes))
         usual = np.median(levels, axis=0)
         ratio = levels / usual
-        beside = np.median(ratio, axis=1, keepdims=True) / ratio / s.scale_factor
+        kinds = [ratio[:, columns.is_action == kind] for kind in (False, True) if (columns.is_action == kind).any()]
+        beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / s.scale_factor
         larger = np.minimum(levels / high, changes / fast)
         smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
         severity = np.maximum(larger, smaller)
@@ -273,6 +291,6 @@ class NeverMoves(ComparingRule):
         usual = np.median(ranges, axis=0)
         still = ranges <= s.least_range * usual
         low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
-        few = still.sum(axis=0) <= min(max(FEW[0], FEW[1] * len(still)), MOST_STILL * len(still))
-        is_known = few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+        are_few = still.sum(axis=0) <= few(len(still))
+        is_known = are_few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
         return above(still, np.where(is_known & (usual > 0), 0.5, np.inf))

@@ -11,11 +11,16 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Block, DemonstrationSet
 from rpil.data.text import counted, moment
 from rpil.faults.measured_columns import all_values
-from rpil.faults.motion import RepeatedFrames
+from rpil.faults.motion import RepeatedFrames, few
 from rpil.faults.rule import Fault, Rule
 from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
+
+
+OTHER_RATE, RATE_FENCE = 0.01, 3.0
+"""Share by which the times between frames of a demonstration are others than usual, and distances of the quartiles
+beyond that."""
 
 
 class MissingValues(Rule):
@@ -71,7 +76,16 @@ class DroppedFrames(Rule):
 
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames by the timestamps; None where there are none."""
-    return None if times.timestamps is None else usual_step(np.diff(times.timestamps)[_within(demonstrations)])
+    if times.timestamps is None:
+        return None
+    steps = np.diff(times.timestamps)[_within(demonstrations)]
+    return float(np.nanmean(steps)) if _tick(steps) else usual_step(steps)
+
+
+def _tick(steps: Array) -> float:
+    """What a clock that is coarser than the frames counts in, as one of whole seconds; 0 for other clocks."""
+    later = steps[steps > 0]
+    return float(later.min()) if len(later) and np.median(steps) == 0 else 0.0
 
 
 def _within(demonstrations: DemonstrationSet) -> Array:
@@ -87,8 +101,11 @@ def find_frame_times(
     """Times between two frames that are too long or too short, where `usual` seconds are usual."""
     if times.timestamps is None or usual is None:
         return
-    frames = np.where(_within(demonstrations), np.diff(times.timestamps), usual) / usual
-    limit = settings.frame_gap
+    within = _within(demonstrations)
+    frames = np.where(within, np.diff(times.timestamps), usual) / usual
+    tick = _tick(frames[within])
+    limit = settings.frame_gap + tick
+    yield from _find_rates(frames, limit, demonstrations, usual)
     for rule, off, threshold, what in (
         (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} missing"),
         (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} too soon"),
@@ -114,3 +131,25 @@ def find_frame_times(
 def _of_frames(n: int, one: str, more: str) -> str:
     """A number of frames with its verb."""
     return f"{counted(n, 'frame')} {one if n == 1 else more}"
+
+
+def _find_rates(
+    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float
+) -> Iterator[Fault]:
+    """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
+    no gaps, which add up to more than `limit` frames."""
+    offsets, lengths = demonstrations.offsets, demonstrations.lengths
+    every = np.append(1.0, np.where(np.abs(frames - 1.0) <= limit, frames, 1.0))
+    every[offsets[:-1]] = 0.0
+    mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
+    low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
+    off = np.abs(mean / middle - 1.0)
+    least = np.maximum(OTHER_RATE + RATE_FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
+    found = np.flatnonzero((off > least) & (lengths > 1))
+    if len(found) > few(len(lengths)):
+        return
+    for m in found.tolist():
+        time, threshold = 1e3 * usual * mean[m], 1e3 * usual * middle
+        sentence = f"a frame comes every {time:.4g} ms, and in the others every {threshold:.4g} ms"
+        place = 0, int(lengths[m]) - 1, ""
+        yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)

@@ -33,7 +33,7 @@ class FaultSettings:
     """Times that a value may be above the upper quartile by `fence`; where it were more, clean demonstrations differ so
     much that nothing can be known. benchmarks/faults.py."""
     usual_factor: float = 3.0
-    """Times the usual number of repeated rows, of idle steps, and the usual gain in agreement by a shift."""
+    """Times the usual number of idle steps, and the usual gain in agreement by a shift."""
     leap_factor: float = 1.75
     """Times the usual largest spike, or jump, of a demonstration. benchmarks/faults.py."""
     smallest: float = 0.5
@@ -63,7 +63,7 @@ class FaultSettings:
     repeat_motion: float = 0.5
     """Motion, relative to the usual one, before and after a repeated row, from which the row is a repeated frame: what
     moves does not stand still for one step."""
-    smallest_repeat: float = 0.3
+    smallest_repeat: float = 3.0
     """Repeated rows by which demonstrations do not differ."""
     idle_motion: float = 0.05
     """Motion, relative to the usual one, below which a step is idle."""

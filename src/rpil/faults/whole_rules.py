@@ -10,12 +10,17 @@ import numpy as np
 from rpil.data.text import duration
 from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.motion import few
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
 USUAL_NEXT_STATE = 0.75
 """Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
 of a hand, may be so always."""
+
+
+BY_CHANCE = 4.0
+"""Standard deviations that correlations of some demonstration and some lag reach by chance."""
 
 
 class Length(ComparingRule):
@@ -26,7 +31,9 @@ class Length(ComparingRule):
     def compare(self) -> Compared:
         lengths = self.data.lengths.astype(float)
         self.low, self.high = low, high = self.two_fences(lengths, self.settings.length_factor)
-        is_known = np.isfinite(high) & (low != 0)
+        # What many demonstrations have, as those of another sampling rate, is no fault of one.
+        are_few = max((lengths < low).sum(), (lengths > high).sum()) <= few(len(lengths))
+        is_known = np.isfinite(high) & (low != 0) & are_few
         severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
         return lengths, np.where(lengths > high, high, low), severity
 
@@ -40,6 +47,7 @@ class OtherLag(ComparingRule):
     name, words = "lag", "the state follows the action sooner or later than usual"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
+    causes = ("next state", "reversed", "frame rate", "exchanged")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
@@ -51,8 +59,10 @@ class OtherLag(ComparingRule):
     def compare(self) -> Compared:
         s, (self.shift, gain) = self.settings, self.measured
         steps, least_gain = np.abs(self.shift), self.fence(gain, s.usual_factor, s.smallest_gain)
+        power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
+        by_chance = BY_CHANCE * np.sqrt(2.0 / (power * self.data.lengths))  # a correlation of n steps is off by n^-1/2
         agree = ((steps < s.min_shift) | (gain < s.smallest_gain)).mean() >= s.min_agreement
-        severity = np.where(steps >= s.min_shift, gain / least_gain, 0.0)
+        severity = np.where(steps >= s.min_shift, gain / np.maximum(least_gain, by_chance), 0.0)
         return steps, s.min_shift, severity if agree and np.isfinite(least_gain) else np.full(len(steps), np.nan)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
@@ -136,7 +146,7 @@ class Reversed(Undone):
 
 
 class FrameRate(Undone):
-    name, words = "frame rate", "it moves in one step as the others do in two"
+    name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
     sentences: ClassVar = {
         "frame rate": "it moves in one step as the others do in two: perhaps steps are missing, perhaps it is fast"
     }
