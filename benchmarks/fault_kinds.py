@@ -208,7 +208,7 @@ HELD = ("frozen sensor", "frozen action", "saturation")
 HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
 KINDS: dict[str, Kind] = {
     "dropped frames": Kind(drop, (1,), "frames", "dropped frames"),
-    "repeated frames": Kind(repeat, (1, 10), "frames, without timestamps", "repeated frames"),
+    "repeated frames": Kind(repeat, (4, 10), "frames, without timestamps", "repeated frames"),
     "frozen sensor": Kind(_hold("frozen sensor"), (1, 3), HELD_UNIT, "frozen sensor", HELD),
     "frozen action": Kind(_hold("frozen action"), (1, 3), HELD_UNIT, "frozen action", HELD),
     "saturation": Kind(_hold("saturation"), (1, 3), HELD_UNIT, "saturation", HELD),

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from fault_kinds import KINDS, Clean, Planted, copies, plant
+from fault_worlds import WORLDS
 from provenance import line, provenance
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -31,6 +32,7 @@ from worlds.recorded import npz_files, read
 SIMULATIONS = ("Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3", "Acrobot-v1", "CartPole-v1")
 HALVES = ("chosen", "held out")
 MARK, END = "<!-- measured, by benchmarks/faults.py -->", "<!-- end -->"
+OUTSIDE = "<!-- outside robots, by benchmarks/faults.py -->"
 SHARE, SEED, NOISES = 0.1, 0, (0.0, 0.01)  # so many of the demonstrations have the fault; noise of copies
 ABLATED = [rule for rule, it in RULES.items() if "map" in it.needs] + [
     "lag",
@@ -90,6 +92,16 @@ def run(sets: Iterator[tuple[str, Demonstrations]], seeds: int) -> list[dict[str
                     rows.append(row | score(report, planted, rule, alike))
         print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
     return rows
+
+
+def outside() -> str:
+    """Findings in clean recordings that are not of robots."""
+    lines = []
+    for name, make in WORLDS.items():
+        demonstrations, times = make(np.random.default_rng(SEED))
+        counts = check(demonstrations, times=times).counts
+        lines.append([name, str(len(demonstrations)), ", ".join(f"{n} {rule}" for rule, n in counts.items()) or "0"])
+    return table(["clean recording", "demonstrations", "findings"], lines, 1)
 
 
 def summarise(rows: list[dict[str, Any]], *keys: str) -> dict[tuple[Any, ...], dict[str, int]]:
@@ -161,14 +173,23 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few simulated demonstrations")
     parser.add_argument("--ablation", action="store_true", help="also what each rule of whole demonstrations is worth")
     parser.add_argument("--docs", type=Path, help="write the tables between the marks of this page")
+    parser.add_argument("--outside", action="store_true", help="only clean recordings that are not of robots")
     options = parser.parse_args()
+    if options.outside:
+        write(options.docs, OUTSIDE, outside())
+        return
     sets = clean_sets(options.data, options.files, 10 if options.quick else 40, options.quick)
     rows = run(sets, options.seeds)
     text = f"{render(rows)}\n\n{speed(20_000 if options.quick else 1_000_000)}"
     text += f"\n\n{ablation(rows)}" if options.ablation else ""
-    if options.docs:
-        before, rest = options.docs.read_text().split(MARK)
-        options.docs.write_text(f"{before}{MARK}\n{text}\n\n{END}{rest.split(END)[1]}")
+    write(options.docs, MARK, text)
+
+
+def write(docs: Path | None, mark: str, text: str) -> None:
+    """Print a text, and write it between a mark of a page and the next `END`."""
+    if docs:
+        before, rest = docs.read_text().split(mark)
+        docs.write_text(f"{before}{mark}\n{text}\n\n{END}{rest.split(END, 1)[1]}")
     print(text)
 
 

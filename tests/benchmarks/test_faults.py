@@ -7,6 +7,7 @@ import pytest
 
 import faults
 from fault_kinds import KINDS, Clean, copies, plant
+from fault_worlds import WORLDS
 from recordings import demonstrations, recording
 
 
@@ -35,6 +36,20 @@ def test_counts():
     rows = [{"kind": "spike", "checked": c, "faults": 2, "found": 1, "any": 1, "other": 0} for c in (True, False)]
     sums = faults.summarise([row | {"clean": 10, "accused": 1} for row in rows], "kind")
     assert dict(sums["spike",]) == {"faults": 2, "found": 1, "any": 1, "other": 0, "clean": 10, "accused": 1}
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_clean_recordings_that_are_not_of_robots_have_no_finding(world):
+    made, times = WORLDS[world](np.random.default_rng(0))
+    assert dict(faults.check(made, times=times).counts) == {}
+
+
+def test_tables_are_written_between_their_marks(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"a {faults.OUTSIDE} b {faults.END} c {faults.MARK} d {faults.END} e")
+    faults.write(page, faults.OUTSIDE, "new")
+    faults.write(page, faults.MARK, "other")
+    assert page.read_text() == (f"a {faults.OUTSIDE}\nnew\n\n{faults.END} c {faults.MARK}\nother\n\n{faults.END} e")
 
 
 @pytest.mark.slow

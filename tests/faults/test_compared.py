@@ -29,7 +29,8 @@ def columns(n=1, moving=1.0, is_action=False):
 def applied(rule, *measured, lengths=None, of=None, **settings):
     """A rule, of arrays (M,) or (M, C) of what its measure gave."""
     n = len(measured[0]) if measured else len(lengths)
-    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings))
+    pairs = (SimpleNamespace(usual=np.full(100, 1.0)),)
+    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings), pairs=pairs)
     lengths = np.full(n, 100) if lengths is None else lengths
     return rule(Measurements(learned, {rule.measure: measured}, tuple(range(n)), lengths, None))
 
@@ -68,6 +69,9 @@ def test_a_value_counts_in_limits_and_nothing_is_known_without_one():
         ([100, 100, 100, 100, 100, 250], [(1.25, 200)]),
         ([100, 100, 100, 100, 100, 40], [(1.25, 50)]),
         ([100, 100, 100, 100, 100, 200], []),  # as long as the limit
+        ([*[100] * 14, *[30] * 4], [(50 / 30, 50)] * 4),
+        ([*[100] * 16, *[30] * 5], "unknown"),  # more than four, and than a tenth: another sampling rate
+        ([*[100] * 16, *[300] * 5], "unknown"),
         ([50, 60, 60, 100, 200, 200], "unknown"),  # it is known what is too long, and not what is too short
     ],
 )
@@ -100,7 +104,14 @@ def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
     assert worst == (None if expected in ("unknown", None) else pytest.approx(expected))
 
 
-def held(still, at, first=5, reached=(), moving=1.0, shift=100.0):
+def test_a_lag_of_few_steps_may_be_another_by_chance():
+    shift, gain = np.array([3] + [0] * 7), np.array([0.5] + [0.0] * 7)
+    for steps, found_in in ((15, [0]), (1, [])):  # four standard deviations are .15, and .57
+        rule = applied(OtherLag, shift, gain, lengths=np.full(M, steps))
+        assert [fault.id for fault in rule.findings()] == found_in
+
+
+def held(still, at, first=5, reached=(), moving=1.0, shift=100.0, agrees=False):
     """Eight demonstrations between 0 and 10, of which number 3 has one value for long; others reach an end as well."""
     low, high = np.full((M, 1), 2.0), np.full((M, 1), 8.0)
     low[0], high[0] = (0.0, 10.0) if at not in (0.0, 10.0) else (2.0, 8.0)
@@ -112,7 +123,8 @@ def held(still, at, first=5, reached=(), moving=1.0, shift=100.0):
     if at == 10.0:
         low[0] = 0.0
     runs = np.where(np.arange(M) == 3, still, 1)[:, None]
-    measured = runs, np.full((M, 1), first), runs + 1, np.full((M, 1), at + shift), low + shift, high + shift
+    ends = np.full((M, 1), agrees), low + shift, high + shift
+    measured = runs, np.full((M, 1), first), runs + 1, np.full((M, 1), at + shift), *ends
     return [(rule, applied(rule, *measured, of=columns(moving=moving))) for rule in (FrozenSensor, Saturation)]
 
 
@@ -125,6 +137,7 @@ def held(still, at, first=5, reached=(), moving=1.0, shift=100.0):
         ({"still": 30, "at": 5.0, "first": 0}, None, None),
         ({"still": 30, "at": 0.0}, None, 2.5),
         ({"still": 30, "at": 10.0}, None, 2.5),
+        ({"still": 30, "at": 10.0, "agrees": True}, None, None),  # a hand is closed: action and state say so
         ({"still": 30, "at": 0.0, "reached": [0.05]}, None, None),  # two of eight: a limit of the robot
         ({"still": 30, "at": 10.0, "reached": [9.95]}, None, None),
         ({"still": 30, "at": 0.0, "reached": [0.15]}, None, 2.5),
@@ -146,7 +159,7 @@ def test_one_value_for_long_is_no_fault_at_a_limit_of_the_robot_or_at_first(case
 
 def test_other_columns_with_the_fault_are_counted():
     still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
-    ends = np.full((M, 3), 0.0), np.full((M, 3), 10.0)
+    ends = np.full((M, 3), False), np.full((M, 3), 0.0), np.full((M, 3), 10.0)
     rule = applied(FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, of=columns(3))
     (fault,) = rule.findings()
     assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")

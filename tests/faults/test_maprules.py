@@ -47,6 +47,11 @@ def test_lags_are_told_in_steps_and_in_time():
     assert "4 steps (80 ms) sooner" in next(f.sentence for f in report.findings if f.rule == "lag")
 
 
+def test_a_long_lag_is_looked_for_farther():
+    late = [(np.concatenate([np.repeat(x[:1], 25, axis=0), x[:-25]]), a) for x, a in CLEAN]
+    assert check(demonstrations(late)).usual["lag"].endswith("after 27 steps")
+
+
 def test_only_actions_that_move_may_be_the_next_state():
     still = [(x, np.column_stack([a, np.zeros(len(a))])) for x, a in CLEAN]
     x, a = still[M]

@@ -116,6 +116,9 @@ def _check_steps(
     of_times = find_frame_times(times, demonstrations, seconds, settings)
     findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
     why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
+    why |= (
+        {} if why or seconds else {DroppedFrames.name: "the timestamps are coarser than the frames; give fps, or --fps"}
+    )
     why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}
     usual, idle_ends = {}, {}

@@ -86,7 +86,7 @@ def learn_ends(sample: MovingBlock) -> Ends | None:
     fitted = Ends(centre, spread, bounds, leap)
     each = [values[:, a:b] for a, b in itertools.pairwise(offsets)][: s.map_sample]
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
-    joined = [fitted.boundary(np.concatenate([x, y], axis=1))[0] for x, y in itertools.pairwise(each)]
+    joined = np.minimum([fitted.boundary(np.concatenate(p, axis=1))[0] for p in itertools.pairwise(each)], 1e3)
     (low, middle), high = np.quantile(clean, [0.25, 0.5]), np.quantile(joined, 0.75)
     limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - USUAL_TAIL * (middle - low))
     return replace(fitted, limit=float(limit) if low > high + LEAST_GAP and limit > np.median(joined) else np.nan)

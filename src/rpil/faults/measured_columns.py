@@ -14,7 +14,6 @@ from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
 
-
 LEAST_RELATED = 0.5
 """Correlation of an observation with an action from which on they go together."""
 
@@ -170,7 +169,9 @@ def _partners(sample: MovingBlock) -> Int[Array, " C"]:
         level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-300)
         for own, other in ((~is_action, is_action), (is_action, ~is_action)):
             related = np.abs(level[own] @ level[other].T)
-            partner[own] = np.where(related.max(axis=1) >= LEAST_RELATED, np.flatnonzero(other)[related.argmax(axis=1)], -1)
+            partner[own] = np.where(
+                related.max(axis=1) >= LEAST_RELATED, np.flatnonzero(other)[related.argmax(axis=1)], -1
+            )
     return partner
 
 

@@ -36,7 +36,8 @@ class Leap(ComparingRule):
         least = np.maximum(least, s.smallest_leap * columns.spread)
         limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
         lengths = self.data.lengths[:, None]
-        pace = np.maximum(np.median(lengths) / lengths, 1.0)  # what is done in fewer steps takes larger ones
+        pace = np.median(lengths) / lengths  # what is done in fewer steps takes larger ones
+        pace = np.where(pace > s.length_factor, pace, 1.0)
         return above(size, np.where(columns.moving < s.least_moving, np.inf, limit) * pace)
 
 

@@ -17,7 +17,6 @@ from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
-
 OTHER_RATE, RATE_FENCE = 0.01, 3.0
 """Share by which the times between frames of a demonstration are others than usual, and distances of the quartiles
 beyond that."""
@@ -75,11 +74,11 @@ class DroppedFrames(Rule):
 
 
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
-    """Seconds between two frames by the timestamps; None where there are none."""
+    """Seconds between two frames by the timestamps; None where there are none, or all are coarser than the frames."""
     if times.timestamps is None:
         return None
     steps = np.diff(times.timestamps)[_within(demonstrations)]
-    return float(np.nanmean(steps)) if _tick(steps) else usual_step(steps)
+    return None if _tick(steps) else usual_step(steps)
 
 
 def _tick(steps: Array) -> float:

@@ -47,7 +47,7 @@ class OtherLag(ComparingRule):
     name, words = "lag", "the state follows the action sooner or later than usual"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
-    causes = ("next state", "reversed", "frame rate", "exchanged")
+    causes = ("next state", "frame rate", "exchanged")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
