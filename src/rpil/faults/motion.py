@@ -13,13 +13,13 @@ from rpil.numerics.types import Array
 OF_COLUMNS = "columns", "several"
 RESTS = "{} rest for long, or demonstrations differ too much in this"
 
-FEW, MOST = (4, 0.1), 0.25
+FEW, MOST_FEW = (4, 0.1), 0.25
 """Demonstrations, or share of them, that may have a fault before that is usual; and the largest share."""
 
 
 def few(n_demonstrations: int) -> float:
     """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(max(FEW[0], FEW[1] * n_demonstrations), MOST * n_demonstrations)
+    return min(max(FEW[0], FEW[1] * n_demonstrations), MOST_FEW * n_demonstrations)
 
 
 class Leap(ComparingRule):

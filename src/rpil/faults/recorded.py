@@ -17,7 +17,7 @@ from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
-OTHER_RATE, RATE_FENCE = 0.01, 3.0
+SLOWER, SLOWER_FENCE = 0.01, 3.0
 """Share by which the times between frames of a demonstration are others than usual, and distances of the quartiles
 beyond that."""
 
@@ -143,7 +143,7 @@ def _find_rates(
     mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
     low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
     off = np.abs(mean / middle - 1.0)
-    least = np.maximum(OTHER_RATE + RATE_FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
+    least = np.maximum(SLOWER + SLOWER_FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
     found = np.flatnonzero((off > least) & (lengths > 1))
     if len(found) > few(len(lengths)):
         return
