@@ -200,8 +200,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
 def test_the_command_to_run_then_reads_the_same_data(folder):
     given = ["--exclude", "is_good", "--exclude", "episode_return", "--memory", "2GB", "--no-stream", "--all"]
     result = ok("audit", folder / "good.parquet", *given)
-    again = next(line for line in result.stdout.splitlines() if line.startswith("Then run: "))
-    words = shlex.split(again.removeprefix("Then run: rpil "))
+    words = shlex.split(result.stdout.partition("Then run: rpil ")[2].replace("\\\n", ""))
     Path("labels.csv").write_text("id,label\n0,expert\n")
     assert words.count("--exclude") == 2
     assert {"--no-stream", "--all"} < set(words)

@@ -106,7 +106,7 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
 
 def test_doubt_leaves_no_verdict() -> None:
     audit = replace(make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH), doubts=("Folds differ.", "More."))
-    assert audit.reasons == ("No verdict, because of the doubt about all low scores.",) * 2
+    assert audit.reasons == ("No verdict, because the finding is in doubt.",) * 2
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:

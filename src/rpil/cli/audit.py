@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -33,13 +32,10 @@ from rpil.cli.outputs import (
     tell_if_too_many,
     write_outputs,
 )
+from rpil.cli.printed_audit import head_lines, next_steps, odd_lines, print_audit
 
 if TYPE_CHECKING:
-    from rpil.faults.report import FaultReport
     from rpil.results.record import Audit
-
-MAX_REASONS = 10
-"""Demonstrations with low trust whose faults are printed beside an audit."""
 
 
 @click.command()
@@ -75,7 +71,6 @@ MAX_REASONS = 10
     metavar="outlier|bad[:N]",
     help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
 )
-@click.option("--all", "all_rows", is_flag=True, help="Print all demonstrations, not the worst and doubtful ones only.")
 @click.option(
     "--annotate",
     type=click.Path(),
@@ -83,6 +78,7 @@ MAX_REASONS = 10
     help="Also write a copy of this folder of LeRobot 3.0, with the verdict and the score of each episode in "
     "meta/episodes, for episode_filter.",
 )
+@click.option("--all", "all_rows", is_flag=True, help="Print everything, a row for each demonstration.")
 @json_option
 @format_option
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
@@ -97,7 +93,7 @@ def audit(
     fail_on: str | None,
     **options: Value,
 ) -> int:
-    """Print how far each demonstration can be trusted, the least trusted first.
+    """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
     """
@@ -130,15 +126,14 @@ def audit(
         )
     elif form != "text":
         from rpil.cli import exchange
+        from rpil.results.overview import headline
 
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
-        click.echo(exchange.written(form, found, file, ("rpil audit", terminal.finding_lines(result)[0])))
+        click.echo(exchange.written(form, found, file, ("rpil audit", headline(result))))
     else:
-        judged_within = result.assumptions[:1] if result.within else ()
-        terminal.print_lines([*recording.description.short(), *judged_within, ""])
-        terminal.print_audit(result, all_rows)
-        terminal.print_lines(fault_lines(faults, result, file))
-        print_next_steps(ctx, result, given.quiet)
+        within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
+        head = recording.description.short() if all_rows else head_lines(recording.description)
+        print_audit(result, [*head, *within, ""], odd_lines(faults, file), closing_lines(ctx, result), all_rows)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
@@ -164,25 +159,9 @@ def report(run: str, output: str) -> None:
     click.echo(f"Report: {output}")
 
 
-def print_next_steps(ctx: click.Context, audit: Audit, quiet: bool) -> None:
-    """Print what to do next, with the command to run then; nothing if `quiet`."""
-    if quiet:
-        return
+def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
+    """What to do next, with the command to run then; nothing if the user wants it quiet."""
+    if ctx.params["quiet"]:
+        return []
     labels = ctx.params["labels"] or LABELS_FILE
-    click.echo(terminal.next_steps(audit, labels, shlex.join(command_words(ctx, str(ctx.info_name)))))
-
-
-def fault_lines(report: FaultReport, audit: Audit, file: str) -> list[str]:
-    """The recording faults beside an audit: how many, and those that may explain low trust."""
-    from rpil.faults.report import explain
-    from rpil.results.vocabulary import SIDES
-
-    if not report.findings:
-        return ["No recording faults found."]
-    counts = ", ".join(f"{count} {rule}" for rule, count in report.counts.items())
-    lines = [
-        f"Recording faults, which do not change the trust: {counts}; {shlex.join(['rpil', 'check', file])} lists them."
-    ]
-    distrusted = [name for name, verdict in zip(audit.ids, audit.verdicts, strict=True) if SIDES[verdict] == "lower"]
-    reasons = [(name, reason) for name in distrusted if (reason := explain(report.findings, name))]
-    return lines + [f"  {name}: {reason}" for name, reason in reasons[:MAX_REASONS]]
+    return ["", *next_steps(audit, labels, command_words(ctx, str(ctx.info_name)))]

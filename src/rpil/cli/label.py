@@ -22,6 +22,7 @@ from rpil.cli.commands import (
     tell_of_set_aside,
 )
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
+from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
 from rpil.data.text import counted
@@ -57,7 +58,7 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
     tell_of_set_aside(recording)
-    terminal.print_lines([*terminal.finding_lines(run.audit), terminal.verdict_sentence(run.audit)])
+    terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
     return run, path, before
 
 

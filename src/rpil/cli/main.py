@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import audit, print_next_steps, report
+from rpil.cli.audit import audit, closing_lines, report
 from rpil.cli.check import check
 from rpil.cli.commands import Commands, CommandSettings, check_paths, show_stages
 from rpil.cli.evaluate import evaluate
@@ -25,6 +25,7 @@ from rpil.cli.options import (
     seed_option,
     with_options,
 )
+from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.progress import LOADING
 from rpil.cli.review import review
 
@@ -69,8 +70,8 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         model.fit(recording, labels=run.labels, demonstrators=run.operator)
         save(model, output)
     commands.tell_of_set_aside(recording)
-    terminal.print_lines([*terminal.finding_lines(model.audit_), terminal.verdict_sentence(model.audit_)])
-    print_next_steps(ctx, model.audit_, run.quiet)
+    terminal.print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
+    terminal.print_lines(closing_lines(ctx, model.audit_))
     play = shlex.join(["rpil", "evaluate", output, "--env"])
     click.echo(f"Policy: {output}" if run.quiet else f"Policy: {output}; to play it: {play} ID")
 

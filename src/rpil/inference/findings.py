@@ -19,7 +19,7 @@ FINDINGS: dict[str, str] = {
     "answered": "Your answers decide which demonstrations are good.",
     "mixture": "The demonstrations are those of an expert, and those of the adversary that was named.",
     "two groups": "Two groups act differently; without an answer nobody can say which is good.",
-    "in doubt": "Some demonstrations have low scores, but there may be another reason: a ranking, and no verdicts.",
+    "in doubt": "Low scores may have another cause; here is a ranking, and no verdicts.",
     "no outliers": "Nobody differs clearly; here is a ranking, and no verdicts.",
     "nothing could be learned": "The observations do not help to predict the actions of other demonstrations.",
 }

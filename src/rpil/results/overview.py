@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from html import escape
 
-from rpil.data.text import MAX_IDS, counted, listed, one_line
+from rpil.data.text import MAX_IDS, counted, listed, one_line, printable
 from rpil.inference.findings import FINDINGS
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, numbered
@@ -19,11 +20,11 @@ MAX_NAME = 40
 """Characters of an id in the text."""
 
 
-def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
+def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
     """The finding in one sentence, with numbers and up to `most` names, the lowest score first."""
     n, counts = len(audit.ids), audit.verdict_counts()
     lower = [audit.ids[m] for m in audit.ranking()[::-1].tolist() if SIDES[audit.verdicts[m]] == "lower"]
-    names = f": {listed(lower, most, ', ')}" if lower else ""
+    names = f": {listed(map(named, lower), most, ', ')}" if lower else ""
     if audit.finding == "outliers" and lower:
         return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} differently from the rest{names}."
     if audit.finding == "answered":
@@ -31,7 +32,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
     if audit.finding == "mixture" and lower:
         return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} like the adversary that was named{names}."
     sentence = FINDINGS[audit.finding]
-    if audit.groups:
+    if audit.finding == "two groups" and audit.groups:
         sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
         return f"Two groups act differently: {sizes}{sentence.removeprefix('Two groups act differently')}"
     if audit.finding in ("two groups", "outliers"):

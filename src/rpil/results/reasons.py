@@ -97,6 +97,19 @@ def _where_it_differs(audit: Judged, m: int) -> str:
     return f"{place}, most {span(step, step, audit.fps)}: {does[seen.end() :]}"
 
 
+def at_a_glance(audit: Judged, reason: str, m: int) -> tuple[str, str]:
+    """Where demonstration `m` differs most, and what it does there, or else the `reason` for its verdict, in short."""
+    stretch, does = worst_stretch(audit.log_ratio(m)), audit.deviations[m] if audit.deviations else ""
+    why = "" if reason.startswith("Different") else reason.partition(";")[0].rstrip(".")
+    if stretch is None or audit.finding == "nothing could be learned":
+        return "", why
+    seen = AT_STEP.match(does)
+    first, last = (int(seen[1]),) * 2 if seen else (stretch.first, stretch.last)
+    is_long = last + 1 - first >= NEARLY_ALL * audit.lengths[m]
+    where = THROUGHOUT if is_long else span(first, last, audit.fps).removeprefix("from ").removeprefix("at ")
+    return where, does[seen.end() :] if seen else does or why
+
+
 def _by_answers(audit: Judged, m: int, answers: Answers) -> str:
     """The reason by the label of demonstration `m`, or by what is learned from answers; or nothing."""
     verdict, words = audit.verdicts[m], audit.vocabulary
@@ -118,7 +131,7 @@ def _by_finding(audit: Judged, group: str, above: float) -> str:
     if audit.finding == "two groups":
         return f"Acts as group {group} does; only an answer can tell which is good" if group else "In neither group"
     if audit.finding == "in doubt":
-        return "No verdict, because of the doubt about all low scores"
+        return "No verdict, because the finding is in doubt"
     if audit.finding == "no outliers":
         return f"{FIFTHS[int(5 * above)]} of the ranking, not clearly different"
     return "Nothing could be learned" if audit.finding == "nothing could be learned" else ""

@@ -1,0 +1,236 @@
+"""What an audit prints: at most 25 lines of 80 columns, whatever the data, and everything with all rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import re
+import sys
+
+import click
+import numpy as np
+import pytest
+
+from audits import make_audit
+from rpil.cli import printed_audit
+from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, next_steps, odd_lines, print_audit, worst_and_doubtful
+from rpil.cli.terminal import size_of
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
+from rpil.formats import read_labels
+from rpil.results.answering import NEXT_STEPS, question
+from rpil.results.overview import headline
+from rpil.results.record import Audit, Demonstrator, Interval
+
+COMMAND = ["rpil", "audit", "a folder with a long name/of some drives.csv", "--id", "driver", "--action", "steering"]
+VERDICTS = ("outlier",) * 12 + ("open",) * 8 + ("similar",) * 20
+LONG = [f"2026-11-{m:02}_a_very_long_session_of_recordings/operator_anna/episode_{m:04}" for m in range(40)]
+PAIR = {"pair": (0, 39), "columns": np.random.default_rng(0).normal(size=(40, 5))}
+DEVIATIONS = tuple(
+    f"at step {m}: actions.left.joint_{m}.pos is -13.25; others there have -148 to -136" for m in range(40)
+)
+ANSWERED = {"anchor": "answers", "finding": "answered", "labels": {0: -1, 39: 1}, "contradicting": (0, 1, 2)}
+PEOPLE = tuple(Demonstrator(f"operator {k}", Interval(0.9, 0.8, 1), tuple(range(4 * k, 4 * k + 4))) for k in range(10))
+DOUBT = "Two ways of scoring disagree about the order (rank correlation 0.12), so the low scores may be an artefact."
+NOTES = ("The two groups: A has 20 demonstrations and B 20; B takes longer, pauses less and has a longer path.",) * 3
+KINDS = {
+    "nobody": make_audit(("open",) * 40, finding="no outliers", **PAIR),
+    "outliers": make_audit(VERDICTS, deviations=DEVIATIONS, fps=20.0, **PAIR),
+    "two groups": make_audit(
+        ("open",) * 40, finding="two groups", competing=(tuple(range(20)), tuple(range(20, 40))), notes=NOTES, **PAIR
+    ),
+    "doubt": make_audit(("open",) * 40, finding="in doubt", doubts=(DOUBT, DOUBT.replace("Two", "Three")), **PAIR),
+    "labels": make_audit(("bad",) * 10 + ("outlier",) * 2 + ("open",) * 8 + ("good",) * 20, **ANSWERED, **PAIR),
+    "operators": make_audit(VERDICTS, demonstrators=PEOPLE, notes=NOTES, **PAIR),
+    "tasks": make_audit(VERDICTS, within="tasks", assumptions=("They are judged within their tasks. " * 9,), **PAIR),
+    "long ids": make_audit(VERDICTS, ids=LONG, **(PAIR | {"pair": (LONG[0], LONG[39])})),
+    "a damaged policy": make_audit(("open",) * 40, finding="nothing could be learned", **PAIR),
+}
+
+
+def faults(ids):
+    sentence = "action_steer leaps by 0.75 for one step at 14.1 s (usual: up to 0.4); the same in 2 more columns"
+    found = tuple(Fault("spike", name, 0, 1, "x", 1.0, 0.5, 1.0, sentence) for name in ids[:9])
+    return FaultReport(found, {}, {}, {}, {}, len(ids), 99)
+
+
+def printed(audit, capsys, all_rows=False):
+    """The lines with everything that the command prints."""
+    head = ["drives.csv: CSV; 40 demonstrations, 4,000 steps.", "Action: steering.", "A note.", "Another note.", ""]
+    closing = ["", *next_steps(audit, "labels.csv", COMMAND)]
+    print_audit(audit, head, odd_lines(faults(audit.ids), COMMAND[2]), closing, all_rows)
+    return capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
+    audit = KINDS[kind]
+    lines = printed(audit, capsys)
+    assert len(lines) <= MAX_LINES
+    to_paste = f"    {audit.ids[0]}," if kind == "long ids" else "no such line"  # a line of a file is whole
+    assert all(size_of(line) <= 80 for line in lines if not line.startswith(to_paste))
+    rows = [line for line in lines if re.match(r"\S+ +(outlier|open|similar|good|bad|\d+) +[-+]\d", line)]
+    assert len(rows) >= 2
+    assert len(rows) <= MAX_ROWS
+    text = "\n".join(lines)
+    assert (question(audit) is None) == ("Which is better" not in text)
+    assert "9 recordings are odd: " in text
+    assert text.encode("ascii")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_with_all_rows_nothing_is_left_out(kind, capsys):
+    audit = KINDS[kind]
+    text = "\n".join(printed(audit, capsys, all_rows=True))
+    assert all(str(name) in text for name in audit.ids)
+    assert all(reason in text for reason in audit.reasons) or len({*audit.reasons}) == 1
+    assert " ".join(audit.notes) in " ".join(text.split())
+
+
+def test_a_verdict_has_a_place_and_no_probability_where_it_is_open(capsys):
+    lines = printed(KINDS["nobody"], capsys)
+    assert any(re.fullmatch(r"id +place +score( +where)?", line) for line in lines)
+    assert any(re.match(r"id +verdict +score +where +why", line) for line in printed(KINDS["outliers"], capsys))
+
+
+def test_those_to_look_at_are_no_similar_ones(capsys):
+    lines = printed(make_audit(("outlier",) * 4 + ("similar",) * 36), capsys)
+    assert not any(re.match(r"\d+ +similar", line) for line in lines)
+
+
+def test_outliers_of_operators_are_counted(capsys):
+    text = "\n".join(printed(KINDS["operators"], capsys))
+    assert "Outliers by operator: operator 0 4 of 4, operator 1 4 of 4, operator 2 4 of 4." in text
+    assert "To judge within each operator: --session operator" in text
+    doubted = dataclasses.replace(KINDS["operators"], doubts=("Of one operator: --session operator.",))
+    assert "To judge within" not in "\n".join(printed(doubted, capsys))
+
+
+def test_no_fault_is_a_sentence_and_one_is_one(capsys):
+    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99), "x.csv") == ["No recording faults found."]
+    one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99), "x.csv")[::2]
+    assert one.startswith("1 recording is odd: a: action_steer leaps by")
+    assert command == "  All: rpil check x.csv"
+
+
+@pytest.fixture(scope="module")
+def many():
+    """5,000 demonstrations, the lowest score first."""
+    verdicts = ("outlier",) * 100 + ("open",) * 40 + ("similar",) * 4860
+    log_odds = np.concatenate([np.linspace(-9, -3, 100), np.linspace(-1, 1, 40), np.linspace(3, 9, 4860)])
+    return make_audit(verdicts, lengths=[2] * len(verdicts), log_odds=log_odds)
+
+
+def test_the_worst_and_the_most_doubtful_are_shown(many):
+    shown = worst_and_doubtful(many, 30)
+    assert shown[:15] == [*range(15)]
+    assert max(abs(many.log_odds[shown[15:]])) <= min(abs(many.log_odds[[m for m in range(140) if m not in shown]]))
+    assert worst_and_doubtful(many, 300)[:140] == [*range(140)]
+    certain = dataclasses.replace(many, verdicts=("outlier",) * 140 + many.verdicts[140:])
+    assert worst_and_doubtful(certain, 30) == [*range(30)]
+    unknown = dataclasses.replace(many, verdicts=("open",) * 5000, finding="no outliers")
+    assert worst_and_doubtful(unknown, 30) == [*range(30)]
+    log_odds = np.repeat([-9.0, 9.0], [20, 4980]) + np.linspace(0, 1, 5000)
+    high = dataclasses.replace(many, verdicts=("outlier",) * 20 + ("open",) * 4980, log_odds=log_odds)
+    assert worst_and_doubtful(high, 30) == [*range(30)]
+
+
+def at_terminal(monkeypatch, columns: str) -> io.StringIO:
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setenv("COLUMNS", columns)
+    return stream
+
+
+def test_a_terminal_gets_colours_and_a_pipe_none(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert "\x1b" not in "\n".join(printed(KINDS["outliers"], capsys))
+    stream = at_terminal(monkeypatch, "80")
+    print_audit(make_audit())
+    assert "\x1b[31moutlier" in stream.getvalue()
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("letter", ["x", "\u6f22"])
+def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, letter):
+    stream = at_terminal(monkeypatch, str(columns))
+    ids = [f"a{m}_{letter * 90}_{m}" for m in range(40)]
+    print_audit(dataclasses.replace(KINDS["outliers"], ids=tuple(ids)))
+    lines = click.unstyle(stream.getvalue()).splitlines()
+    rows = [line for line in lines if re.search(r"_\d+ +(outlier|open)", line)]
+    assert len(rows) == MAX_ROWS
+    assert max(map(size_of, rows)) <= columns
+    assert {re.search(r"_(\d+) ", row)[1] for row in rows} <= {str(m) for m in range(20)}  # the end of an id stays
+
+
+@pytest.mark.parametrize("finding", ["no outliers", "nothing could be learned"])
+def test_every_finding_has_a_sentence_and_a_next_step(finding, capsys):
+    audit = make_audit(("open",) * 10, finding=finding, labels={9: 1}, lengths=[10] * 10)
+    print_audit(audit)
+    lines = capsys.readouterr().out.splitlines()
+    assert " ".join(" ".join(lines).split()).startswith(headline(audit))
+    assert lines[-1].startswith("10 demonstrations (100 steps) are ranked; all are open.")
+    following = next_steps(make_audit(finding=finding), "labels.csv", ["rpil", "audit", "x"])
+    assert " ".join(" ".join(following).split()).startswith(f"Next: {NEXT_STEPS[finding]}")
+
+
+@pytest.mark.parametrize(
+    ("labels_file", "labels", "lines"),
+    [
+        ("labels.csv", {}, ["id,label", '"a,""b""",good']),
+        ("labels.csv", {"good": 1, "bad": -1}, ['"a,""b""",good']),
+        ("labels.json", {}, ['{"a,\\"b\\"": "good"}']),
+        ("labels.json", {"good": 1, "bad": -1}, ['"a,\\"b\\"": "good"']),
+    ],
+)
+def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labels, lines, tmp_path):
+    audit = make_audit(("similar", "open", "outlier"), ids=("good", 'a,"b"', "bad"), labels=labels)
+    text = next_steps(audit, labels_file, ["rpil", "audit", "x"])
+    assert [line[4:] for line in text if line.startswith("    ")] == lines
+    assert text[-1] == f"Then run: rpil audit x --labels {labels_file}"
+    if not labels:
+        path = tmp_path / labels_file
+        path.write_text("\n".join(lines))
+        assert read_labels(path) == {'a,"b"': "good"}
+
+
+def test_labels_for_all_leave_nothing_to_label():
+    audit = make_audit(("similar", "outlier"), labels={0: 1, 1: -1})
+    assert next_steps(audit, "l.csv", ["rpil", "audit", "x"]) == ["Every demonstration has a label already."]
+
+
+@pytest.mark.parametrize(
+    ("labels_file", "lines"), [("l.csv", ["id,label", "0,better than 9"]), ("l.json", ['{"0": "better than 9"}'])]
+)
+def test_question_that_decides_most_is_asked_until_something_is_answered(labels_file, lines):
+    audit = make_audit(pair=(0, 9))
+    text = next_steps(audit, labels_file, ["rpil", "audit", "x"])
+    assert text[0] == question(audit)
+    assert [line[4:] for line in text if line.startswith("    ")] == lines
+    assert text[-1] == f"Then run: rpil audit x --labels {labels_file}"
+    answered = " ".join(next_steps(make_audit(pair=(0, 9), labels={0: 1}), labels_file, ["rpil", "audit", "x"]))
+    assert "Which is better" not in answered
+    assert "Best to label first: " in answered
+
+
+def test_doubts_and_contradicting_labels_are_results(capsys):
+    changes = {"doubts": ("One part says most.",), "contradicting": (3,), "competing": ((0, 1), (2, 3))}
+    print_audit(make_audit(finding="in doubt", **changes))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "Doubt: One part says most."
+    assert lines[-3:] == [
+        "Look again: the labels of 3 contradict the other answers.",
+        "Group A, 2: 0, 1",
+        "Group B, 2: 2, 3",
+    ]
+
+
+def test_ids_are_cut_at_their_beginning():
+    assert printed_audit.short_id("x" * 28) == "x" * 28
+    assert printed_audit.short_id("x" * 28 + "7") == "..." + "x" * 24 + "7"
+
+
+def test_a_reason_is_whole_where_all_rows_are_printed(monkeypatch, capsys):
+    monkeypatch.setattr(Audit, "reasons", property(lambda audit: tuple(f"reason {m}. " * 20 for m in audit.ids)))
+    assert "reason 3. " * 20 in "\n".join([*printed(make_audit(), capsys, all_rows=True), ""]).replace("\n", " ")
