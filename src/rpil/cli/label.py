@@ -102,7 +102,7 @@ def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
     from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
 
-    click.echo("Ranks are from 0 (the least of all demonstrations) to 1 (the most).")
+    click.echo("Ranks: 0 is the least of all, 1 the most.")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
         number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."

@@ -37,7 +37,7 @@ class AuditPlots:
         ax = _axes(ax, (6.4, 1.2 + 0.2 * min(size, MAX_NAMED_ROWS)))
         colours = [COLOURS[SIDES[audit.verdicts[m]]] for m in order]
         ax.hlines(np.arange(size), *audit.reliability_interval[order].T, color=colours, alpha=0.4, linewidth=2)
-        ax.set(xlim=(-0.02, 1.02), xlabel=f"Reliability (share of {audit.vocabulary.upper} steps, 95 % interval)")
+        ax.set(xlim=(-0.02, 1.02), xlabel="Share of steps that are like the rest (95 % interval)")
         _dots(ax, audit, order, audit.reliability[order], np.arange(size))
         has_names = size <= MAX_NAMED_ROWS
         if has_names:
@@ -47,7 +47,7 @@ class AuditPlots:
 
     def steps(self, demonstration: Hashable = None, *, ax: Axes | None = None) -> Axes:
         """The log-ratio ``log pi(a|s) - log psi(a|s)`` of each step of the demonstration with this id, by default of
-        the least trusted one, in nats; its mean over a twentieth of the steps, and the five worst.
+        the lowest one; its mean over a twentieth of the steps, and the five worst.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class AuditPlots:
                 text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
                 text.set(fontsize="small", color=COLOURS["lower"])
         ax.margins(x=0.01, y=0.12)
-        ax.set(xlabel="Step", ylabel="Log-ratio (nats)")
+        ax.set(xlabel="Step", ylabel="Evidence")
         ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)
         return ax
 
@@ -98,7 +98,7 @@ class AuditPlots:
             ax.set_xticks(centres, [printable(name) for name in first], parse_math=False)
         ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
         by = "Place in the data" if audit.order is None else "Order of recording"
-        ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Log-odds (nats)")
+        ax.set(xlabel=f"Session, and {by[:1].lower()}{by[1:]}" if len(starts) > 1 else by, ylabel="Score")
         return ax
 
 

@@ -192,10 +192,10 @@ def test_it_is_used_by_keys_alone(browser: Browser, tmp_path: Path) -> None:
     focused = "document.activeElement.textContent"
     for _ in range(60):
         browser.press("Tab")
-        if browser.evaluate(focused) == "Log-odds":
+        if browser.evaluate(focused) == "Score":
             break
     browser.press("Enter")
-    assert browser.evaluate("document.querySelector('[aria-sort]').textContent") == "Log-odds"
+    assert browser.evaluate("document.querySelector('[aria-sort]').textContent") == "Score"
     assert browser.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     browser.press("/")
     assert browser.evaluate("document.activeElement.type") == "search"
@@ -272,7 +272,7 @@ def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_
     assert browser.evaluate("document.querySelectorAll('[data-role=axis] canvas').length") == 1
     browser.open(write(tmp_path / "other.html", audit))
     assert browser.evaluate("document.querySelector('.detail a')") is None
-    assert f"demonstration=0, step={step}" in browser.evaluate("document.querySelector('.detail .step').title")
+    assert f"demonstration=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
 
 
 def test_two_audits_are_shown_one_at_a_time(browser: Browser, tmp_path: Path) -> None:

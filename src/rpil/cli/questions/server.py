@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from rpil.results.record import Audit
 
-WHY_PAIR = "Nothing is labelled yet; this answer tells the audit most."
-WHY_ONE = "Of all demonstrations without a label, this label tells the audit most about the others."
+WHY_PAIR = "Nothing is labelled yet; we ask about these two because the answer helps most."
+WHY_ONE = "We ask about this one because the answer helps most."
 """Why a question is asked, about two demonstrations or one."""
 
 

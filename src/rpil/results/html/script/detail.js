@@ -1,4 +1,4 @@
-// The panel of one demonstration: why it has its word, where to look, its facts, and its steps drawn.
+// The panel of one demonstration: why it has its verdict, where to look, its facts, and its steps drawn.
 const VISUALIZER = "https://huggingface.co/spaces/lerobot/visualize_dataset";
 const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path" };
 
@@ -25,7 +25,7 @@ const makeDetail = (model, place, act) => {
     return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name]), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])} of all`))];
   });
   const named = (m) => [["Task", d.task[m]], ["Operator", d.demonstrator[m]], ["Session", d.session[m]], ["Group", d.group[m]],
-    ["Reliability", `${percent(d.reliability[m])} (${percent(d.low[m])} to ${percent(d.high[m])})`], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
+    ["Steps like the rest", `${percent(d.reliability[m])} (${percent(d.low[m])} to ${percent(d.high[m])})`], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
     ["Order", d.order.length ? `${d.order[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : ""]].filter(([, text]) => text);
 
   const clear = () => {
@@ -59,15 +59,14 @@ const makeDetail = (model, place, act) => {
       el("header", {},
         el("h3", {}, names[m]),
         el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
-        el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.words.probability} ${percent(d.p[m])}`}, log-odds ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
+        el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.words.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
       live ? live.media(model, m) : "",
       el("p", {}, d.reason[m] && printable(d.reason[m])),
       view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
-      d.stretch[m] ? el("p", {}, "Look at ", model.span(d.stretch[m]), ".") : "",
-      d.worst[m].length ? el("p", {}, "Worst steps: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
+      d.worst[m].length ? el("p", {}, "Steps that differ most: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
       model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `: ${printable(found.sentence[k])}`))) : "",
       drawn, view.drawings[m] ? readout : "",
       view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "",

@@ -59,7 +59,7 @@ const makeModel = (view) => {
   // What the table can be filtered by: each has values, and those of a demonstration.
   const values = (column) => [...new Set(column)].filter(Boolean).sort(collator.compare);
   const dimensions = [
-    { key: "verdict", title: "Word", values: Object.keys(view.counts).filter((word) => view.counts[word]).reverse(), of: (m) => [d.verdict[m]] },
+    { key: "verdict", title: "Verdict", values: Object.keys(view.counts).filter((word) => view.counts[word]).reverse(), of: (m) => [d.verdict[m]] },
     { key: "group", title: "Group", values: values(d.group), of: (m) => [d.group[m]] },
     { key: "demonstrator", title: "Operator", values: values(d.demonstrator), of: (m) => [d.demonstrator[m]] },
     { key: "session", title: "Session", values: values(d.session), of: (m) => [d.session[m]] },

@@ -55,11 +55,11 @@ const stepCharts = (model, m, drawing, place, readout) => {
     [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
     shade(colours.upper, 0.18), undefined, 130));
   const ratio = drawing.ratio;
-  charts.push(one("Log-ratio of the steps, in nats; below 0 speaks against it", x,
+  charts.push(one("Evidence of the steps; below 0 they differ from most others", x,
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },
       { values: unpack(ratio, "min"), style: curve(shade(colours.open, 0.4), 0.5) }, { values: unpack(ratio, "max"), style: curve(shade(colours.open, 0.4), 0.5) }],
     shade(colours.open, 0.25), undefined, 130));
-  charts.push(one("Trust in the steps", x,
+  charts.push(one("How far the steps are like the rest", x,
     [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84));
   return charts;
 };
@@ -70,7 +70,7 @@ const shapes = {
   lower: (ctx, x, y, r) => { ctx.moveTo(x, y - r * 1.3); ctx.lineTo(x + r * 1.3, y); ctx.lineTo(x, y + r * 1.3); ctx.lineTo(x - r * 1.3, y); ctx.fill(); },
 };
 
-// Log-odds in the order of recording; shapes as in the table, so that words do not rest on colour alone.
+// Scores in the order of recording; shapes as in the table, so that verdicts do not depend on colour alone.
 const orderChart = (model, box, chosen, choose) => {
   const { d } = model, colours = palette();
   const row = d.id.map((_, m) => m).sort((a, b) => model.order[a] - model.order[b]);

@@ -14,15 +14,15 @@ const columnsOf = (model) => {
   };
   const text = (key, title, width) => ({ key, title, width, cell: (m) => printable(d[key][m]) });
   const all = [
-    { key: "look", title: "Look", width: 58, right: true, cell: (m) => d.look[m] + 1, faint: true },
+    { key: "look", title: "Order", width: 70, right: true, cell: (m) => d.look[m] + 1, faint: true },
     { key: "id", title: "Demonstration", width: 126, head: true, cell: (m) => names[m] },
     { key: "mark", title: "Mark", width: 66, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
-    { key: "verdict", title: "Word", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
+    { key: "verdict", title: "Verdict", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
     { key: "rank", title: "Place", width: 66, right: true, cell: (m) => d.rank[m].toLocaleString("en") },
     d.p.some((p) => p !== null) && { key: "p", title: view.words.probability, width: 92, right: true, cell: (m) => (d.p[m] === null ? "" : percent(d.p[m])) },
-    { key: "log_odds", title: "Log-odds", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
-    { key: "reliability", title: "Reliability", width: 130, cell: bar },
+    { key: "log_odds", title: "Score", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
+    new Set(d.reliability.map(percent)).size > 1 && { key: "reliability", title: "Like the rest", width: 130, cell: bar },
     { key: "n_steps", title: "Steps", width: 70, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },
     has("group") && text("group", "Group", 74),
     has("demonstrator") && text("demonstrator", "Operator", 110),
