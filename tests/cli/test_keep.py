@@ -185,7 +185,7 @@ def test_each_task_is_judged_by_itself(folder):
     files = ["--verdicts", "v.csv", "--weights", "w.csv", "--report", "r.html"]
     printed = ok("audit", "both.parquet", *files, "-q").stdout
     judged = "left (12: outliers), right (12: outliers)"
-    assert f"Demonstrations are judged within their tasks: {judged}." in printed
+    assert f"Demonstrations are judged within their tasks: {judged}." in " ".join(printed.split())
     rows = {row["id"]: row for row in pa.csv.read_csv("v.csv").to_pylist()}
     ok("audit", folder / "good.parquet", "--verdicts", "one.csv", "-q")
     for row in pa.csv.read_csv("one.csv").to_pylist():

@@ -93,8 +93,8 @@ def test_fit_reports_two_groups_until_an_answer(folder):
     assert result.stderr == ""
     Path("l.json").write_text('{"0": "good", "1": "good", "10": "bad", "11": "bad"}')
     result = ok("fit", folder / "shifted.parquet", "-o", "p", "--labels", "l.json", *raw)
-    assert result.stdout.startswith("Answered: ")
-    good, unsure, bad = map(int, re.search(r"(\d+) good, (\d+) open, (\d+) bad\.", result.stdout).groups())
+    assert result.stdout.startswith("By your answers: ")
+    good, unsure, bad = map(int, re.search(r"(\d+) good, (\d+) open, (\d+) bad", result.stdout).groups())
     assert min(good, bad) >= 2
     assert max(good, bad) <= 6
     assert good + unsure + bad == 12

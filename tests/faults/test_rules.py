@@ -8,7 +8,6 @@ import pytest
 from recordings import changed, demonstrations, recording, with_missing
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
-from rpil.faults.report import explain
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault
@@ -37,12 +36,6 @@ def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():
     report = check(demonstrations(changed(spiky, 1, observations=edited(other, 40, 0, other[40, 0] + 90))))
     assert [(f.rule, f.id) for f in report.findings] == [("spike", 1), ("spike", M)]
     assert "1 more column" in report.findings[1].sentence
-
-
-def test_explanation_names_the_worst_fault_of_that_demonstration_only():
-    report = check(demonstrations(changed(CLEAN, M, observations=edited(X, slice(50, 90), 1, X[50, 1]))))
-    assert "frozen sensor" in (explain(report.findings, M) or "")
-    assert explain(report.findings, M + 1) is None
 
 
 def test_the_order_of_demonstrations_changes_nothing():

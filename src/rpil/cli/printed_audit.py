@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli.terminal import command_lines, fit, line_width, print_lines, table_lines
+from rpil.cli.terminal import command_lines, fit, line_width, print_lines, size_of, table_lines
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
 if TYPE_CHECKING:
@@ -46,8 +46,9 @@ def print_audit(
     if not all_rows:  # those to look at
         shown = [m for m in shown if SIDES[audit.verdicts[m]] != "upper"] or shown
     columns = _every_column(audit, shown) if all_rows else _columns(audit, shown)
+    is_open = all_rows and not sys.stdout.isatty()
     print_lines(above)
-    for line in table_lines(columns, None if all_rows and not sys.stdout.isatty() else width):
+    for line in table_lines(columns if is_open else _narrow(columns, width), None if is_open else width):
         click.echo(line)
     print_lines(below)
 
@@ -161,6 +162,15 @@ def _every_column(audit: Audit, shown: Sequence[int]) -> dict[str, list[str]]:
     }
     always = "id", "place", "verdict", "score"
     return {title: cells for title, cells in columns.items() if title in always or len({*cells}) > 1}
+
+
+def _narrow(columns: dict[str, list[str]], width: int) -> dict[str, list[str]]:
+    """The columns but for some that a narrow terminal has no room for."""
+    sizes = {title: 2 + max(map(size_of, [title, *cells])) for title, cells in columns.items() if title != "why"}
+    for title in [*(title for title in columns if title.startswith("from ")), "steps", "reliability", "operator"]:
+        if sum(sizes.values()) > width - 2 * len("why") and sizes.pop(title, 0):
+            columns = {name: cells for name, cells in columns.items() if name != title}
+    return columns
 
 
 def short_id(name: Hashable, most: int = 28) -> str:

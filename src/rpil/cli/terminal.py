@@ -22,7 +22,7 @@ from rpil.data.text import printable
 
 NUMBER = re.compile(r"([-+]?[\d,.]+(e[-+]\d+)?)?")
 
-WIDTH = 80
+PIPE_WIDTH = 80
 """Columns of a line where there is no terminal."""
 
 
@@ -68,8 +68,8 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def line_width() -> int:
-    """The columns of the terminal, or `WIDTH` in a pipe or a file."""
-    return shutil.get_terminal_size((WIDTH, 25)).columns if sys.stdout.isatty() else WIDTH
+    """The columns of the terminal, or `PIPE_WIDTH` in a pipe or a file."""
+    return shutil.get_terminal_size((PIPE_WIDTH, 25)).columns if sys.stdout.isatty() else PIPE_WIDTH
 
 
 def fit(text: str, width: int, most: int | None = None) -> list[str]:

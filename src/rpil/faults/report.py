@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from html import escape
 
@@ -175,13 +175,3 @@ class FaultReport:
             "set_aside": list(self.set_aside),
             "expected": self.n_expected,
         }
-
-
-def explain(findings: Iterable[Fault], name: object) -> str | None:
-    """One clause on the worst fault of a demonstration, for a sentence on why its trust is low; None without one."""
-    own = [found for found in findings if str(found.id) == str(name)]
-    if not own:
-        return None
-    worst = max(own, key=lambda found: found.severity)
-    more = f" (and {len(own) - 1} more)" if len(own) > 1 else ""
-    return f"its recording has a fault that may explain this: {worst.rule}, {worst.sentence}{more}"

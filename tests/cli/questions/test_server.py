@@ -38,7 +38,7 @@ def client(review):
 
 def test_the_state_is_the_view_and_the_question(client, review, audit):
     state = client.get("/api/view")
-    view = make_view(audit, review.about, 0) | {"question": "", "pair": [], "look_at": []}
+    view = make_view(replace(audit, fps=10.0), review.about, 0) | {"question": "", "pair": [], "look_at": []}
     assert state["view"] == json.loads(json.dumps(view))
     assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "5", "u", "s"]
     pair = [audit.index(name) for name in audit.pair]

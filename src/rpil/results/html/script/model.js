@@ -114,11 +114,8 @@ const makeModel = (view) => {
   };
 
   const seconds = (step) => (view.fps ? `${(step / view.fps).toFixed(1)} s` : "");
-  const span = ([first, last]) =>
-    (first === last ? `step ${first}` : `steps ${first} to ${last}`) +
-    (view.fps ? ` (${(first / view.fps).toFixed(1)} to ${((last + 1) / view.fps).toFixed(1)} s)` : "");
   return {
-    view, d, size, names, faults, rules, found, order, marks, mark, undo, dimensions, state, rows, labels, keep, seconds, span,
+    view, d, size, names, faults, rules, found, order, marks, mark, undo, dimensions, state, rows, labels, keep, seconds,
     lasts: store.lasts, side: (m) => view.sides[d.verdict[m]], canUndo: () => past.length > 0,
   };
 };
