@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -328,7 +329,8 @@ MOST_OPENS = 2
 def test_an_audit_opens_a_file_once(path):
     with counted(path) as opened:
         recording = rpil.open(path, on_disk=False)
-        recording.demonstrations, recording.facts, rpil.check(recording)
+        steps_alone = replace(recording, find_defects=None)  # the files beside the steps are for rpil check
+        recording.demonstrations, recording.facts, rpil.check(steps_alone)
         assert opened() == 1
 
 

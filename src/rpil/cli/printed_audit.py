@@ -38,7 +38,8 @@ def print_audit(
 
     width = line_width()
     above = [*head, *finding_lines(audit), *odd, ""]
-    counts, notes = _counts(audit, all_rows, width), [*_notes(audit, all_rows, width)]
+    more = "" if all_rows or len(audit.ids) <= MIN_ROWS else " All: --all."
+    counts, notes = fit(f"{verdict_sentence(audit)}{more}", width), [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
     below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
     room = MAX_LINES - len([*above, *below]) - 1
@@ -183,12 +184,6 @@ def _scores(values: Float[Array, " R"]) -> list[str]:
     """Scores with one decimal, or more where all are small."""
     digits = 1 if max(map(abs, values), default=0.0) >= 1 else 3
     return [f"{value:+.{digits}f}" if abs(value) < 1e4 else f"{value:+.0e}" for value in values.tolist()]
-
-
-def _counts(audit: Audit, all_rows: bool, width: int) -> list[str]:
-    """How many there are of each verdict, and how to see them all."""
-    more = "" if all_rows or len(audit.ids) <= MIN_ROWS else " All: --all."
-    return fit(f"{verdict_sentence(audit)}{more}", width)
 
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
