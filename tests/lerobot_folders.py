@@ -39,7 +39,7 @@ def write_video(path: Path, frames: Sequence[np.ndarray[Any, Any]], codec: str, 
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt, stream.codec_context.time_base = "yuv420p", Fraction(1, FPS)
         for frame in frames:
-            file.mux(stream.encode(av.VideoFrame.from_ndarray(frame)))
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame))))
         file.mux(stream.encode())
 
 
@@ -59,18 +59,24 @@ def write(
     codec: str = "libx264",
     options: dict[str, str] | None = None,
     per_file: int = 3,
+    states: Sequence[np.ndarray[Any, Any]] | None = None,
+    shown: Sequence[list[np.ndarray[Any, Any]]] | None = None,
 ) -> Path:
-    """Episodes whose every frame differs; of version 3.0, `per_file` of them in each file."""
+    """Episodes with the `states` and the frames `shown`, or whose every frame differs; of 3.0 `per_file` share one."""
     options = {"g": "2", "crf": "30"} if options is None else options
     rng, n, rows, whole = np.random.default_rng(0), sum(lengths), [], {}
     episode = np.repeat(np.arange(len(lengths)), lengths)
     frame = np.concatenate([np.arange(length) for length in lengths])
     columns = {"observation.state": rng.normal(size=(n, 2)), "action": rng.normal(size=(n, 2))}
+    columns |= {} if states is None else {"observation.state": np.concatenate(states)}
     columns |= {"timestamp": (frame / FPS).astype(np.float32), "frame_index": frame, "episode_index": episode}
     columns |= {"index": np.arange(n), "task_index": 0 * frame}
     table = pa.table({name: values.tolist() if values.ndim > 1 else values for name, values in columns.items()})
     keys = [f"observation.images.{camera}" for camera in cameras]
-    shots = {key: [pictures(100 * k + m, length) for m, length in enumerate(lengths)] for k, key in enumerate(keys)}
+    noise = [
+        [pictures(100 * k + m, length) for m, length in enumerate(lengths)] for k in range(0 if shown else len(keys))
+    ]
+    shots = dict.fromkeys(keys, shown) if shown else dict(zip(keys, noise, strict=True))
     is_v3 = version == "v3.0"
     step = per_file if is_v3 else 1
     groups = [range(a, min(a + step, len(lengths))) for a in range(0, len(lengths), step)]
@@ -125,6 +131,13 @@ def write(
         (meta / "episodes_stats.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     (meta / "info.json").write_text(json.dumps(info))
     return root
+
+
+def videos(root: Path, version: str, camera: str, m: int) -> Path:
+    """The video of an episode in a folder that has one in each file."""
+    name = f"observation.images.{camera}"
+    v3 = root / "videos" / name / f"chunk-000/file-{m:03d}.mp4"
+    return v3 if version == "v3.0" else root / "videos" / "chunk-000" / name / f"episode_{m:06d}.mp4"
 
 
 def change_info(root: Path, **values: Any) -> None:

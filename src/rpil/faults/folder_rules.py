@@ -70,7 +70,27 @@ class ExchangedCameras(FolderRule):
     name, words = "exchanged cameras", "two cameras show each what the other shows elsewhere"
 
 
-BY_LOOKING = BlackFrames, FrozenPicture, RepeatedPictures, ExchangedCameras
+class TurnedCamera(FolderRule):
+    name, words = "turned camera", "the picture of a video is upside down or mirrored"
+
+
+class VideoTime(FolderRule):
+    name, words = "video time", "the picture of a video moves earlier or later than the joints"
+
+
+class OtherVideo(FolderRule):
+    name, words = "other video", "a video moves as the joints of another episode, or with none"
+
+
+BY_LOOKING = (
+    BlackFrames,
+    FrozenPicture,
+    RepeatedPictures,
+    ExchangedCameras,
+    TurnedCamera,
+    VideoTime,
+    OtherVideo,
+)
 """What is seen only where videos are looked at."""
 
 FOLDER_RULES = (

@@ -120,11 +120,7 @@ def test_black_frozen_repeated_and_exchanged_pictures(tmp_path, version):
     shots["front"][4], shots["wrist"][4] = shots["wrist"][4], shots["front"][4]
     for key, own in shots.items():
         for m, frames in enumerate(own):
-            folder = root / "videos"
-            name = f"observation.images.{key}"
-            place = folder / name / f"chunk-000/file-{m:03d}.mp4"
-            place = place if version == "v3.0" else folder / f"chunk-000/{name}/episode_{m:06d}.mp4"
-            folders.write_video(place, frames, "libx264", {"g": "2", "crf": "20"})
+            folders.write_video(folders.videos(root, version, key, m), frames, "libx264", {"g": "2", "crf": "20"})
     expected = [("black frames", "1"), ("exchanged cameras", "4"), ("frozen picture", "2"), ("repeated pictures", "3")]
     assert sorted(found(root, look=True)) == expected
     assert found(root) == []
@@ -249,3 +245,82 @@ def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):
     (defect,) = find_defects(root, False)
     assert (defect.what, defect.place) == ("statistics", "meta/episodes_stats.jsonl")
     assert "LeRobot's converter to version 3.0 needs it" in defect.sentence
+
+
+def joints(m, length=120):
+    """Two joints that go to other places at times of their own."""
+    rng, times = np.random.default_rng(m), np.arange(length)[:, None]
+    sizes, ends = rng.uniform(-1, 1, (2, 12)), rng.uniform(0, length, (2, 12))
+    states = np.stack([np.sum(sizes[k] / (1 + np.exp(ends[k] - times)), axis=1) for k in range(2)], axis=1)
+    return states - states.mean(axis=0)
+
+
+def arm(states, camera=0):
+    """Pictures in which a square for each joint moves before a still room."""
+    room = np.kron(np.random.default_rng(camera).integers(0, 200, (12, 16)), np.ones((4, 4))).astype(np.uint8)
+    frames = []
+    for state in states:
+        frame = room.copy()
+        for k, place in enumerate((24 + 8 * state).round().clip(0, 52).astype(int)):
+            frame[4 + 14 * k : 16 + 14 * k, place : place + 12] = 255
+        frames.append(np.repeat(frame[..., None], 3, axis=2))
+    return frames
+
+
+N_ARMS = 8
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    """A folder whose pictures move with the joints."""
+    states = [joints(m) for m in range(N_ARMS)]
+    shown = [arm(state) for state in states]
+    return folders.write(tmp_path_factory.mktemp("arms") / "drive", (120,) * N_ARMS, "v2.1", states=states, shown=shown)
+
+
+PICTURES = {
+    "late": lambda own, other: (other[-10:] + own[:-10], "video time", "moves 0.5. s after the joints; perhaps its"),
+    "early": lambda own, other: (own[10:] + other[:10], "video time", "moves 0.5. s before the joints; perhaps its"),
+    "of another": lambda own, other: (other, "other video", "moves as the joints of episode 5; perhaps it is of that"),
+    "of no one": lambda own, other: (arm(joints(99)), "other video", "does not move with the joints, and elsewhere"),
+    "upside down": lambda own, other: ([one[::-1, ::-1] for one in own], "turned camera", "perhaps upside down"),
+    "mirrored": lambda own, other: ([one[:, ::-1] for one in own], "turned camera", "front is perhaps mirrored"),
+    "frozen": lambda own, other: (own[:40] + [own[40]] * 80, "frozen picture", "for 4.0 s from 2.0 s on"),
+    "black": lambda own, other: (own[:40] + [0 * own[0]] * 80, "black frames", "in 80 frames of 120, from 2.0 s"),
+}
+
+
+def test_nothing_is_found_in_pictures_that_move_with_the_joints(arms):
+    assert found(arms, look=True) == []
+
+
+@pytest.mark.parametrize("kind", PICTURES)
+def test_a_video_that_differs_from_those_of_other_episodes_is_named(arms, kind):
+    frames, what, words = PICTURES[kind](arm(joints(2)), arm(joints(5)))
+    place = folders.videos(arms, "v2.1", "front", 2)
+    right = place.read_bytes()
+    folders.write_video(place, frames, "libx264", {"g": "2", "crf": "20"})
+    (defect,) = find_defects(arms, True)
+    place.write_bytes(right)
+    assert (defect.what, defect.place) == (what, "2")
+    assert re.search(words, defect.sentence)
+
+
+def test_nothing_is_known_of_pictures_that_do_not_move_with_the_joints(tmp_path):
+    states, shown = ([one(m) for m in range(N_ARMS)] for one in (joints, lambda m: arm(joints(m + 50))))
+    root = folders.write(tmp_path / "drive", (120,) * N_ARMS, per_file=4, states=states, shown=shown)
+    with pytest.warns(UserWarning, match=r"front: its picture does not move with the joints, so whether .* is unknown"):
+        assert found(root, look=True) == []
+
+
+def test_an_end_at_the_last_frame_takes_that_frame(tmp_path):
+    """As some programs write it, though LeRobot ends an episode after its last frame."""
+    root = folders.write(tmp_path / "drive", LENGTHS, per_file=1)
+    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    rows = pq.read_table(place).to_pylist()
+    for row in rows:
+        row["videos/observation.images.front/to_timestamp"] -= 1 / folders.FPS
+    pq.write_table(folders.pa.Table.from_pylist(rows), place)
+    assert found(root) == []
+    find(root).keep(tmp_path / "kept", [1, 3])
+    assert [len(one["observation.images.front"]) for one in folders.read(tmp_path / "kept")] == [30, 28]

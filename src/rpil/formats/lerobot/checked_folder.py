@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
@@ -110,6 +110,19 @@ class CheckedFolder:
             return float(times[0]), 0.0, 0.0
         return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
 
+    def states(self) -> dict[int, Array]:
+        """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
+        names = [name for name in self.info["features"] if name.startswith(("observation.state", "state"))]
+        found: dict[int, Array] = {}
+        for file in find_files(self.path)[1]:
+            table = read_table(file, ["episode_index", *names])
+            values = [numbers_or_missing(table[name]) for name in names if name in table.column_names]
+            if columns := [one for one in values if one is not None]:
+                numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
+                joined = np.hstack(columns) if rows is None else np.hstack(columns)[rows]
+                found |= zip(numbers.tolist(), np.split(joined, offsets[1:-1]), strict=True)
+        return found
+
     @cached_property
     def episodes(self) -> dict[int, dict[str, Parsed]]:
         """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
@@ -140,12 +153,13 @@ class CheckedFolder:
 
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
         """Where the frames of each episode that is there, `only` these or all, are, by camera."""
-        found = []
+        found: list[Shot] = []
         if chunk_size(self.info) is None:
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
         for camera in cameras(self.info, "video"):
+            own = []
             for m in there:
                 row = self.episodes[m]
                 # Version 2 has no such column: there, frames before the first row's time belong to no row.
@@ -154,7 +168,8 @@ class CheckedFolder:
                 if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
-                found.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
+                own.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
+            found += _with_last_frames(own, frame_rate(self.info.get("fps")) or np.inf)
         return found
 
     def video(self, camera: str, m: int) -> Path:
@@ -165,3 +180,17 @@ class CheckedFolder:
         place = self.path / fill(template, chunk, file, camera)
         check_inside(place, self.path)
         return place
+
+
+def _with_last_frames(shots: Sequence[Shot], fps: float) -> Iterator[Shot]:
+    """The shots of a camera, with an end after their last row: some programs write the time of the last frame.
+
+    None reaches beyond the start of the next in the file.
+    """
+    starts = defaultdict[Path, list[float]](list)
+    for shot in shots:
+        starts[shot.path].append(shot.start)
+    later = {path: np.append(np.sort(own), np.inf) for path, own in starts.items()}
+    for shot in shots:
+        following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
+        yield replace(shot, end=max(shot.end, float(min(shot.start + shot.n_rows / fps, following))))

@@ -96,7 +96,7 @@ def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
         if look:
             raise
         shots = [shot for shot in shots if shot.path not in there]
-    return find_faults(shots, fps, look) if fps else iter(())
+    return find_faults(shots, fps, folder.states() if look else None) if fps else iter(())
 
 
 def _in_totals(folder: CheckedFolder) -> Iterator[Defect]:

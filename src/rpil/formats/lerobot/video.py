@@ -170,7 +170,7 @@ def _copy(path: Path, new: Path, packets: Packets, wanted: Array, shift: Array) 
 
 
 def look(path: Path) -> tuple[Array, Array]:
-    """Seconds at which the F frames of a video are shown, (F,), and the brightness of some pixels, (F, K), to 255."""
+    """Seconds at which the F frames of a video are shown, (F,), and some of their pixels, (F, R, C), from 0 to 255."""
     times, pictures = [], []
     with _opened(path) as source:
         for frame in source.decode(source.streams.video[0]):
@@ -179,8 +179,8 @@ def look(path: Path) -> tuple[Array, Array]:
             plane = frame.planes[0]
             rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
             rows = rows[: plane.height, : plane.width]
-            down, right = (max(1, size // PIXELS) for size in rows.shape)
-            pictures.append(rows[down // 2 :: down, right // 2 :: right][:PIXELS, :PIXELS].reshape(-1))
+            down, right = (((np.arange(k := min(n, PIXELS)) + 0.5) * n / k).astype(int) for n in rows.shape)
+            pictures.append(rows[np.ix_(down, right)])
             times.append(float(frame.time or 0.0))
     return np.array(times), np.array(pictures)
 

@@ -1,39 +1,44 @@
-"""Faults of LeRobot's videos: files, numbers of frames, and pictures that are black, frozen, repeated or exchanged."""
+"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen, repeated, turned or exchanged."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from rpil.data.errors import DataError
+from rpil.data.text import duration
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
 from rpil.formats.lerobot.checked_folder import NEAR_SECONDS
+from rpil.formats.lerobot.video_motion import changes, find_late_or_other, speeds
 from rpil.numerics.types import Array
 
 DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds
 SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one, below which a frame repeats the other
+LEAST_SAME = 0.8  # of the frames of a run, that repeat the one before
 FROZEN_SECONDS = 1.0  # for which a picture may stay the same
+REST = 0.05  # of the range of a joint: less is no motion
+TURNED_SHARE = 0.7  # of how unlike a picture is to the others, at most when it is turned back
 REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
 
 
-def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Iterator[Defect]:
+def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] | None = None) -> Iterator[Defect]:
     """Videos that are not there, or damaged, and episodes with more or fewer frames than rows.
 
-    Where videos are to be looked at, also black, frozen and repeated frames, and exchanged cameras.
+    With the `states` of the episodes, (N, D) each, also faults of the pictures.
     """
-    pictures: dict[tuple[str, int], Array] = {}
-    still: dict[str, dict[int, tuple[int, int, float]]] = defaultdict(dict)
     by_file = defaultdict[Path, list[Shot]](list)
     for shot in shots:
         by_file[shot.path].append(shot)
     lost = {path for path in by_file if not path.is_file()}
+    seen = _Seen(fps)
     for camera in sorted({shot.camera for shot in shots}):
         paths = dict.fromkeys(shot.path for shot in shots if shot.camera == camera)
         if missing := [path for path in paths if path in lost]:
@@ -42,8 +47,7 @@ def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Iterator[Defec
     for path in [path for path in by_file if path not in lost]:
         own = by_file[path]
         try:
-            times = video.Packets.of(path).times
-            times, frames = video.look(path) if look else (times, np.empty((len(times), 0)))
+            times, frames = (video.Packets.of(path).times, None) if states is None else video.look(path)
         except DataError as error:
             first, last = own[0].episode, own[-1].episode
             yield Defect("video file", str(first) if first == last else f"{first} to {last}", str(error).rstrip("."))
@@ -51,18 +55,43 @@ def find_faults(shots: Sequence[Shot], fps: float, look: bool) -> Iterator[Defec
         for shot in own:
             inside = (times >= shot.start - 0.5 / fps) & (times < shot.end - 0.5 / fps)
             yield from _of_times(shot, np.sort(times[inside]), fps)
-            seen, n, name = frames[inside], int(inside.sum()), str(shot.episode)
-            if seen.size:
-                black = np.flatnonzero(seen.max(axis=1) <= DARK)
-                if len(black) < n:
-                    pictures[shot.camera, shot.episode] = seen.mean(axis=0)
-                    still[shot.camera][shot.episode] = _stillness(seen)
-                if len(black):
-                    said = f"{shot.camera} is black in {len(black)} frames of {n}, from {black[0]}"
-                    yield Defect("black frames", name, said)
-    for camera, of_episode in still.items():
-        yield from _unchanged(camera, of_episode, fps)
-    yield from _exchanged(pictures)
+            if frames is not None and inside.any():
+                yield from seen.take(shot, frames[inside])
+    yield from seen.compare(states or {})
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is kept of the pictures, by camera and episode, to compare the episodes."""
+
+    fps: float
+    means: dict[str, dict[int, Array]] = field(default_factory=lambda: defaultdict(dict))  # (R, C) each
+    still: dict[str, dict[int, tuple[int, int, float]]] = field(default_factory=lambda: defaultdict(dict))
+    moves: dict[str, dict[int, Array]] = field(default_factory=lambda: defaultdict(dict))
+
+    def take(self, shot: Shot, frames: Array) -> Iterator[Defect]:
+        """Take the frames of an episode, (F, R, C); black ones are found."""
+        camera, m = shot.camera, shot.episode
+        is_black = frames.max(axis=(1, 2)) <= DARK
+        if is_black.any():
+            black = np.flatnonzero(is_black)
+            said = f"is black in {len(black)} frames of {len(frames)}, from {duration(black[0], 1 / self.fps)}"
+            yield Defect("black frames", str(m), f"{camera} {said}")
+        if not is_black.all():
+            self.means[camera][m] = frames.mean(axis=0)
+            self.still[camera][m] = _stillness(frames, is_black)
+            if len(frames) == shot.n_rows and not is_black.any():
+                self.moves[camera][m] = changes(frames, self.fps)
+
+    def compare(self, states: Mapping[int, Array]) -> Iterator[Defect]:
+        """The faults of pictures that only others show."""
+        joints = speeds(states, self.fps)
+        for camera, of_episode in self.still.items():
+            found = [*_unchanged(camera, of_episode, self.fps, states), *_turned(camera, self.means[camera])]
+            yield from found
+            moves = {m: one for m, one in self.moves[camera].items() if str(m) not in {one.place for one in found}}
+            yield from find_late_or_other(camera, moves, joints, self.fps)
+        yield from _exchanged(self.means)
 
 
 def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
@@ -75,26 +104,50 @@ def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
         yield Defect("frame times", name, f"{said}; correct from_timestamp, or write the video again")
 
 
-def _stillness(seen: Array) -> tuple[int, int, float]:
-    """The longest run of frames that repeat the one before, its first, and the share of repeats while all moves."""
+def _stillness(seen: Array, is_black: Array) -> tuple[int, int, float]:
+    """The longest run of frames that repeat the one before, its first, and the share of repeats while all moves.
+
+    A codec refines a picture that stays, and renews it at key frames: a few such changes between repeats end no run.
+    """
     change = np.abs(np.diff(seen.astype(np.int16), axis=0))
-    same = (change.mean(axis=1) <= SAME_MEAN) & (change.max(axis=1) <= SAME_MOST)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
-    runs, lengths = edges[::2], np.diff(edges)[::2]
-    longest = int(np.argmax(lengths)) if len(runs) else 0
-    single = int((lengths == 1).sum())
-    return (int(lengths[longest]), int(runs[longest]) + 1, single / len(seen)) if len(runs) else (0, 0, 0.0)
+    mean, most = change.mean(axis=(1, 2)), change.max(axis=(1, 2))
+    same = (mean <= SAME_MEAN) & (most <= SAME_MOST) & ~is_black[1:]
+    small = (mean <= 2 * SAME_MEAN) & (most <= 4 * SAME_MOST)
+    moves = (mean > 8 * SAME_MEAN) | (most > 4 * SAME_MOST)
+    repeats_one = mean[1:-1] <= 0.25 * np.minimum(mean[:-2], mean[2:])
+    share = float(np.sum(repeats_one & moves[:-2] & moves[2:])) / len(seen)
+    first = length = 0
+    for repeats in (same | (small & (np.convolve(same, [1, 0, 1], "same") == 2)), same):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
+        lengths = np.diff(edges)[::2]
+        if len(lengths):
+            first, length = int(edges[::2][np.argmax(lengths)]), int(lengths.max())
+            if same[first : first + length].mean() >= LEAST_SAME:
+                break
+    if length and moves.any():  # what comes before it is the same picture, if it differs by less than moving ones do
+        off = np.abs(seen[:first].astype(float) - seen[first]).mean(axis=(1, 2)) > 0.5 * np.median(mean[moves])
+        before = first - int(np.flatnonzero(np.append(True, off))[-1])
+        first, length = first - before, length + before
+    return length, first, share
 
 
-def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float) -> Iterator[Defect]:
-    """Frozen and repeated frames of a camera: beyond what is usual in it, or beyond a share of an episode."""
+def _unchanged(
+    camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float, states: Mapping[int, Array]
+) -> Iterator[Defect]:
+    """Frozen and repeated frames of a camera: beyond what is usual in it, or beyond a share of an episode.
+
+    A picture may stay while the joints, of which the `states` are, do not move either.
+    """
     runs, firsts, shares = (np.array(values) for values in zip(*of_episode.values(), strict=True))
     usual = TIMES_USUAL * np.quantile([runs, shares], 0.75, axis=1)
     known = len(runs) >= LEAST_EPISODES
     for k, episode in enumerate(of_episode):
-        if runs[k] >= FROZEN_SECONDS * fps and known and runs[k] > usual[0]:
-            words = f"{camera} shows one picture for {runs[k] / fps:.1f} s from frame {firsts[k]}"
-            yield Defect("frozen picture", str(episode), words)
+        state = states.get(episode, np.zeros((0, 1)))
+        part = state[firsts[k] : firsts[k] + runs[k]]
+        rests = len(part) > 0 and (np.ptp(part, axis=0) <= REST * np.ptp(state, axis=0)).all()
+        if runs[k] >= FROZEN_SECONDS * fps and known and runs[k] > usual[0] and not rests:
+            words = f"shows one picture for {duration(runs[k], 1 / fps)} from {duration(firsts[k], 1 / fps)} on"
+            yield Defect("frozen picture", str(episode), f"{camera} {words}")
         elif shares[k] >= REPEATED_SHARE and known and shares[k] > usual[1]:
             words = f"{camera} repeats {shares[k]:.0%} of its frames while all moves"
             yield Defect("repeated pictures", str(episode), words)
@@ -103,17 +156,33 @@ def _unchanged(camera: str, of_episode: Mapping[int, tuple[int, int, float]], fp
         yield Defect("repeated pictures", "all", slow)
 
 
-def _exchanged(pictures: Mapping[tuple[str, int], Array]) -> Iterator[Defect]:
+def _turned(camera: str, means: Mapping[int, Array]) -> Iterator[Defect]:
+    """Episodes whose mean picture, turned or mirrored, is that of the others."""
+    if len(means) < LEAST_EPISODES:
+        return
+    middle = np.median([*means.values()], axis=0)
+    for m, mean in means.items():
+        views = {"": mean, "upside down": mean[::-1, ::-1], "flipped": mean[::-1], "mirrored": mean[:, ::-1]}
+        off = {name: 1.0 - _likeness(view, middle) for name, view in views.items()}
+        best = min(off, key=off.__getitem__)
+        if best and off[best] < TURNED_SHARE * off[""]:
+            yield Defect("turned camera", str(m), f"{camera} is perhaps {best}: turned back it looks like the others")
+
+
+def _likeness(one: Array, other: Array) -> float:
+    """The correlation of two pictures; 0 where one has no contrast."""
+    one, other = one - one.mean(), other - other.mean()
+    return float(np.sum(one * other) / max(np.linalg.norm(one) * np.linalg.norm(other), 1.0))
+
+
+def _exchanged(means: Mapping[str, Mapping[int, Array]]) -> Iterator[Defect]:
     """Episodes in which two cameras have each the mean picture that is usual for the other."""
-    of_camera: dict[str, list[Array]] = defaultdict(list)
-    for (camera, _), picture in pictures.items():
-        of_camera[camera].append(picture)
-    middle = {camera: np.median(own, axis=0) for camera, own in of_camera.items() if len(own) >= LEAST_EPISODES}
+    middle = {camera: np.median([*own.values()], axis=0) for camera, own in means.items() if len(own) >= LEAST_EPISODES}
     for one, other in combinations(middle, 2):
         if middle[one].shape != middle[other].shape:
             continue
-        for episode in sorted(m for camera, m in pictures if camera == one and (other, m) in pictures):
-            a, b = pictures[one, episode], pictures[other, episode]
+        for episode in sorted(means[one].keys() & means[other].keys()):
+            a, b = means[one][episode], means[other][episode]
             own = np.abs(a - middle[one]).mean() + np.abs(b - middle[other]).mean()
             if np.abs(a - middle[other]).mean() + np.abs(b - middle[one]).mean() < 0.5 * own:
                 said = f"{one} and {other} show what the other shows elsewhere"
