@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.faults.duplicates import Duplicate
 from rpil.faults.expected import leave_out
-from rpil.faults.folder_rules import BY_LOOKING, Timestamps, find_beside, find_other_rate
+from rpil.faults.folder_rules import BY_LOOKING, TIMESTAMPS, find_beside, find_other_rate
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.motion import trims
 from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
@@ -86,7 +86,7 @@ def check(
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
     report = _check_steps(demonstrations, times, skip_bad, settings)
     beside, unseen = _check_files(recording, demonstrations, video)
-    if Timestamps.name not in {found.rule for found in beside}:
+    if TIMESTAMPS not in {found.rule for found in beside}:
         beside += find_other_rate(times, demonstrations)
     findings, n_expected = leave_out([*report.findings, *beside], expected or {})
     not_checked = {**report.not_checked, **unseen}

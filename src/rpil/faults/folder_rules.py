@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import cast
 
 import numpy as np
 
@@ -22,87 +23,46 @@ class FolderRule(Rule):
     severity = np.inf
 
 
-class Timestamps(FolderRule):
-    name, words = "timestamps", "the times of the steps are not those of the frames a second that are declared"
+def _rules(words: Mapping[str, str], severity: float = np.inf) -> tuple[type[FolderRule], ...]:
+    """A rule for each name."""
+    fields = ({"name": name, "words": text, "severity": severity} for name, text in words.items())
+    return tuple(cast("type[FolderRule]", type("FolderRule", (FolderRule,), own)) for own in fields)
 
 
-class VideoFile(FolderRule):
-    name, words = "video file", "a video is not there, or damaged"
+TIMESTAMPS = "timestamps"
 
-
-class VideoFrames(FolderRule):
-    name, words = "video frames", "a video has more or fewer frames than there are steps"
-
-
-class FrameTimes(FolderRule):
-    name, words = "frame times", "the frames of a video are at other times than the steps"
-
-
-class BadMetadata(FolderRule):
-    name, words, severity = "metadata", "a file of the folder cannot be understood", 1.0
-
-
-class Totals(FolderRule):
-    name, words, severity = "totals", "the folder counts other episodes or frames than there are", 1.0
-
-
-class EpisodeTable(FolderRule):
-    name, words, severity = "episode table", "the list of the episodes does not agree with the data", 1.0
-
-
-class Statistics(FolderRule):
-    name, words, severity = "statistics", "the statistics do not agree with the data, or are not there", 1.0
-
-
-class BlackFrames(FolderRule):
-    name, words = "black frames", "frames of a video are black"
-
-
-class FrozenPicture(FolderRule):
-    name, words = "frozen picture", "the picture of a video stays the same for long"
-
-
-class RepeatedPictures(FolderRule):
-    name, words = "repeated pictures", "many frames of a video repeat the one before while others move"
-
-
-class ExchangedCameras(FolderRule):
-    name, words = "exchanged cameras", "two cameras show each what the other shows elsewhere"
-
-
-class TurnedCamera(FolderRule):
-    name, words = "turned camera", "the picture of a video is upside down or mirrored"
-
-
-class VideoTime(FolderRule):
-    name, words = "video time", "the picture of a video moves earlier or later than the joints"
-
-
-class OtherVideo(FolderRule):
-    name, words = "other video", "a video moves as the joints of another episode, or with none"
-
-
-BY_LOOKING = (
-    BlackFrames,
-    FrozenPicture,
-    RepeatedPictures,
-    ExchangedCameras,
-    TurnedCamera,
-    VideoTime,
-    OtherVideo,
+BY_LOOKING = _rules(
+    {
+        "black frames": "frames of a video are black",
+        "frozen picture": "the picture of a video stays the same for long",
+        "repeated pictures": "many frames of a video repeat the one before while others move",
+        "exchanged cameras": "two cameras show each what the other shows elsewhere",
+        "turned camera": "the picture of a video is upside down or mirrored",
+        "video time": "the picture of a video moves earlier or later than the joints",
+        "other video": "a video moves as the joints of another episode, or with none",
+    }
 )
 """What is seen only where videos are looked at."""
 
 FOLDER_RULES = (
-    Timestamps,
-    VideoFile,
-    VideoFrames,
-    FrameTimes,
+    *_rules(
+        {
+            TIMESTAMPS: "the times of the steps are not those of the frames a second that are declared",
+            "video file": "a video is not there, or damaged",
+            "video frames": "a video has more or fewer frames than there are steps",
+            "frame times": "the frames of a video are at other times than the steps",
+        }
+    ),
     *BY_LOOKING,
-    BadMetadata,
-    Totals,
-    EpisodeTable,
-    Statistics,
+    *_rules(
+        {
+            "metadata": "a file of the folder cannot be understood",
+            "totals": "the folder counts other episodes or frames than there are",
+            "episode table": "the list of the episodes does not agree with the data",
+            "statistics": "the statistics do not agree with the data, or are not there",
+        },
+        severity=1.0,
+    ),
 )
 
 
@@ -135,4 +95,4 @@ def find_other_rate(times: Times, demonstrations: DemonstrationSet) -> Iterator[
     if np.median(off) > OTHER_RATE:
         rate = float(np.median(steps / lasts))
         sentence = f"declared are {declared:.4g} frames a second; the timestamps say {rate:.4g}"
-        yield Fault(Timestamps.name, "", 0, 0, "", rate, declared, np.inf, sentence)
+        yield Fault(TIMESTAMPS, "", 0, 0, "", rate, declared, np.inf, sentence)

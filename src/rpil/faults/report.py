@@ -44,9 +44,8 @@ RULES: dict[str, type[Rule]] = {
         motion.IdleTail,
         duplicates.Duplicate,
         whole_rules.Length,
-        *folder_rules.FOLDER_RULES,
     )
-}
+} | {rule.name: rule for rule in folder_rules.FOLDER_RULES}
 """Every rule."""
 
 
