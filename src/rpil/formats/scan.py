@@ -167,7 +167,8 @@ class ScannedColumns:
             actions = np.concatenate([read[name] for name in self.actions], axis=1)
             before = np.concatenate([actions[:1] if self._action is None else self._action, actions[:-1]])[same]
             same_values = ((name, read[name][same]) for name in self.repeats)
-            self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+            with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
+                self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
             self._n_changes += int((before != actions[same]).any(axis=1).sum())
             self._action = actions[-1:]
 
