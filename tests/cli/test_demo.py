@@ -178,19 +178,16 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
     texts = [
         "".join(row.itertext()) for row in ElementTree.parse(ROOT / "docs" / "audit.svg").iter() if "text" in row.tag
     ]
-    rows = [re.fullmatch(r"(\d+) +(\d+) +([\d,]+) +(\S+) +(\S+) +(\S+) +(\w+) +[\d ]+", text) for text in texts]
+    rows = [re.fullmatch(r"(\d+) +(\w+) +([-+]\S+) +.*", text) for text in texts]
     shown = [row.groups() for row in rows if row is not None]
     audit = result.lander
-    assert len(shown) == len(audit.ids) == 20
-    for name, place, n_steps, log_odds, expert_proba, reliability, verdict in shown:
+    assert len(audit.ids) == 20
+    assert [int(name) for name, *_ in shown] == [audit.ids[m] for m in audit.ranking()[::-1][:8]]
+    for name, verdict, log_odds in shown:
         m = audit.ids.index(int(name))
-        assert int(n_steps.replace(",", "")) == np.diff(audit.offsets)[m]
-        assert int(place) == audit.ranks[m]
         assert verdict == audit.verdicts[m]
         # The last digits depend on the processor.
         assert float(log_odds) == pytest.approx(audit.log_odds[m], abs=0.1)
-        assert float(expert_proba) == pytest.approx(audit.expert_proba[m], abs=0.01)
-        assert float(reliability) == pytest.approx(audit.reliability[m], abs=0.03)
     assert any(text.startswith("Outliers") for text in texts)
 
 
