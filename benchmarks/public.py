@@ -50,7 +50,8 @@ SETS = (
         "dataset",
         "two SO-101 arms fold cloth, LeRobot 2.1",
         "LeRobot stops with an error when it loads these times, and in episode 0 one camera is black in every frame. "
-        "The first episodes were made at half the speed of the last ones: the person was still practising.",
+        "The first episodes were made at half the speed of the last ones: perhaps practice. The offset is a false alarm; "
+        "of the other video we cannot say.",
         has_videos=True,
     ),
     PublicSet(
@@ -58,7 +59,7 @@ SETS = (
         "de907422c1fc",
         "data",
         "a Piper arm, LeRobot 3.0",
-        "The folder says 105 episodes, and 19 were published. The repeated rows are single frames.",
+        "The folder says 105 episodes, and 19 were published.",
     ),
     PublicSet(
         "YifanTian07/G1-policy-train",
