@@ -196,7 +196,7 @@ def test_demonstrations_that_are_not_there_are_counted_apart():
     Path("set/meta/info.json").write_text(json.dumps({"fps": 30}))
     first = ok("check", "set").stdout.splitlines()[0]
     assert re.search(r"55 recording faults", first)
-    assert re.search(r"0 of 1 demonstration\b", first)
+    assert re.search(r"No recording faults found in 1 demonstration\b", first)
     assert re.search(r"54 more.*missing", first)
 
 

@@ -108,12 +108,14 @@ class FaultReport:
     @property
     def headline(self) -> str:
         """How much is found, one sentence."""
-        size, n = f"{counted(self.n_demonstrations, 'demonstration')} ({self.n_steps:,} steps)", len(self.findings)
-        if not n:
-            return f"No recording faults found in {size}."
+        size = f"{counted(self.n_demonstrations, 'demonstration')} ({self.n_steps:,} steps)"
+        n = sum(found.id in {*self.odd} for found in self.findings)
+        n_other = len(self.findings) - n
+        found = f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}"
+        other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
         absent = counted(len(self.absent), "more demonstration")
         more = f"; the recording names {absent}, which {'is' if len(self.absent) == 1 else 'are'} missing"
-        return f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}{more * bool(self.absent)}."
+        return f"{found if n else f'No recording faults found in {size}'}{other}{more * bool(self.absent)}."
 
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""
