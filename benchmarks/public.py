@@ -51,7 +51,7 @@ SETS = (
         "two SO-101 arms fold cloth, LeRobot 2.1",
         "LeRobot stops with an error when it loads these times, and in episode 0 one camera is black in every frame. "
         "The first episodes were made at half the speed of the last ones: perhaps practice. The offset is a false "
-        "alarm; of the other video we cannot say.",
+        "alarm.",
         has_videos=True,
     ),
     PublicSet(

@@ -39,7 +39,7 @@ BY_LOOKING = _rules(
         "exchanged cameras": "two cameras show each what the other shows elsewhere",
         "turned camera": "the picture of a video is upside down or mirrored",
         "video time": "the picture of a video moves earlier or later than the joints",
-        "other video": "a video moves as the joints of another episode, or with none",
+        "other video": "a video moves as the joints of another episode",
     }
 )
 """What is seen only where videos are looked at."""

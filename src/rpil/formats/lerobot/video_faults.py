@@ -23,7 +23,8 @@ SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one,
 LEAST_SAME = 0.8  # of the frames of a run, that repeat the one before
 FROZEN_SECONDS = 1.0  # for which a picture may stay the same
 REST = 0.05  # of the range of a joint: less is no motion
-TURNED_SHARE = 0.7  # of how unlike a picture is to the others, at most when it is turned back
+TURNED_SHARE = 0.7  # of how unlike a turned picture is to the others: at most so unlike is a right one
+RIGHT_SHARE = 0.9  # of the episodes that are not turned, that must be clearly right
 REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
@@ -157,16 +158,25 @@ def _unchanged(
 
 
 def _turned(camera: str, means: Mapping[int, Array]) -> Iterator[Defect]:
-    """Episodes whose mean picture, turned or mirrored, is that of the others."""
+    """Episodes whose mean picture, turned or mirrored, is that of the others.
+
+    Nothing is found unless nearly all other episodes are clearly more like the others as they are than turned.
+    """
     if len(means) < LEAST_EPISODES:
         return
-    middle = np.median([*means.values()], axis=0)
+    best: dict[int, str] = {}
+    ratio: dict[int, float] = {}
     for m, mean in means.items():
-        views = {"": mean, "upside down": mean[::-1, ::-1], "flipped": mean[::-1], "mirrored": mean[:, ::-1]}
-        off = {name: 1.0 - _likeness(view, middle) for name, view in views.items()}
-        best = min(off, key=off.__getitem__)
-        if best and off[best] < TURNED_SHARE * off[""]:
-            yield Defect("turned camera", str(m), f"{camera} is perhaps {best}: turned back it looks like the others")
+        middle = np.median([other for n, other in means.items() if n != m], axis=0)
+        views = {"upside down": mean[::-1, ::-1], "flipped": mean[::-1], "mirrored": mean[:, ::-1]}
+        off, best[m] = min((1.0 - _likeness(view, middle), name) for name, view in views.items())
+        ratio[m] = (1.0 - _likeness(mean, middle)) / max(off, 1e-9)
+    turned = [m for m in means if ratio[m] > 1 / TURNED_SHARE]
+    n_right = sum(one < TURNED_SHARE for one in ratio.values())
+    if n_right > len(turned) and n_right >= RIGHT_SHARE * (len(means) - len(turned)):
+        for m in turned:
+            said = f"{camera} is perhaps {best[m]}: turned back it looks like the others"
+            yield Defect("turned camera", str(m), said)
 
 
 def _likeness(one: Array, other: Array) -> float:

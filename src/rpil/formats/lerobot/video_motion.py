@@ -21,11 +21,11 @@ SMOOTH, SLOW = 0.2, 1.2  # seconds: faster changes of the motion are noise, slow
 LAG, NEAR = 2.0, 0.15  # seconds: the longest lag that is tried, and what is near the usual one
 LEAST_SPEED = 0.1  # of a joint, in its standard deviations, below which it is at rest
 LEAST_MOVING = 6  # episodes, to know what is usual
-USUAL_SHARE = 0.7  # of them, that must have a lag near the usual one: else the picture does not show the motion
+KNOWN_SHARE = 0.7  # of them, whose own joints must agree best with the picture: else it does not show which they are
 NEIGHBOURS = 100  # episodes, from which a video may be
-NONE, LOW, CLEAR = 0.25, 0.5, 0.7
-"""Shares of the usual agreement: below the first there is none; where it is below the second at the usual lag, another
-lag or episode is named that has the third."""
+LOW, CLEAR = 0.5, 0.7
+"""Shares of the usual agreement: where it is below the first at the usual lag, another lag or episode is named that has
+the second, and more than any wrong one has in the episodes that are right."""
 
 
 def frames_a_step(fps: float) -> int:
@@ -62,42 +62,47 @@ def _by_step(values: Array, fps: float) -> Array:
 def find_late_or_other(
     camera: str, changes: Mapping[int, Array], speeds: Mapping[int, Array], fps: float
 ) -> Iterator[Defect]:
-    """Episodes whose picture moves with the joints at an unusual time, with those of another episode, or not at all.
+    """Episodes whose picture moves with the joints at an unusual time, or with those of another episode.
 
-    A `UserWarning` says where nothing can be known.
+    An episode is right where the picture agrees more with its own joints than with those of any other. A `UserWarning`
+    says where most are not, so that nothing can be known.
     """
     rate = fps / frames_a_step(fps)
-    most, near = round(LAG * rate), round(NEAR * rate)
+    most, near, far = (round(seconds * rate) for seconds in (LAG, NEAR, 2 * SMOOTH))
     seen = {m: one for m, one in changes.items() if m in speeds and min(len(one), len(speeds[m])) > 2 * most}
     if len(seen) < LEAST_MOVING:
         return
     joints = _alike({m: speeds[m] for m in seen}, rate)
-    predicted = _predictions(_alike(seen, rate), joints)
+    predicted, lags = _predictions(_alike(seen, rate), joints), np.arange(-most, most + 1)
     curves = {m: _agreement(predicted[m], joints[m], range(-most, most + 1)) for m in seen}
-    lags = {m: int(np.argmax(curve)) - most for m, curve in curves.items()}
-    usual = round(np.median([*lags.values()]))
+    usual = round(np.median([lags[np.argmax(curve)] for curve in curves.values()]))
     around = range(max(usual - near, -most), min(usual + near, most) + 1)
-    near_usual = {m: curve[[lag + most for lag in around]].max() for m, curve in curves.items()}
-    level = np.median([*near_usual.values()])
-    if np.mean([lag in around for lag in lags.values()]) < USUAL_SHARE:
-        why = "its picture does not move with the joints"
+    own = {m: curve[np.isin(lags, around)].max() for m, curve in curves.items()}
+    shifted = {m: np.where(abs(lags - usual) >= far, curve, -1.0) for m, curve in curves.items()}
+    others = {m: _best_other(m, predicted[m], joints, around) for m in seen}
+    low, clear = LOW * np.median([*own.values()]), CLEAR * np.median([*own.values()])
+    right = [m for m in seen if own[m] > max(low, others[m][0])]
+    if len(right) < KNOWN_SHARE * len(seen):
+        why = "its picture does not show clearly how the joints move"
         warnings.warn(f"{camera}: {why}, so whether a video is late or of another episode is unknown.", stacklevel=1)
         return
-    for m in [m for m, lag in lags.items() if lag not in around and near_usual[m] < LOW * level]:
-        others = sorted((abs(n - m), n) for n in seen if n != m)[:NEIGHBOURS]
-        agreement = {n: _agreement(predicted[m], joints[n], around).max() for _, n in others}
-        other, own = max(agreement, key=agreement.__getitem__), curves[m].max()
-        if max(own, agreement[other]) < CLEAR * level:
-            if near_usual[m] < NONE * level:
-                said = "does not move with the joints, and elsewhere it does; perhaps it is of another episode"
-                yield Defect("other video", str(m), f"{camera} {said}")
-        elif own < agreement[other]:
+    least_shifted = max(clear, *(shifted[m].max() for m in right))
+    least_other = max(clear, *(others[m][0] for m in right))
+    for m in [m for m in seen if own[m] < low]:
+        agreement, other = others[m]
+        if shifted[m].max() > max(least_shifted, agreement):
+            lag = lags[np.argmax(shifted[m])] - usual
+            said = f"{camera} moves {abs(lag) / rate:.2f} s {'after' if lag > 0 else 'before'} the joints"
+            yield Defect("video time", str(m), f"{said}; perhaps its frames are shifted")
+        elif agreement > least_other:
             said = f"{camera} moves as the joints of episode {other}; perhaps it is of that episode"
             yield Defect("other video", str(m), said)
-        else:
-            off, when = abs(lags[m] - usual) / rate, "after" if lags[m] > usual else "before"
-            said = f"{camera} moves {off:.2f} s {when} the joints; perhaps its frames are shifted"
-            yield Defect("video time", str(m), said)
+
+
+def _best_other(m: int, predicted: Array, joints: Mapping[int, Array], around: range) -> tuple[float, int]:
+    """The most that the picture of episode m agrees with the joints of another one, and which that is."""
+    near = sorted((n for n in joints if n != m), key=lambda n: abs(n - m))[:NEIGHBOURS]
+    return max((float(_agreement(predicted, joints[n], around).max()), n) for n in near)
 
 
 def _alike(values: Mapping[int, Array], rate: float) -> dict[int, Array]:
