@@ -59,7 +59,7 @@ def test_answers(written):
     figures = {row["what"]: row["figure"] for row in written.run("answers")["rows"]}
     assert figures["8 random labels: AUROC of the rest"].startswith("1.000")
     assert figures["quick: the pair holds one good and one bad"] == "2 of 2"
-    assert figures["one wrong answer alone: words of the others"] == "0"
+    assert figures["one wrong answer alone: verdicts of the others"] == "0"
 
 
 def test_worlds_of_a_point_mass(tmp_path, monkeypatch):

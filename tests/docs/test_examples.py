@@ -18,7 +18,7 @@ LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 COMPARED = "compare_choices.py"
 
 PRINTED = {
-    "plot_ranking.py": r"no outliers.*score: 0\.6\d\n",
+    "plot_ranking.py": r"No outliers.*score: 0\.6\d\n",
     "plot_steps.py": r"mean weight: 0\.0\d of slips, 0\.[78]\d of all other steps\n",
     "plot_methods.py": r"together: two groups; .*within each day: .*'outlier': 10.*RPIL +AUROC 1\.00\n",
     "plot_step_weights.py": r"0\.0\d in a gust.*alike: 1\d of 30 reach.*\nstep weights: 30 of 30 reach the goal\n",

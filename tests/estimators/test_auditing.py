@@ -43,7 +43,8 @@ def audit(data, *answers, **more):
 
 def printed(path, *more):
     found = json.loads(ok("audit", path, *OPTIONS, *more, "--json", "-q").stdout)
-    return {name: value for name, value in found.items() if name not in ("run", "input", "faults", "provenance")}
+    of_the_command = ("schema", "run", "input", "faults", "provenance")
+    return {name: value for name, value in found.items() if name not in of_the_command}
 
 
 def said(found):
@@ -137,7 +138,7 @@ def test_it_says_where_it_comes_from(folder):
         (rpil.audit, {"label": {}}, "there is no option 'label'; did you mean labels?"),
         (rpil.open, {"id": "trip", "tasks": "x"}, "there is no option 'tasks'; did you mean task?"),
         (rpil.read, {"observation": "x"}, "there is no option 'observation'; did you mean observations?"),
-        (rpil.read, {"columns": "x"}, "there is no option 'columns'"),
+        (rpil.read, {"lines": "x"}, "there is no option 'lines'"),
     ],
 )
 def test_an_unknown_option_is_named_with_the_one_that_was_meant(folder, function, options, message):

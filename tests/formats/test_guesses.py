@@ -81,7 +81,8 @@ def test_three_commands_go_on_with_their_guess_and_print_it(command, suffix, dri
 def test_the_next_command_names_what_was_guessed(drive):
     words = ["rpil", "audit", drive, "--id", "trip", "--action", "steer,brake_pressure"]
     assert ok("info", drive).stdout.endswith(f"Next: {shlex.join(words)}\n")
-    assert f"Then run: {shlex.join(words)} --labels labels.csv" in ok("audit", drive).stdout
+    printed = ok("audit", drive).stdout.replace(" \\\n    ", " ")  # long commands go on in the next line
+    assert f"Then run: {shlex.join(words)} --labels labels.csv" in printed
     assert "Guess" not in ok(*words[1:]).stderr
     assert "Guess: action steer, brake_pressure; to change it: --action" in ok("info", drive, "--id", "trip").stderr
 

@@ -139,8 +139,8 @@ class _Search:
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
         )
-        others = (name for name in self.names if name not in {*found.all} and may_be_outcome(name))
-        return replace(found, outcomes=tuple(name for name in others if self.kinds[name] in ("number", "list")))
+        read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
+        return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))
 
     def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
         """The timestamps that are neither data nor the order, and for pauses a text with a time."""
