@@ -35,6 +35,22 @@ def fail(error):
     raise error
 
 
+def test_a_process_that_does_not_begin_is_made_anew(monkeypatch):
+    fork, forks = os.fork, []
+
+    def stuck_at_first():
+        forks.append(1)
+        child = fork()
+        if not child and len(forks) == 1:
+            time.sleep(60)
+        return child
+
+    monkeypatch.setattr(import_process, "_BEGINNING", 0.5)
+    monkeypatch.setattr(os, "fork", stuck_at_first)
+    assert in_child(lambda: 7, "a.h5", 0) == 7
+    assert len(forks) == 2
+
+
 def test_errors_are_those_of_the_work():
     with pytest.raises(DataError, match=r"^a.h5: use memory=.$") as caught:
         in_child(lambda: fail(DataError("a.h5: use <option>.", "memory")), "a.h5", 0)

@@ -12,6 +12,7 @@ import gc
 import json
 import math
 import os
+import select
 import signal
 import sys
 import warnings
@@ -36,6 +37,10 @@ _WAITING = 8
 
 _RESERVED = 1024 * MIB
 """Bytes that libraries reserve and hardly use."""
+
+_BEGINNING = 20
+"""Seconds until the process says that it has begun, at most: Python 3.11 does not go on after a fork if a thread begins
+or ends just then, and another fork helps."""
 
 _PR_SET_PDEATHSIG = 1  # of Linux
 _SIGNALS = {signal.SIGINT, signal.SIGTERM}
@@ -77,6 +82,10 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float, memory: Siz
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         os.close(writing)
         with os.fdopen(reading, "rb") as pipe:
+            first = select.poll()
+            first.register(pipe, select.POLLIN)
+            if not (has_begun := bool(first.poll(1000 * _BEGINNING))):
+                os.kill(child, signal.SIGKILL)
             answer = pipe.read()
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     except BaseException:  # an interruption, of which the child is not told, and may have come to its end
@@ -84,6 +93,8 @@ def in_child(work: Callable[[], Parsed], where: str, n_bytes: float, memory: Siz
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
         raise
+    if not has_begun:
+        return in_child(work, where, n_bytes, memory)
     if status:
         raise _death(status, where, seconds)
     kind, result = json.loads(answer)
@@ -106,6 +117,7 @@ def _answer(
     status = 1
     gc.freeze()  # what the other process holds: to delete it here may wait for its threads, which are not here
     try:
+        os.write(pipe, b" ")  # which JSON may begin with
         _limit(seconds, memory)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if (pa := sys.modules.get("pyarrow")) is not None:
