@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (3081, 21),
     "data": (3357, 39),
     "estimators": (2306, 16),
-    "faults": (2618, 92),
+    "faults": (2620, 92),
     "formats": (9876, 93),
     "inference": (2671, 88),
     "mixture": (810, 20),

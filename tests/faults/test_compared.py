@@ -14,7 +14,7 @@ from rpil.faults.motion import FrozenSensor, HeldValue, IdleEnd, IdleHead, IdleT
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.settings import FaultSettings
-from rpil.faults.whole_rules import Length, OtherLag
+from rpil.faults.whole_rules import Length, OtherLag, TwoEpisodes
 
 M = 8
 
@@ -30,7 +30,7 @@ def applied(rule, *measured, lengths=None, of=None, **settings):
     """A rule, of arrays (M,) or (M, C) of what its measure gave."""
     n = len(measured[0]) if measured else len(lengths)
     pairs = (SimpleNamespace(usual=np.full(100, 1.0)),)
-    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings), pairs=pairs)
+    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings), pairs=pairs, ends=None)
     lengths = np.full(n, 100) if lengths is None else lengths
     return rule(Measurements(learned, {rule.measure: measured}, tuple(range(n)), lengths, None))
 
@@ -102,6 +102,16 @@ def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
     assert rule.silent == (("",) if expected == "unknown" else ())
     worst = max((fault.severity for fault in rule.findings()), default=None)
     assert worst == (None if expected in ("unknown", None) else pytest.approx(expected))
+
+
+@pytest.mark.parametrize(("n_like_two", "n_findings"), [(4, 4), (5, 0)])
+def test_what_more_than_a_few_hold_is_no_second_episode(n_like_two, n_findings):
+    """In tasks that come back to where they began, clean demonstrations hold ends and beginnings."""
+    rule = applied(TwoEpisodes, np.repeat([0.1, 5.0], [n_like_two, 40 - n_like_two]), np.full(40, 50))
+    rule.data.learned.ends = SimpleNamespace(limit=2.0)
+    severity = rule.compare()[2]
+    assert (severity > 1).sum() == n_findings
+    assert np.isnan(severity).all() == (n_findings == 0)
 
 
 def test_a_lag_of_few_steps_may_be_another_by_chance():

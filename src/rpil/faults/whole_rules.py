@@ -204,4 +204,6 @@ class TwoEpisodes(ComparingRule):
         ends, (unlike, self.last) = self.data.learned.ends, self.measured
         self.first = self.last - 1
         limit = np.nan if ends is None else ends.limit
+        if (unlike < limit).sum() > few(len(unlike)):  # many come back to where they began: no fault of one
+            limit = np.nan
         return unlike, limit, 1.0 + (limit - unlike)
