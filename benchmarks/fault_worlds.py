@@ -72,11 +72,25 @@ def repeated_rows(rng: np.random.Generator) -> Made:
     return Demonstrations.from_episodes(episodes), Times()
 
 
+def reaches(rng: np.random.Generator) -> Made:
+    """Reaches for one point, from anywhere; each holds it with a small tremor from the middle on."""
+    episodes = []
+    for _ in range(40):
+        state, states, actions = 2 * rng.normal(size=2), [], []
+        for _ in range(int(rng.integers(60, 140))):
+            states.append(state)
+            actions.append(-0.12 * state + 0.01 * rng.normal(size=2))
+            state = state + actions[-1] + 0.002 * rng.normal(size=2)
+        episodes.append((np.array(states), np.array(actions)))
+    return Demonstrations.from_episodes(episodes), Times()
+
+
 WORLDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "a clock of whole seconds at 50 Hz": whole_seconds,
     "a state that is a category": categories,
     "demonstrations of 15 rows": few_rows,
     "three sampling rates": rates,
     "a row repeated now and then": repeated_rows,
+    "reaches for one point": reaches,
 }
 """What is recorded, and what makes it."""
