@@ -1,4 +1,4 @@
-"""What each constant of the judge is worth: the words with another value, or without its rule, and without several.
+"""What each constant of the judge is worth: the verdicts with another value, or without its rule, and without several.
 
     python benchmarks/ablations.py --data ../shared/data --json ablations.json --processes 2
     python benchmarks/ablations.py --quick
@@ -156,8 +156,8 @@ def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
             chosen = answers.drawn(audit["good"], LABELS, np.random.default_rng(draw))
             if chosen is not None:
                 rest = answers.rest_of(audit, chosen)
-                words = answers.labelled(audit, chosen, settings=replace(settings, max_left_out=0)).words[rest]
-                rows.append({"good": audit["good"][rest].tolist(), "words": words.tolist()})
+                verdicts = answers.labelled(audit, chosen, settings=replace(settings, max_left_out=0)).verdicts[rest]
+                rows.append({"good": audit["good"][rest].tolist(), "verdicts": verdicts.tolist()})
     return rows
 
 
@@ -180,7 +180,7 @@ def markdown(result: Row) -> str:
 
 
 def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
-    """Right and wrong words of each family, and good ones called outliers; the last alone where nobody is bad."""
+    """Right and wrong verdicts of each family, and good ones called outliers; the last alone where nobody is bad."""
     for family in families:
         own = [row for row in rows if row["kind"] == family]
         count = claims.counts(own)

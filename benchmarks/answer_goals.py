@@ -47,7 +47,7 @@ def by_one_side(sets: list[Row], draws: int, k: int, side: int) -> list[Row]:
             rest, found = rest_of(audit, chosen), labelled(audit, chosen)
             good = audit["good"][rest]
             own.append(auroc(good, found.log_odds[rest]) - auroc(good, audit["log_odds"][rest]))
-            n_bad += int((found.words[rest] < 0).sum()) if side > 0 else 0
+            n_bad += int((found.verdicts[rest] < 0).sum()) if side > 0 else 0
         changes[audit["name"]] = own
     if not changes:
         return []
@@ -70,8 +70,8 @@ def by_coin(audits: list[Row], draws: int, count: int) -> list[Row]:
                 for draw in range(draws):
                     rng = np.random.default_rng(draw)
                     chosen = rng.choice(n, count, replace=False)
-                    words = labelled(audit, chosen, rng.choice([1, -1], count)).words
-                    shares.append((np.delete(words, chosen) != 0).mean())
+                    verdicts = labelled(audit, chosen, rng.choice([1, -1], count)).verdicts
+                    shares.append((np.delete(verdicts, chosen) != 0).mean())
         if shares:
             figure = f"{np.mean(shares):.1%} of the others have one; at most {max(shares):.0%} of a draw"
             rows.append({"what": f"{kind}: {count} labels by a coin: verdicts", "figure": figure})
@@ -101,9 +101,9 @@ def asked(audit: Row) -> tuple[int, int]:
     for _ in range(N_QUESTIONS):
         m = next_asked(audit, labels, unknown)
         labels[m] = 2 * good[m] - 1
-        words = answered(audit, Answers.of_labels(labels), SETTINGS).words
-        most = max(most, int(((words < 0) & (good == 1)).sum()))
-        disobeyed += int((words != labels)[labels != 0].sum())
+        verdicts = answered(audit, Answers.of_labels(labels), SETTINGS).verdicts
+        most = max(most, int(((verdicts < 0) & (good == 1)).sum()))
+        disobeyed += int((verdicts != labels)[labels != 0].sum())
     return most, disobeyed
 
 
@@ -128,7 +128,7 @@ def left_after_one(sets: list[Row]) -> list[Row]:
                 found = labelled(audit, np.array([chosen]), np.array([sign]))
                 others = np.arange(len(audit["good"])) != chosen
                 n_before += int((audit["claimed"] != 0)[others].sum())
-                left += int(((found.stays != 0) | (found.words != 0))[others].sum())
+                left += int(((found.stays != 0) | (found.verdicts != 0))[others].sum())
     what = f"verdicts of others left after one confirming label, sets of AUROC {SURE} or more"
     return [{"what": what, "figure": f"{left} of {n_before}"}]
 
@@ -141,12 +141,12 @@ def by_success(quick: bool) -> list[Row]:
     rows = []
     for k, what in enumerate(("P(good)", "success alone", "log-odds without answers", "success, then log-odds")):
         rows.append({"what": f"success of all, arm, AUROC: {what}", "figure": mean(values[k] for values, _ in found)})
-    wrong, given = np.sum([words for _, words in found], axis=0)
+    wrong, given = np.sum([verdicts for _, verdicts in found], axis=0)
     return [*rows, {"what": "success of all, arm: verdicts", "figure": f"{wrong} of {given} wrong"}]
 
 
 def of_success(task: str, seed: int) -> tuple[list[float], Array]:
-    """AUROC by the four scores, and the words: those that are wrong, and all."""
+    """AUROC by the four scores, and the verdicts: those that are wrong, and all."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         world = worlds.make_world(task, ARM_SIZE, ARM_BAD, seed)
@@ -157,6 +157,6 @@ def of_success(task: str, seed: int) -> tuple[list[float], Array]:
     found = answered(row, known, SETTINGS)
     both = 1e6 * success + audit.log_odds
     score = partial(auroc, good)
-    wrong = (found.words > 0) & (good == 0) | (found.words < 0) & (good == 1)
-    words = np.array([wrong.sum(), (found.words != 0).sum()])
-    return [score(found.log_odds), score(success), score(audit.log_odds), score(both)], words
+    wrong = (found.verdicts > 0) & (good == 0) | (found.verdicts < 0) & (good == 1)
+    verdicts = np.array([wrong.sum(), (found.verdicts != 0).sum()])
+    return [score(found.log_odds), score(success), score(audit.log_odds), score(both)], verdicts

@@ -117,18 +117,18 @@ def by_labels(sets: list[Row], draws: int, count: int) -> list[Row]:
             if chosen is None:
                 continue
             found, rest = labelled(audit, chosen), rest_of(audit, chosen)
-            good, words = audit["good"][rest], found.words[rest]
+            good, verdicts = audit["good"][rest], found.verdicts[rest]
             own.append(auroc(good, found.log_odds[rest]))
-            wrong += int(((words > 0) & (good == 0)).sum() + ((words < 0) & (good == 1)).sum())
-            given, total = given + int((words != 0).sum()), total + len(rest)
+            wrong += int(((verdicts > 0) & (good == 0)).sum() + ((verdicts < 0) & (good == 1)).sum())
+            given, total = given + int((verdicts != 0).sum()), total + len(rest)
         if own:
             values.append(np.mean(own))
             low += [np.mean(own)] if is_low(audit) else []
-    words = f"{wrong} of {given} wrong ({wrong / max(given, 1):.1%}), {given / max(total, 1):.0%} have one"
+    verdicts = f"{wrong} of {given} wrong ({wrong / max(given, 1):.1%}), {given / max(total, 1):.0%} have one"
     return [
         {"what": f"{count} random labels: AUROC of the rest", "figure": mean(values)},
         {"what": f"{count} random labels: sets below {LOW} without", "figure": mean(low)},
-        {"what": f"{count} random labels: verdicts", "figure": words},
+        {"what": f"{count} random labels: verdicts", "figure": verdicts},
     ]
 
 
@@ -172,7 +172,7 @@ def by_pair(audits: list[Row]) -> list[Row]:
         own = [audit for audit in audits if audit["kind"] == kind]
         answered = [(audit, compared(audit)) for audit in own]
         if kind == "half":
-            bad = sum(int((found.words < 0).sum()) for _, found in answered if found)
+            bad = sum(int((found.verdicts < 0).sum()) for _, found in answered if found)
             rows.append({"what": "good halves, the pair answered by quality: verdicts", "figure": f"{bad} bad"})
             continue
         one_each = sum({0, 1} == set(audit["good"][audit["pair"]].tolist()) for audit in own if audit["pair"])
@@ -181,8 +181,8 @@ def by_pair(audits: list[Row]) -> list[Row]:
         text = f"{mean(values)}; {high} at .99 or more, {low} below .5"
         rows.append({"what": f"{kind}: the pair holds one good and one bad", "figure": f"{one_each} of {len(own)}"})
         rows.append({"what": f"{kind}: AUROC with the pair answered", "figure": text})
-        words = sum(int((found.words != 0).sum()) for _, found in answered if found)
-        rows.append({"what": f"{kind}: verdicts after this one answer", "figure": f"{words}"})
+        verdicts = sum(int((found.verdicts != 0).sum()) for _, found in answered if found)
+        rows.append({"what": f"{kind}: verdicts after this one answer", "figure": f"{verdicts}"})
     return rows
 
 
@@ -284,16 +284,16 @@ def by_nonsense(audits: list[Row], draws: int) -> list[Row]:
     alone, bad, n = 0, 0, 0
     for audit in audits:
         m = int(np.argmin(audit["log_odds"]))
-        words = labelled(audit, np.array([m]), np.array([1 - 2 * audit["good"][m]])).words
-        alone += int((np.delete(words, m) != 0).sum())
+        verdicts = labelled(audit, np.array([m]), np.array([1 - 2 * audit["good"][m]])).verdicts
+        alone += int((np.delete(verdicts, m) != 0).sum())
         if audit["kind"] != "half" or len(audit["good"]) < 16:
             continue
         for draw in range(draws):
             rng = np.random.default_rng(draw)
             chosen = rng.choice(len(audit["good"]), 8, replace=False)
             rest = np.setdiff1d(np.arange(len(audit["good"])), chosen)
-            words = labelled(audit, chosen, rng.permutation([1, -1] * 4)).words[rest]
-            bad, n = bad + int((words < 0).sum()), n + len(rest)
+            verdicts = labelled(audit, chosen, rng.permutation([1, -1] * 4)).verdicts[rest]
+            bad, n = bad + int((verdicts < 0).sum()), n + len(rest)
     return [
         {"what": "one wrong answer alone: verdicts of the others", "figure": f"{alone}"},
         {"what": "good halves, eight labels drawn at random: called bad", "figure": f"{bad} of {n}"},

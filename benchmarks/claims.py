@@ -130,9 +130,9 @@ def audited(job: Job, settings: Settings | None = None) -> Row:
         warnings.simplefilter("ignore")
         model = RPIL(random_state=job.seed, settings=settings)
         audit = model.fit(world.demonstrations, demonstrators=world.people if job.people else None).audit_
-    words = [{"similar": 1, "open": 0, "outlier": -1}[verdict] for verdict in audit.verdicts]
+    verdicts = [{"similar": 1, "open": 0, "outlier": -1}[verdict] for verdict in audit.verdicts]
     pair = [int(good[audit.index(name)]) for name in audit.pair]
-    values = {"good": good.tolist(), "words": words, "log_odds": audit.log_odds.tolist(), "pair": pair}
+    values = {"good": good.tolist(), "verdicts": verdicts, "log_odds": audit.log_odds.tolist(), "pair": pair}
     values["ids"] = list(audit.ids) if job.kind == "changes" else []
     values["proba"] = audit.expert_proba.tolist()
     return {"kind": job.kind, "name": job.name, "finding": audit.finding, "doubts": list(audit.doubts), **values}
@@ -203,7 +203,7 @@ def good_by_proba(rows: list[Row]) -> list[str]:
 
     `rpil.results.vocabulary` quotes the last line.
     """
-    rows = [row for row in rows if any(row["words"])]
+    rows = [row for row in rows if any(row["verdicts"])]
     if not rows:
         return []
     good, proba = (np.concatenate([row[name] for row in rows]) for name in ("good", "proba"))
@@ -225,19 +225,19 @@ def good_by_proba(rows: list[Row]) -> list[str]:
 
 
 def counts(rows: Sequence[Row]) -> dict[tuple[int, int], int]:
-    """Demonstrations by word (1 similar, -1 outlier) and truth (1 good, 0 bad)."""
-    words, good = (np.concatenate([row[name] for row in rows]) for name in ("words", "good"))
+    """Demonstrations by verdict (1 similar, -1 outlier) and truth (1 good, 0 bad)."""
+    verdicts, good = (np.concatenate([row[name] for row in rows]) for name in ("verdicts", "good"))
     every = product((1, -1), (1, 0))
-    return {(word, truth): int(((words == word) & (good == truth)).sum()) for word, truth in every}
+    return {(verdict, truth): int(((verdicts == verdict) & (good == truth)).sum()) for verdict, truth in every}
 
 
 def counted(title: str, rows: Sequence[Row]) -> list[str]:
     """A row of the first table."""
     if not rows:
         return []
-    count, pairs = counts(rows), [(np.array(row["good"]), np.array(row["words"])) for row in rows]
-    sets = sum(bool(((words < 0) & (good == 1)).any()) for good, words in pairs)
-    shares = np.array([float((words[good >= 0] != 0).mean()) for good, words in pairs])
+    count, pairs = counts(rows), [(np.array(row["good"]), np.array(row["verdicts"])) for row in rows]
+    sets = sum(bool(((verdicts < 0) & (good == 1)).any()) for good, verdicts in pairs)
+    shares = np.array([float((verdicts[good >= 0] != 0).mean()) for good, verdicts in pairs])
     error = shares.std(ddof=1) / np.sqrt(len(shares)) if len(shares) > 1 else np.nan
     of_good = sum(int((good == 1).sum()) for good, _ in pairs)
     outlier = f"{count[-1, 0]}, {count[-1, 1]} of {of_good} good"
@@ -248,11 +248,11 @@ def counted(title: str, rows: Sequence[Row]) -> list[str]:
 
 
 def is_right(row: Row) -> bool:
-    """AUROC >= .99, words for 80 % and none wrong; of flipped and shifted actions: the pair holds one of each."""
-    good, words = np.array(row["good"]), np.array(row["words"])
+    """AUROC >= .99, verdicts for 80 % and none wrong; of flipped and shifted actions: the pair holds one of each."""
+    good, verdicts = np.array(row["good"]), np.array(row["verdicts"])
     if " flip " in row["name"] or " shift " in row["name"]:
-        return set(row["pair"]) == {0, 1} and not (words != 0).any()
-    return auroc(good, np.array(row["log_odds"])) >= 0.99 and (words != 0).mean() >= 0.8 and not n_wrong(row)
+        return set(row["pair"]) == {0, 1} and not (verdicts != 0).any()
+    return auroc(good, np.array(row["log_odds"])) >= 0.99 and (verdicts != 0).mean() >= 0.8 and not n_wrong(row)
 
 
 def n_wrong(row: Row) -> int:
@@ -261,19 +261,19 @@ def n_wrong(row: Row) -> int:
 
 
 def changes(rows: list[Row]) -> list[str]:
-    """How many words change where nothing that matters does; of a random half, those that its demonstrations had."""
+    """How many verdicts change where nothing that matters does; of a random half, those that its demonstrations had."""
     own = {row["name"]: row for row in rows}
-    bases = {name.split(":")[0]: row["words"] for name, row in own.items() if name.endswith(AS_IT_IS)}
+    bases = {name.split(":")[0]: row["verdicts"] for name, row in own.items() if name.endswith(AS_IT_IS)}
     if not bases:
         return []
     lines = ["| change | verdicts given | turned over | withdrawn |", "|---|---|---|---|"]
     for change in CHANGES:
-        rows_of = ((words, own[f"{name}: {change}"]) for name, words in bases.items())
+        rows_of = ((verdicts, own[f"{name}: {change}"]) for name, verdicts in bases.items())
         pairs = [
-            (words[m], word)
-            for words, row in rows_of
-            for m, word in zip(row["ids"], row["words"], strict=False)
-            if m < len(words)
+            (verdicts[m], verdict)
+            for verdicts, row in rows_of
+            for m, verdict in zip(row["ids"], row["verdicts"], strict=False)
+            if m < len(verdicts)
         ]
         given = sum(old != 0 for old, _ in pairs)
         turned = sum(old * new < 0 for old, new in pairs)
@@ -296,13 +296,16 @@ def point_masses(rows: list[Row]) -> list[str]:
 
 
 def described(row: Row) -> list[str]:
-    """A line for each recorded set, and for each other audit with a wrong word; of a point mass, with a good one that
-    is called an outlier."""
+    """A line for each recorded set, and for each other audit with a wrong verdict; of a point mass, with a good one
+    that is called an outlier."""
     wrong = counts([row])[-1, 1] if row["kind"] == "point mass" else n_wrong(row)
     if row["kind"] != "recorded" and (not wrong or row["kind"] in ("changes", "people")):
         return []
-    value, words = auroc(np.array(row["good"]), np.array(row["log_odds"])), sum(word != 0 for word in row["words"])
-    text = f"AUROC {value:.2f}, {row['finding']}, {words} verdicts, {wrong} wrong"
+    value, verdicts = (
+        auroc(np.array(row["good"]), np.array(row["log_odds"])),
+        np.count_nonzero(row["verdicts"]),
+    )
+    text = f"AUROC {value:.2f}, {row['finding']}, {verdicts} verdicts, {wrong} wrong"
     return [" ".join([f"- {row['kind']} {row['name']}: {text}.", *row["doubts"]])]
 
 

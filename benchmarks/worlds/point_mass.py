@@ -1,4 +1,4 @@
-"""Worlds of a point mass, to break the words of an audit: kinds of operators that no constant was chosen on.
+"""Worlds of a point mass, to break the verdicts of an audit: kinds of operators that no constant was chosen on.
 
 A mass in a plane goes to a goal, past an obstacle. In worlds of `BAD` operators some demonstrations are bad; in worlds
 of `GOOD` operators all are good, though not alike, and nobody should be called an outlier. Actions are forces,

@@ -16,10 +16,14 @@ RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 
 
 def draw(env, kind, seed):
-    """The number of words of one draw of a cell of the paper, and those that are wrong: (similar, outlier)."""
+    """The number of verdicts of one draw of a cell of the paper, and those that are wrong: (similar, outlier)."""
     row = audited(Job("paper", f"{env} {kind} {seed}", lambda: of_paper(env, kind, seed)))
-    good, words = np.array(row["good"]), np.array(row["words"])
-    return int((words != 0).sum()), int(((words > 0) & (good == 0)).sum()), int(((words < 0) & (good == 1)).sum())
+    good, verdicts = np.array(row["good"]), np.array(row["verdicts"])
+    return (
+        int((verdicts != 0).sum()),
+        int(((verdicts > 0) & (good == 0)).sum()),
+        int(((verdicts < 0) & (good == 1)).sum()),
+    )
 
 
 @pytest.mark.slow
@@ -31,7 +35,7 @@ def test_every_demonstration_of_the_papers_cells_gets_the_right_word(env, kind, 
 
 # The draws that are known to fail: in each, one demonstration of the expert scores about as low as the bad ones do, in
 # two of them lower than some; of "random 7" two random ones score nearly as high as the expert's. The numbers are
-# those of today: 1 wrong word of 20, 1 of 20, 2 of 18, 1 of 20, 1 of 12 and 1 of 20.
+# those of today: 1 wrong verdict of 20, 1 of 20, 2 of 18, 1 of 20, 1 of 12 and 1 of 20.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed", "most_typical", "most_unlike"),
@@ -50,8 +54,8 @@ def test_the_draws_that_are_known_to_fail_get_no_worse(kind, seed, most_typical,
     assert outlier <= most_unlike  # good ones called outliers
 
 
-def row(proba, good, words=(1, 0, -1)):
-    return {"kind": "recorded", "proba": proba, "good": good, "words": words}
+def row(proba, good, verdicts=(1, 0, -1)):
+    return {"kind": "recorded", "proba": proba, "good": good, "verdicts": verdicts}
 
 
 def test_good_ones_are_counted_by_p():
@@ -70,14 +74,21 @@ def test_good_ones_are_counted_by_p():
         "In 2 recorded sets with verdicts 60% of the demonstrations with P(similar) of .9 or more were good, 33% of "
         "those with .1 or less, and 50% of all."
     )
-    assert good_by_proba([*rows, row([0.5], [1], [0])]) == lines  # a set without words is left out
+    assert good_by_proba([*rows, row([0.5], [1], [0])]) == lines  # a set without verdicts is left out
     assert good_by_proba([]) == []
 
 
-def told(kind, name, good, words, log_odds=None):
-    odds = words if log_odds is None else log_odds
-    found = {"kind": kind, "name": name, "good": good, "words": words, "log_odds": odds, "proba": [0.5] * len(good)}
-    return found | {"finding": "outliers", "doubts": [], "pair": [1, 0], "ids": list(range(len(words)))}
+def told(kind, name, good, verdicts, log_odds=None):
+    odds = verdicts if log_odds is None else log_odds
+    found = {
+        "kind": kind,
+        "name": name,
+        "good": good,
+        "verdicts": verdicts,
+        "log_odds": odds,
+        "proba": [0.5] * len(good),
+    }
+    return found | {"finding": "outliers", "doubts": [], "pair": [1, 0], "ids": list(range(len(verdicts)))}
 
 
 def test_words_are_counted_by_kind():
@@ -86,8 +97,8 @@ def test_words_are_counted_by_kind():
         told("recorded", "right", [1, 1, 0, -1], [1, 0, -1, 0]),
         told("recorded", "reversed", [1, 1, 0, 0], [-1, 0, 1, 1]),
         *(
-            told("changes", f"right: {name}", [1, 1, 0, 0] * (len(words) // 4), words)
-            for name, words in of_changes.items()
+            told("changes", f"right: {name}", [1, 1, 0, 0] * (len(verdicts) // 4), verdicts)
+            for name, verdicts in of_changes.items()
         ),
     ]
     lines = report(rows)
@@ -117,7 +128,7 @@ def test_a_row_for_each_kind_of_operator():
 def test_what_an_audit_says_of_p_is_in_the_results():
     sentence = VOCABULARIES["none"].experience.removesuffix(" (docs/results.md).")
     assert sentence.startswith("In 11 recorded sets with verdicts")
-    assert [words.experience for anchor, words in VOCABULARIES.items() if anchor != "none"] == ["", ""]
+    assert [verdicts.experience for anchor, verdicts in VOCABULARIES.items() if anchor != "none"] == ["", ""]
     assert sentence in RESULTS.read_text(encoding="utf-8")
 
 

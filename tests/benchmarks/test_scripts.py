@@ -50,9 +50,9 @@ def written(tmp_path_factory):
 def test_claims(written):
     rows = {row["name"]: row for row in written.run("claims")["rows"]}
     assert set(rows) == {"walks 0", "MountainCar-v0 corrupted 0", "MountainCar-v0 random 0"}
-    assert not any(rows["walks 0"]["words"])
+    assert not any(rows["walks 0"]["verdicts"])
     cell = rows["MountainCar-v0 random 0"]
-    assert cell["words"] == [1 if good else -1 for good in cell["good"]]
+    assert cell["verdicts"] == [1 if good else -1 for good in cell["good"]]
 
 
 def test_answers(written):
@@ -72,7 +72,7 @@ def test_worlds_of_a_point_mass(tmp_path, monkeypatch):
     noise, alike = ([row for row in rows if row["name"].startswith(kind)] for kind in ("noise,", "alike,"))
     assert all(sum(good == 0 for good in row["good"]) in (6, 12) for row in noise)
     assert all(all(row["good"]) for row in alike)
-    found = [(word, good) for row in noise for word, good in zip(row["words"], row["good"], strict=True)]
+    found = [(verdict, good) for row in noise for verdict, good in zip(row["verdicts"], row["good"], strict=True)]
     assert found.count((-1, 0)) > 10 * max(1, found.count((-1, 1)))
 
 
@@ -91,7 +91,7 @@ def test_kinds_of_recorded_sets(tmp_path):
     assert len(rows["half", "car"]["good"]) == 8
     without, named = rows["people", "not named: car"], rows["people", "named: car"]
     assert named["log_odds"] == without["log_odds"] == rows["recorded", "car"]["log_odds"]
-    assert named["words"] == without["words"]  # four of each person: that none is similar may be chance
+    assert named["verdicts"] == without["verdicts"]  # four of each person: that none is similar may be chance
     assert "| operators named | 1 |" in "\n".join(claims.report(list(rows.values())))
 
 
@@ -118,10 +118,15 @@ def test_ablations(written, monkeypatch):
     monkeypatch.setattr(ablations, "ANSWERS", {name: ablations.ANSWERS[name] for name in of_answers})
     found = written.run("ablations")
     assert not found["unfinished"]
-    words = {name: sum(word > 0 for row in rows for word in row["words"]) for name, rows in found["rules"].items()}
-    assert words[ablations.DEFAULT] <= words["min_p_two .9"]
-    assert words[ablations.DEFAULT] <= words["no better half"]
-    told = {name: sum(word != 0 for row in rows for word in row["words"]) for name, rows in found["answers"].items()}
+    verdicts = {
+        name: sum(verdict > 0 for row in rows for verdict in row["verdicts"]) for name, rows in found["rules"].items()
+    }
+    assert verdicts[ablations.DEFAULT] <= verdicts["min_p_two .9"]
+    assert verdicts[ablations.DEFAULT] <= verdicts["no better half"]
+    told = {
+        name: sum(verdict != 0 for row in rows for verdict in row["verdicts"])
+        for name, rows in found["answers"].items()
+    }
     assert told["sharpness 1"] < told[ablations.DEFAULT] < told["sharpness 3"]
 
 
@@ -138,7 +143,7 @@ def test_finished_variants_are_not_measured_again(tmp_path, monkeypatch):
 
     assert ablations.main(["--quick", "--json", str(path)]) == 0
     found = json.loads(path.read_text())
-    found["rules"][ablations.DEFAULT][0]["words"] = [0] * 20
+    found["rules"][ablations.DEFAULT][0]["verdicts"] = [0] * 20
     assert again(found) == found["rules"]
     for other in ({"arguments": {}}, {"commit": "0123456789ab"}):
         assert again(found | {"provenance": found["provenance"] | other}) != found["rules"]

@@ -1,4 +1,4 @@
-"""What answers make of demonstrations: words, contradictions, and what to ask next."""
+"""What answers make of demonstrations: verdicts, contradictions, and what to ask next."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def test_columns_are_normal_scores_and_bounded_log_odds():
 
 def test_two_answers_give_words():
     found = judged(COLUMNS, answers_of([-1] + [0] * 10 + [1]), SETTINGS)
-    assert (found.words[0], found.words[11]) == (-1, 1)
+    assert (found.verdicts[0], found.verdicts[11]) == (-1, 1)
     two_pairs = judged(COLUMNS, answers_of(pairs=[(11, 0), (10, 1)]), replace(SETTINGS, min_proba=0.6))
-    assert (two_pairs.words[0], two_pairs.words[11]) == (-1, 1)
+    assert (two_pairs.verdicts[0], two_pairs.verdicts[11]) == (-1, 1)
 
 
 def test_words_begin_at_the_log_odds_of_the_limit():
@@ -60,17 +60,17 @@ def test_words_begin_at_the_log_odds_of_the_limit():
     for m in (7, 4):  # one that is rather good, and one that is rather bad
         assert 0 < abs(log_odds[m]) < 6
         at = float(expit(abs(log_odds[m])))
-        for min_proba, word in ((at - 1e-9, np.sign(log_odds[m])), (at + 1e-9, 0)):
-            assert judged(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).words[m] == word
-    words = judged(COLUMNS, some, SETTINGS).words
-    np.testing.assert_array_equal(words, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
+        for min_proba, verdict in ((at - 1e-9, np.sign(log_odds[m])), (at + 1e-9, 0)):
+            assert judged(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).verdicts[m] == verdict
+    verdicts = judged(COLUMNS, some, SETTINGS).verdicts
+    np.testing.assert_array_equal(verdicts, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
 
 
 def test_a_label_is_the_word_of_its_own_demonstration_and_others_are_judged_by_it():
     some = answers_of(AGREED)
     found = judged(COLUMNS, some, SETTINGS)
     labelled, unlabelled = np.flatnonzero(some.labels), np.flatnonzero(some.labels == 0)
-    np.testing.assert_array_equal(found.words[labelled], some.labels[labelled])
+    np.testing.assert_array_equal(found.verdicts[labelled], some.labels[labelled])
     np.testing.assert_allclose(found.log_odds[labelled], some.labels[labelled] * SURE)
     expected = [log_odds_by(some, m) for m in unlabelled]
     np.testing.assert_allclose(found.log_odds[unlabelled], expected)
@@ -109,7 +109,7 @@ def test_labels_of_many_are_not_left_out_one_by_one(max_left_out, named):
     settings = replace(SETTINGS, max_left_out=max_left_out)
     found = judged(COLUMNS, answers_of(WRONG), settings)
     assert found.contradicting.tolist() == named
-    assert found.words[11] == -1
+    assert found.verdicts[11] == -1
     assert found.log_odds[11] == pytest.approx(-SURE)
 
 
@@ -152,11 +152,11 @@ def test_what_was_said_stays_until_answers_contradict_it():
     one_label, one_outcome = [0] * 11 + [1], answers_of(outcome=[NAN] * 11 + [1.0])
     for one in (answers_of(one_label), answers_of(-np.array(one_label)), answers_of(pairs=[(0, 11)]), one_outcome):
         found = judged(COLUMNS, one, claimed=CLAIMED)
-        np.testing.assert_array_equal(found.words, one.labels)
+        np.testing.assert_array_equal(found.verdicts, one.labels)
         np.testing.assert_array_equal(found.stays, CLAIMED * (one.labels == 0))
     agreed = judged(COLUMNS, answers_of(AGREED), claimed=CLAIMED)
-    assert ((agreed.stays == CLAIMED) | (agreed.words != 0)).all()
-    assert not (agreed.stays * agreed.words).any()
+    assert ((agreed.stays == CLAIMED) | (agreed.verdicts != 0)).all()
+    assert not (agreed.stays * agreed.verdicts).any()
     turned = judged(COLUMNS, answers_of([-value for value in AGREED[:3]] + [0] * 6 + [-1, -1, -1]), claimed=CLAIMED)
     assert not turned.stays.any()
 
@@ -164,10 +164,10 @@ def test_what_was_said_stays_until_answers_contradict_it():
 def test_nobody_is_bad_before_an_answer_says_so():
     columns = np.column_stack([np.linspace(-3, 3, 40), np.repeat([-1.0, 1.0], 20)])
     good, bad = ([0] * 30 + [1] * 10, [-1] * 10 + [0] * 30)
-    assert judged(columns, answers_of(good, m=40)).words.min() == 0
-    assert judged(columns, answers_of(bad, m=40)).words.max() == 0
+    assert judged(columns, answers_of(good, m=40)).verdicts.min() == 0
+    assert judged(columns, answers_of(bad, m=40)).verdicts.max() == 0
     for pairs, outcome in (([(39, 0)], None), ([], [0.0] + [NAN] * 39)):
-        assert judged(columns, answers_of(good, pairs, outcome, m=40)).words.min() == -1
+        assert judged(columns, answers_of(good, pairs, outcome, m=40)).verdicts.min() == -1
 
 
 def test_probabilities_stay_away_from_certainty():
@@ -222,7 +222,7 @@ def test_a_copy_confirms_nothing():
     found, once = about_copies(labels), judged(COLUMNS, answers_of([0] * 11 + [1]), SETTINGS)
     np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
     assert found.count == 1
-    np.testing.assert_array_equal(found.words, EVERY == 11)
+    np.testing.assert_array_equal(found.verdicts, EVERY == 11)
     pairs = about_copies(pairs=[(11, 0), (12, 0), (13, 14), (11, 12)])
     np.testing.assert_array_equal(
         pairs.log_odds, judged(COLUMNS, answers_of(pairs=[(11, 0)]), SETTINGS).log_odds[EVERY]
@@ -233,7 +233,7 @@ def test_a_copy_confirms_nothing():
 def test_copies_that_are_labelled_are_named_and_others_are_not():
     found = about_copies([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0, -1, -1, 0])
     assert found.contradicting.tolist() == [12, 13]
-    assert found.words[[11, 12, 13]].tolist() == [-1, -1, -1]
+    assert found.verdicts[[11, 12, 13]].tolist() == [-1, -1, -1]
 
 
 def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():

@@ -54,7 +54,7 @@ def scored(score=SCORE, p_two=0.999, gains=None, discrete=False, limits=(), **ot
 
 def claimed(scored_, again=None, order=None):
     found = claim(*scored_, again, order)
-    return found.finding, found.words.tolist()
+    return found.finding, found.verdicts.tolist()
 
 
 def sentences(found: Claims) -> list[str]:
@@ -68,8 +68,8 @@ def lower_of(upper, rival, is_rival=True) -> Lower:
 
 @pytest.mark.parametrize(("p_two", "finding"), [(0.991, "outliers"), (0.989, "no outliers")])
 def test_two_groups_of_scores_must_be_nearly_certain(p_two, finding):
-    words = TYPICAL_AND_UNLIKE if finding == "outliers" else NOBODY
-    assert claimed(scored(p_two=p_two)) == (finding, words)
+    verdicts = TYPICAL_AND_UNLIKE if finding == "outliers" else NOBODY
+    assert claimed(scored(p_two=p_two)) == (finding, verdicts)
 
 
 def test_the_least_probability_of_two_groups_is_enough():
@@ -87,7 +87,7 @@ def test_nothing_could_be_learned_where_the_state_says_nothing_and_scores_are_on
 @pytest.mark.parametrize("gain", [0.0, -1.0])
 def test_a_policy_that_does_not_explain_its_own_actions_convicts_nobody(gain):
     found = claim(*scored(gains=lambda group: np.full(10, gain)), None, None)
-    assert (found.finding, found.words.tolist()) == ("nothing could be learned", NOBODY)
+    assert (found.finding, found.verdicts.tolist()) == ("nothing could be learned", NOBODY)
     assert found.lower is not None
 
 
@@ -103,7 +103,7 @@ def test_a_policy_of_their_own_makes_two_groups_of_which_neither_is_unlike(own, 
         assert found.groups is None
         assert found.contrast is None
     else:
-        assert found.words.tolist() == NOBODY
+        assert found.verdicts.tolist() == NOBODY
         assert [group.tolist() for group in found.groups] == [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]
         assert found.contrast.length.tolist() == [5.0, 5.0]
 
@@ -149,14 +149,14 @@ def test_typical_is_the_better_half_where_the_lower_group_is_a_tail():
 @pytest.mark.parametrize("deviation", [0.1, 0.3])
 def test_typical_are_members_of_the_upper_group(deviation, n_upper):
     _, scores = scored(deviation=deviation)
-    words = said(scores, ClaimSettings(), np.arange(10) < n_upper, np.full(10, 5.0))
-    assert words.tolist() == [1] * n_upper + [0] * (10 - n_upper)
+    verdicts = said(scores, ClaimSettings(), np.arange(10) < n_upper, np.full(10, 5.0))
+    assert verdicts.tolist() == [1] * n_upper + [0] * (10 - n_upper)
 
 
 def test_noise_leaves_the_better_half_typical_where_scores_have_a_tail():
     score = np.array([1.3, 1.2, 1.1, 1.0, 0.9, 0.8, -1.1, -1.0, -0.9, -1.0])
     found = scored(score, 0.3, discrete=True, deviation=0.26)
-    assert by_chance(*found, None).words.tolist() == [1, 1, 1, 0, 0, 0, -1, -1, -1, -1]
+    assert by_chance(*found, None).verdicts.tolist() == [1, 1, 1, 0, 0, 0, -1, -1, -1, -1]
 
 
 def test_nobody_unlike_means_that_nobody_is_called_typical():
@@ -176,7 +176,7 @@ def test_other_folds_must_give_two_groups(p_two, doubts):
     found = claim(scoring, scores, scores_of(scoring, SCORE, p_two), None)
     assert sentences(found) == doubts
     assert found.finding == ("in doubt" if doubts else "outliers")
-    assert found.words.tolist() == (NOBODY if doubts else TYPICAL_AND_UNLIKE)
+    assert found.verdicts.tolist() == (NOBODY if doubts else TYPICAL_AND_UNLIKE)
     assert all(doubt.runs == () for doubt in found.doubts)
 
 
@@ -235,17 +235,17 @@ def test_noise_lies_half_the_gain_below_frequent_actions():
     score = NOISE * 2
     score[4:8] = 0.01, 0.0, -0.99, -1.01
     found = by_noise(score, upper=2.0)
-    assert found.words.tolist() == [1, 1, 1, 1, 1, 0, 0, -1, -1, -1]
+    assert found.verdicts.tolist() == [1, 1, 1, 1, 1, 0, 0, -1, -1, -1]
     assert found.with_other_folds
     assert found.is_cluster
     score[6] = -0.5 * found.lower.gain_upper
-    assert by_noise(score, upper=2.0).words[6] == -1
+    assert by_noise(score, upper=2.0).verdicts[6] == -1
 
 
 def test_noise_is_noise_with_both_dealings():
     again = NOISE.copy()
     again[[0, 1, 9]] = -0.1, 0.0, -0.4
-    assert by_noise(again=(again, 0.3)).words.tolist() == [0, 0, 1, 1, 1, 1, -1, -1, -1, 0]
+    assert by_noise(again=(again, 0.3)).verdicts.tolist() == [0, 0, 1, 1, 1, 1, -1, -1, -1, 0]
 
 
 def test_noise_stands_where_other_folds_give_one_group_of_scores():
@@ -257,10 +257,10 @@ def test_groups_come_first_and_noise_adds_words_to_them():
     score = np.array([1.0, 1.0, 1.0, 1.0, 0.51, 0.49, -0.6, -1.0, -1.0, -1.0])
     found = scored(score, discrete=True, deviation=0.1)
     groups, chance = by_groups(*found, None), by_chance(*found, None)
-    assert groups.words.tolist() == [1, 1, 1, 1, 0, 0, -1, -1, -1, -1]
-    assert chance.words.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
+    assert groups.verdicts.tolist() == [1, 1, 1, 1, 0, 0, -1, -1, -1, -1]
+    assert chance.verdicts.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
     both = claim(*found, None, None)
-    assert both.words.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
+    assert both.verdicts.tolist() == [1, 1, 1, 1, 1, 1, -1, -1, -1, -1]
     assert both.lower.upper.tolist() == [0, 1, 2, 3, 4]  # by groups
 
 
@@ -276,7 +276,7 @@ def test_claims_about_a_sample_extend_to_all():
     scoring, scores = scored([1.0, 0.0, 1.0, 0.0, 1.0, 1.0])
     of_sample = Claims("outliers", np.array([1, 0]), (), lower_of([0], [1], False))
     found = extended(of_sample, scores, np.array([4, 3]), scoring.settings)
-    assert found.words.tolist() == [1, -1, 1, 0, 1, 1]  # as said of the sample, and by the scores of the others
+    assert found.verdicts.tolist() == [1, -1, 1, 0, 1, 1]  # as said of the sample, and by the scores of the others
     assert found.lower.upper.tolist() == [0, 2, 4, 5]
     assert found.lower.rival.tolist() == [3]
     assert found.finding == "outliers"
@@ -288,7 +288,7 @@ def test_sampled_groups_and_doubts_extend_to_all():
     contrast = Contrast(((0, 1.0),), np.ones((2, 1)), np.ones(1), np.ones(2))
     two = Claims("two groups", np.zeros(3, dtype=int), (doubt,), lower_of([0, 2], [1]), contrast)
     found = extended(two, scores, np.array([1, 2, 5]), scoring.settings)
-    assert found.words.tolist() == [0] * 6
+    assert found.verdicts.tolist() == [0] * 6
     assert [group.tolist() for group in found.groups] == [[0, 1, 4, 5], [2, 3]]
     assert [run.tolist() for run in found.doubts[0].runs] == [[1, 5]]
     assert found.contrast is contrast

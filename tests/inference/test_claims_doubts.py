@@ -33,7 +33,7 @@ def scored(score=SCORE, discrete=False, parts=None, deviation=0.1, **limits):
 def found(scored_, order=None):
     claims = claim(*scored_, None, order)
     assert (claims.finding == "in doubt") == bool(claims.doubts)
-    assert not claims.doubts or not claims.words.any()
+    assert not claims.doubts or not claims.verdicts.any()
     return claims.doubts
 
 
@@ -65,8 +65,8 @@ def disagreeing(correlation, min_agreement=0.2, discrete=False):
     return replace(scoring, log_q=log_q), scores, lower
 
 
-def doubts_about(scoring, scores, lower, words=(-1, 0, 0, 0, 1), is_cluster=True, order=None):
-    return doubts_of(scoring, scores, Split(np.array(words), lower, True, is_cluster), order)
+def doubts_about(scoring, scores, lower, verdicts=(-1, 0, 0, 0, 1), is_cluster=True, order=None):
+    return doubts_of(scoring, scores, Split(np.array(verdicts), lower, True, is_cluster), order)
 
 
 def test_two_rankings_that_differ_are_doubted():

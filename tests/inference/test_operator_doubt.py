@@ -18,15 +18,15 @@ SCORE = np.array([1.0] * 6 + [0.0] * 4)
 SETTINGS = JudgeSettings()
 
 
-def apart(names, words, max_chance=0.01):
+def apart(names, verdicts, max_chance=0.01):
     """The operators of a doubt, and the beginning of its sentence."""
     limits = replace(SETTINGS.claims, max_runs_p=max_chance)
-    doubts = doubts_of_operators(Demonstrators.from_names(names), np.asarray(words), limits)
+    doubts = doubts_of_operators(Demonstrators.from_names(names), np.asarray(verdicts), limits)
     return (doubts[0].sentence.split()[0], doubts[0].operators) if doubts else ("", ())
 
 
 @pytest.mark.parametrize(
-    ("names", "words", "expected"),
+    ("names", "verdicts", "expected"),
     [
         ("aaabbb", [1, 1, 0, 1, -1, -1], ("All", ("b",))),  # who gave a similar one as well
         ("aaabbb", [1, 1, 0, 1, 0, -1], ("", ())),  # one alone
@@ -35,18 +35,18 @@ def apart(names, words, max_chance=0.01):
         ("abcdef", [1, 1, 1, 1, -1, -1], ("", ())),  # nobody gave two
     ],
 )
-def test_all_unlike_ones_of_one_operator_are_a_doubt(names, words, expected):
-    assert apart(names, words) == expected
+def test_all_unlike_ones_of_one_operator_are_a_doubt(names, verdicts, expected):
+    assert apart(names, verdicts) == expected
 
 
 def test_operators_of_whom_none_is_typical_are_a_doubt_where_chance_does_not_explain_it():
     """Of 24 demonstrations 12 are similar: by chance none of n is with probability 1 / 2 ** n."""
     names = "a" * 12 + "b" * 6 + "c" * 6
-    words = [1] * 12 + [-1] * 6 + [0] + [-1] * 5
-    assert apart(names, words, 0.02) == ("Most", ("b", "c"))
-    assert apart(names, words, 0.5**6) == ("", ())
-    assert apart(names, [*words[:-1], 1], 0.02) == ("Most", ("b",))  # 6 of 10
-    assert apart(names, [-1] * 2 + words[2:-1] + [1], 0.02) == ("", ())  # 6 of 12
+    verdicts = [1] * 12 + [-1] * 6 + [0] + [-1] * 5
+    assert apart(names, verdicts, 0.02) == ("Most", ("b", "c"))
+    assert apart(names, verdicts, 0.5**6) == ("", ())
+    assert apart(names, [*verdicts[:-1], 1], 0.02) == ("Most", ("b",))  # 6 of 10
+    assert apart(names, [-1] * 2 + verdicts[2:-1] + [1], 0.02) == ("", ())  # 6 of 12
 
 
 def found(names, gains=lambda group: np.where(group[:1].any(), np.where(SCORE > 0.5, 1.0, -1.0), 0.0)):
@@ -62,7 +62,7 @@ def test_the_doubt_withdraws_the_words_and_names_the_operator():
     assert found("abababaabb").finding == "outliers"
     doubtful = found("aabaabbbbb")
     assert doubtful.finding == "in doubt"
-    assert not doubtful.words.any()
+    assert not doubtful.verdicts.any()
     assert [doubt.operators for doubt in doubtful.doubts] == [("b",)]
     assert "--session operator" in doubtful.doubts[0].sentence
 

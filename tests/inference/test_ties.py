@@ -53,7 +53,7 @@ def test_ties_alone_give_no_word_and_turn_no_ranking(seed):
     rng = np.random.default_rng(seed)
     tied, claimed = [rng.choice(12, 2, replace=False) for _ in range(1 + 2 * seed)], np.repeat([-1, 0, 1], 4)
     found = judged(tied, settings=replace(SETTINGS, min_proba=0.51), claimed=claimed)
-    assert (found.words == 0).all()
+    assert (found.verdicts == 0).all()
     assert (found.stays * claimed >= 0).all()
     assert np.corrcoef(found.log_odds, judged([]).log_odds)[0, 1] > 0.5
 
@@ -64,10 +64,10 @@ WINS, ACROSS = [(11, 0), (10, 1)], [(11, 0), (10, 1)]
 def test_ties_against_what_answers_say_take_words_that_other_ties_leave():
     between = 0.5 * (judged([], WINS).log_odds[11] + judged(ACROSS, WINS).log_odds[11])
     some = replace(SETTINGS, min_proba=float(expit(between)))
-    assert judged([], WINS, some).words[11] == 1
-    assert judged(ACROSS, WINS, some).words[11] == 0
+    assert judged([], WINS, some).verdicts[11] == 1
+    assert judged(ACROSS, WINS, some).verdicts[11] == 0
     assert judged(ACROSS, WINS, some).count == 4
-    assert judged([(0, 1), (10, 11)], WINS, some).words[11] == 1
+    assert judged([(0, 1), (10, 11)], WINS, some).verdicts[11] == 1
 
 
 def test_a_tie_of_copies_says_nothing_and_of_others_it_counts_once():

@@ -51,7 +51,7 @@ def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
 def test_without_answers_the_claims_are_said():
     found, evidence, _ = concluded()
     assert found.finding == "outliers"
-    np.testing.assert_array_equal(found.words, WORDS)
+    np.testing.assert_array_equal(found.verdicts, WORDS)
     assert found.answered is None
     np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
     assert not found.from_answers.any()
@@ -65,12 +65,12 @@ def test_without_answers_the_claims_are_said():
 
 def test_answers_replace_the_claims():
     found, evidence, answers = concluded(TOLD)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.words)
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.verdicts)
     assert found.finding == "answered"
     np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
-    np.testing.assert_array_equal(found.words, by_hand.words)
+    np.testing.assert_array_equal(found.verdicts, by_hand.verdicts)
     np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
-    np.testing.assert_array_equal(found.claims.words, WORDS)
+    np.testing.assert_array_equal(found.claims.verdicts, WORDS)
 
 
 def test_the_share_of_experts_is_known_where_groups_or_answers_are():
@@ -87,7 +87,7 @@ def operated(names):
 def test_answers_count_before_operators():
     data = operated(["a"] * 5 + ["b"] * 5)
     found, _, answers = concluded(TOLD, data=data)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.words)
+    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.verdicts)
     np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
@@ -97,11 +97,13 @@ def test_answers_count_before_operators():
 
 def test_an_operator_withdraws_what_answers_hardly_say():
     alone = concluded(TOLD)[0]
-    said = np.flatnonzero((alone.words > 0) & (np.array(TOLD) == 0))
+    said = np.flatnonzero((alone.verdicts > 0) & (np.array(TOLD) == 0))
     among_bad = ["b" if m >= 6 or m in said[:1] else "a" for m in range(10)]
     found, _, _ = concluded(TOLD, data=operated(among_bad))
     assert found.from_demonstrator[said[0]] < 0 < found.from_demonstrator[said[1]]
-    np.testing.assert_array_equal(found.words, np.where(np.sign(found.log_odds) == alone.words, alone.words, 0))
+    np.testing.assert_array_equal(
+        found.verdicts, np.where(np.sign(found.log_odds) == alone.verdicts, alone.verdicts, 0)
+    )
     assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 1.0))
 
 
@@ -155,7 +157,7 @@ def test_discrete_actions_that_chance_explains_better_are_left_out():
     assert fitted_to(score, Low, discrete=True)[-1] == [0, 1, 2]
 
 
-# From steps to words.
+# From steps to verdicts.
 def judged(kind, seed, n_good, n_bad, settings=SETTINGS, **given):
     toy = make(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
     data = fit_data_of(toy)
@@ -166,7 +168,7 @@ def test_random_actions_are_unlike():
     said = []
     toy, judgement = judged("random", 0, 10, 6, progress=said.append)
     assert judgement.finding == "outliers"
-    np.testing.assert_array_equal(judgement.words, np.where(toy.is_good, 1, -1))
+    np.testing.assert_array_equal(judgement.verdicts, np.where(toy.is_good, 1, -1))
     assert said == ["ridge", "fitting the training group", "other folds", "what the scores support"]
     assert toy.is_good[judgement.pair[0]]
     assert not toy.is_good[judgement.pair[1]]
@@ -179,7 +181,7 @@ def test_random_actions_are_unlike():
 def test_a_policy_of_their_own_makes_two_groups():
     toy, judgement = judged("shifted", 1, 6, 4)
     assert judgement.finding == "two groups"
-    assert not judgement.words.any()
+    assert not judgement.verdicts.any()
     groups = {frozenset(group.tolist()) for group in judgement.claims.groups}
     assert groups == {frozenset(np.flatnonzero(toy.is_good)), frozenset(np.flatnonzero(~toy.is_good))}
     first, second = judgement.pair
@@ -238,4 +240,4 @@ def test_nothing_could_be_learned_from_random_observations(seed):
     data = replace(data, features=noise)
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
     assert judgement.finding == "nothing could be learned"
-    assert not judgement.words.any()
+    assert not judgement.verdicts.any()

@@ -89,7 +89,7 @@ else:
 class VerdictLimit(TextType):
     """``outlier`` or ``bad``, with a number that is allowed, as ``outlier:2``."""
 
-    name = "word"
+    name = "verdict"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if re.fullmatch(r"(outlier|bad)(:\d{1,9})?", value) is None:

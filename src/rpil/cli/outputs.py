@@ -168,10 +168,10 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     """The exit code under a `VerdictLimit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
     from rpil.results.vocabulary import PLURALS, SIDES
 
-    (word, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
+    (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
     # Those called outliers without an answer are not bad; those called bad differ from the good ones.
-    verdicts = audit.verdicts if word == "outlier" else [verdict for verdict in audit.verdicts if verdict != "outlier"]
-    count, allowed = [SIDES[verdict] for verdict in verdicts].count("lower"), int(most or 0)
+    verdicts = audit.verdicts if verdict == "outlier" else [one for one in audit.verdicts if one != "outlier"]
+    count, allowed = [SIDES[one] for one in verdicts].count("lower"), int(most or 0)
     if limit is None or count <= allowed:
         return 0
     click.echo(

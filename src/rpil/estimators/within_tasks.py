@@ -121,7 +121,7 @@ def fit_within_tasks(
     """The audit of the demonstrations of a recording, each judged within its task and session, and the fits to these.
 
     Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
-    is not judged, and has the word of its label, if there is one.
+    is not judged, and has the verdict of its label, if there is one.
     """
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:

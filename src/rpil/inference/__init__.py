@@ -6,10 +6,10 @@
     scores           scores of demonstrations, their variances and their groups
     parts            the parts of a continuous action that are judged, and their scales
     rivals           a second group of demonstrations with a policy of its own
-    claims           what the scores support without answers: words, doubts, the pair of the question
+    claims           what the scores support without answers: verdicts, doubts, the pair of the question
     channels         numbers that describe a demonstration, from which answers learn
     answers          what labels, pairs and outcomes say: a Bayesian logistic regression
-    answered         P(good), words and contradicting labels by answers, and what to ask next
+    answered         P(good), verdicts and contradicting labels by answers, and what to ask next
     findings         the answer of an audit as a whole, each in a sentence
     step_trust       which steps of a demonstration are an expert's
     trust            the judge: all of the above in order

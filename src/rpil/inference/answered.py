@@ -1,4 +1,4 @@
-"""What answers make of demonstrations: P(good), words, which answer contradicts the others, and what to ask next."""
+"""What answers make of demonstrations: P(good), verdicts, which answer contradicts the others, and what to ask next."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Answered:
 
     log_odds: Float[Array, " M"]
     """Of good against bad, nats."""
-    words: Int[Array, " M"]
+    verdicts: Int[Array, " M"]
     """1 good, 0 neither, -1 bad."""
     stays: Int[Array, " M"]
-    """Where they give no word and do not contradict what was said without them: 1 similar, -1 outlier; else 0."""
+    """Where they give no verdict and do not contradict what was said without them: 1 similar, -1 outlier; else 0."""
     contradicting: Int[Array, " K"]
     """Demonstrations whose label contradicts the other answers."""
     count: int
@@ -84,7 +84,7 @@ def answer(
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     different = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
     named = np.flatnonzero(np.isin(place, different.contradicting) & (answers.labels != 0))
-    of_each = different.log_odds[place], different.words[place], different.stays[place]
+    of_each = different.log_odds[place], different.verdicts[place], different.stays[place]
     return Answered(*of_each, named, different.count, different.p_nothing)
 
 
@@ -93,23 +93,23 @@ def answer_about_different(
 ) -> Answered:
     """P(good) of every demonstration where none is a copy of another.
 
-    A labelled demonstration has the word of its label; where other answers contradict it, it is named. No other
+    A labelled demonstration has the verdict of its label; where other answers contradict it, it is named. No other
     demonstration is good before an answer calls one good, and none is bad before one is called bad; one answer alone
-    neither gives nor takes a word.
+    neither gives nor takes a verdict.
     """
     fitted, labels = posterior(columns, answers, settings), answers.labels
     proba = fitted.proba(columns, np.where(labels == 0, answers.ranks(), np.nan))
     log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
     if answers.count < 2:
-        words, stays = np.zeros(len(columns), dtype=int), claimed
+        verdicts, stays = np.zeros(len(columns), dtype=int), claimed
     else:
         good = (log_odds >= settings.log_odds) & (1 in answers.sides)
         bad = (log_odds <= -settings.log_odds) & (-1 in answers.sides)
-        words, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
+        verdicts, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
     log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
-    words = np.where(labels == 0, words, labels)
-    stays, named = np.where(words == 0, stays, 0), contradicting(columns, answers, settings)
-    return Answered(log_odds, words, stays, named, answers.count, fitted.p_nothing)
+    verdicts = np.where(labels == 0, verdicts, labels)
+    stays, named = np.where(verdicts == 0, stays, 0), contradicting(columns, answers, settings)
+    return Answered(log_odds, verdicts, stays, named, answers.count, fitted.p_nothing)
 
 
 def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:

@@ -53,7 +53,7 @@ class Claims:
     """What the scores of M demonstrations support."""
 
     finding: Finding
-    words: Int[Array, " M"]
+    verdicts: Int[Array, " M"]
     """1 similar, 0 open, -1 outlier."""
     doubts: tuple[Doubt, ...] = ()
     lower: Lower | None = None
@@ -81,7 +81,7 @@ class Claims:
         if lower is not None:
             upper, rival = (np.flatnonzero(np.isin(copies.place, group)) for group in (lower.upper, lower.rival))
             lower = replace(lower, upper=upper, rival=rival)
-        return replace(self, words=self.words[copies.place], doubts=doubts, lower=lower)
+        return replace(self, verdicts=self.verdicts[copies.place], doubts=doubts, lower=lower)
 
 
 def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[Array, " M"] | None) -> Claims:
@@ -105,19 +105,21 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     if split.lower.is_rival:
         return two_groups(scoring, scores, split.lower)
     if split is groups and chance is not None:
-        split = replace(groups, words=np.where(groups.words == 0, chance.words, groups.words), is_cluster=True)
+        split = replace(
+            groups, verdicts=np.where(groups.verdicts == 0, chance.verdicts, groups.verdicts), is_cluster=True
+        )
     doubts = tuple(doubts_of(scoring, scores, split, order))
     if again is not None and not split.with_other_folds:
         doubts = (Doubt("Another calculation, with other parts of the data held out, finds no outliers."), *doubts)
     if doubts:
         return Claims("in doubt", nobody, doubts, split.lower)
-    outlier = split.words < 0
+    outlier = split.verdicts < 0
     if not outlier.any():
         return Claims("no outliers", nobody, (), split.lower)
     upper = np.isin(np.arange(len(outlier)), split.lower.upper)
     if SecondWay.of(data, upper, outlier, scoring.settings).is_there:
         return two_groups(scoring, scores, replace(split.lower, rival=np.flatnonzero(outlier)))
-    return Claims("outliers", split.words, (), split.lower)
+    return Claims("outliers", split.verdicts, (), split.lower)
 
 
 def two_groups(scoring: Scoring, scores: Scores, lower: Lower) -> Claims:
@@ -130,7 +132,7 @@ def two_groups(scoring: Scoring, scores: Scores, lower: Lower) -> Claims:
 class Split:
     """A division of M demonstrations into an upper and a lower group."""
 
-    words: Int[Array, " M"]
+    verdicts: Int[Array, " M"]
     """1 similar, 0 open, -1 outlier, where nothing speaks against it."""
     lower: Lower
     with_other_folds: bool
@@ -145,12 +147,12 @@ def by_groups(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     upper = scores.groups.upper(scores.score, scores.variance)
     if scores.groups.p_two < limits.min_p_two or not limits.min_group <= upper.sum() < len(upper):
         return None
-    words, agrees = said(scores, limits, upper, scores.log_odds), True
+    verdicts, agrees = said(scores, limits, upper, scores.log_odds), True
     if again is not None:
-        words *= words == np.sign(again.log_odds).astype(int)
+        verdicts *= verdicts == np.sign(again.log_odds).astype(int)
         agrees = again.groups.p_two >= limits.min_p_two
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, settings)
-    return Split(words, lower, agrees, scores.groups.is_cluster)
+    return Split(verdicts, lower, agrees, scores.groups.is_cluster)
 
 
 def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split | None:
@@ -178,11 +180,11 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
 
 def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings: JudgeSettings) -> Claims:
     """The claims about a sample, at these `indices`, as claims about all demonstrations with `scores`."""
-    words = np.zeros(len(scores.score), dtype=int)
+    verdicts = np.zeros(len(scores.score), dtype=int)
     upper = scores.groups.upper(scores.score, scores.variance)
-    if claims.words.any():
-        words = said(scores, settings.claims, upper, scores.log_odds)
-        words[indices] = claims.words
+    if claims.verdicts.any():
+        verdicts = said(scores, settings.claims, upper, scores.log_odds)
+        verdicts[indices] = claims.verdicts
     doubts = tuple(replace(doubt, runs=tuple(indices[run] for run in doubt.runs)) for doubt in claims.doubts)
     lower = claims.lower
     if lower is not None:
@@ -190,13 +192,13 @@ def extended(claims: Claims, scores: Scores, indices: Int[Array, " S"], settings
         in_upper[indices[lower.upper]], in_upper[indices[lower.rival]] = True, False
         rival = indices[lower.rival] if claims.finding != "two groups" else np.flatnonzero(~in_upper)
         lower = replace(lower, upper=np.flatnonzero(in_upper), rival=rival)
-    return replace(claims, words=words, doubts=doubts, lower=lower)
+    return replace(claims, verdicts=verdicts, doubts=doubts, lower=lower)
 
 
 def said(
     scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]
 ) -> Int[Array, " M"]:
-    """The words that scores alone give to M demonstrations, whatever speaks against them."""
+    """The verdicts that scores alone give to M demonstrations, whatever speaks against them."""
     similar = log_odds >= limits.log_odds
     similar &= in_better_part(scores, upper)
     outlier: Array = log_odds <= -limits.log_odds
@@ -211,9 +213,9 @@ def in_better_part(scores: Scores, upper: Bool[Array, " M"]) -> Bool[Array, " M"
 
 
 def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array, " M"] | None) -> list[Doubt]:
-    """Every reason to doubt that the demonstrations with word -1 differ from the others."""
+    """Every reason to doubt that the demonstrations with verdict -1 differ from the others."""
     data, limits = scoring.data, scoring.settings.claims
-    log_prob, outlier = scores.fit.log_prob, split.words < 0
+    log_prob, outlier = scores.fit.log_prob, split.verdicts < 0
     doubts = []
     if 2 * outlier.sum() > len(outlier) and not split.is_cluster:
         doubts.append(Doubt("More than half score low, at many levels: no limit between two groups is clear."))
@@ -224,7 +226,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and outlier.any() and runs_p(outlier[np.argsort(order, kind="stable")]) < limits.max_runs_p:
         doubts.append(Doubt(FEW_RUNS, runs_of(outlier, order)))
-    doubts += doubts_of_operators(data.demonstrators, split.words, limits)
+    doubts += doubts_of_operators(data.demonstrators, split.verdicts, limits)
     return doubts
 
 
@@ -246,11 +248,11 @@ def runs_p(member: Bool[Array, " M"]) -> float:
     return float(ndtr((runs + 0.5 - mean) / np.sqrt(variance)))
 
 
-def doubts_of_operators(demonstrators: Demonstrators, words: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
+def doubts_of_operators(demonstrators: Demonstrators, verdicts: Int[Array, " M"], limits: ClaimSettings) -> list[Doubt]:
     """A doubt where all outliers, two at least, are of one operator; or most are of operators without a
     similar one, although by chance they would have one: (1 - share of similar ones) ** demonstrations < `max_runs_p`.
     """
-    outlier, similar = words < 0, words > 0
+    outlier, similar = verdicts < 0, verdicts > 0
     if not demonstrators.informative or outlier.sum() < 2:
         return []
     n_outliers = demonstrators.indicator @ outlier

@@ -50,7 +50,7 @@ class Judgement(Evidence):
     """The result of the judge for M demonstrations of N steps by U demonstrators."""
 
     finding: Finding
-    words: Int[Array, " M"]
+    verdicts: Int[Array, " M"]
     """1 similar (or good, where answers are given), 0 open, -1 outlier (or bad)."""
     from_actions: Float[Array, " M"]
     from_demonstrator: Float[Array, " M"]
@@ -196,27 +196,27 @@ def conclude(
 
     `data` needs no steps, and `log_ratio` and the steps of `steps` may be empty.
     """
-    scores, claims, words = evidence.scores, evidence.claims, evidence.claims.words
+    scores, claims, verdicts = evidence.scores, evidence.claims, evidence.claims.verdicts
     from_actions = scores.log_odds
-    from_demonstrator, from_answers, trust = np.zeros(len(words)), np.zeros(len(words)), np.empty((0, 3))
+    from_demonstrator, from_answers, trust = np.zeros(len(verdicts)), np.zeros(len(verdicts)), np.empty((0, 3))
     answered = None
     if answers.once(evidence.copy_of).any:
         from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
         columns = learned_from(evidence.columns, evidence.columns_within, answers, settings.answers)
-        answered = answer(columns, answers, settings.answers, evidence.copy_of, claims.words)
+        answered = answer(columns, answers, settings.answers, evidence.copy_of, claims.verdicts)
         from_answers = answered.log_odds - from_actions
-        words, labels = answered.words, answers.shared(evidence.copy_of).labels
+        verdicts, labels = answered.verdicts, answers.shared(evidence.copy_of).labels
         from_demonstrator, trust = trust_by_demonstrator(
             data.demonstrators, answered.log_odds, labels, evidence.copy_of, settings.demonstrators
         )
     total = from_actions + from_demonstrator + from_answers
-    words = words * (np.sign(total) == words)  # a demonstrator withdraws words, and gives none
+    verdicts = verdicts * (np.sign(total) == verdicts)  # a demonstrator withdraws verdicts, and gives none
     p_two = 1.0 if answered is not None else scores.groups.p_two
     return Judgement(
         **vars(evidence),
         finding=claims.finding if answered is None else "answered",
-        words=words,
+        verdicts=verdicts,
         from_actions=from_actions,
         from_demonstrator=from_demonstrator,
         from_answers=from_answers,
@@ -231,7 +231,7 @@ def conclude(
 
 def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers, settings: JudgeSettings) -> Judgement:
     """The judgement of all demonstrations of `data`, of which the different ones were `judged`: a copy has the scores
-    and the words of the one that was."""
+    and the verdicts of the one that was."""
     place, rows, scores, steps = copies.place, copies.rows(data.offsets), judged.scores, judged.step_trust
     scores = replace(scores, score=scores.score[place], variance=scores.variance[place])
     pair = None

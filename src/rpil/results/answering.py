@@ -68,8 +68,8 @@ def with_answers(audit: A, known: Answers) -> A:
     said = known.shared(audit.copy_of).labels
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = found.log_odds + from_demonstrator
-    words = found.words * (np.sign(log_odds) == found.words)
-    proba = shown_proba(log_odds, words, "answered", audit.settings.min_proba("answers"))
+    verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)
+    proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
     is_decided = found.count >= audit.settings.keep.min_answers
     answered = replace(
         audit,
@@ -79,7 +79,7 @@ def with_answers(audit: A, known: Answers) -> A:
         from_demonstrator=from_demonstrator,
         from_label=found.log_odds - audit.from_actions,
         expert_proba=proba,
-        verdicts=verdicts_of(words, "answers", found.stays),
+        verdicts=verdicts_of(verdicts, "answers", found.stays),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
         demonstrators=rank_demonstrators(who, trust, audit.ids),
@@ -105,8 +105,8 @@ def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
-    words, more = parse_labels(labels, audit.ids)
-    new = label_codes(words, audit.ids)
+    texts, more = parse_labels(labels, audit.ids)
+    new = label_codes(texts, audit.ids)
     signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
@@ -116,7 +116,7 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
 
 
 def shown_proba(
-    log_odds: Float[Array, " M"], words: Int[Array, " M"], finding: str, min_proba: float
+    log_odds: Float[Array, " M"], verdicts: Int[Array, " M"], finding: str, min_proba: float
 ) -> Float[Array, " M"]:
     """P of each demonstration, which claims no more than the verdicts: 1/2 where the `finding` gives none; where the
     demonstration has none (0), strictly between 1 - `min_proba` and `min_proba`, from which there are verdicts."""
@@ -124,15 +124,15 @@ def shown_proba(
         return np.full(len(log_odds), 0.5)
     proba = expit(log_odds)
     bounded = np.clip(proba, np.nextafter(1 - min_proba, 1), np.nextafter(min_proba, 0))
-    return np.asarray(np.where(words == 0, bounded, proba))
+    return np.asarray(np.where(verdicts == 0, bounded, proba))
 
 
-def verdicts_of(words: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
+def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
     """The signs 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
     said, unsaid = VOCABULARIES[anchor], VOCABULARIES["none"]
-    verdict: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
-    stays = np.zeros_like(words) if stays is None else stays
-    return tuple(verdict[word] for word in np.where(words == 0, stays, 2 * words).tolist())
+    texts: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
+    stays = np.zeros_like(verdicts) if stays is None else stays
+    return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
 
 def doubts_of_answers(found: Answered) -> tuple[str, ...]:

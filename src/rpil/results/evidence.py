@@ -131,7 +131,7 @@ def by_final_policy(
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
-    """Up to `size` demonstrations: those with the lower word, those in question, and then the others; of each, the
+    """Up to `size` demonstrations: those with the lower verdict, those in question, and then the others; of each, the
     least trusted first. All in the order of the data where these are few enough."""
     if len(audit.ids) <= size:
         return np.arange(len(audit.ids))

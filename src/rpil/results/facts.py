@@ -1,4 +1,4 @@
-"""Facts about demonstrations beside the words of an audit: they change no word, and say nothing about quality.
+"""Facts about demonstrations beside the verdicts of an audit: they change none, and say nothing about quality.
 
 Most are ranks within the demonstrations that were judged together, from 0 to 1: 1 is the longest, the one with the most
 pauses, and so on. They are the ranks of the channels from which answers learn (`rpil.inference.channels`).

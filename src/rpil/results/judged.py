@@ -35,7 +35,7 @@ class Interval:
 @stored()
 @dataclass(frozen=True)
 class Demonstrator:
-    """A demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their words."""
+    """A demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their verdicts."""
 
     name: Hashable
     trust: Interval | None
@@ -183,7 +183,7 @@ class Judged:
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """The words of the verdicts, and the name and the meaning of `expert_proba`."""
+        """The names of the verdicts, and the name and the meaning of `expert_proba`."""
         return VOCABULARIES[self.anchor]
 
     @property

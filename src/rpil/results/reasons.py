@@ -112,16 +112,16 @@ def at_a_glance(audit: Judged, reason: str, m: int) -> tuple[str, str]:
 
 def _by_answers(audit: Judged, m: int, answers: Answers) -> str:
     """The reason by the label of demonstration `m`, or by what is learned from answers; or nothing."""
-    verdict, words = audit.verdicts[m], audit.vocabulary
+    verdict, vocabulary = audit.verdicts[m], audit.vocabulary
     if answers.labels[m]:
         again = ", which contradicts the other answers: look again" * (audit.ids[m] in audit.contradicting)
         return f"Labelled {'good' if answers.labels[m] > 0 else 'bad'}{again}"
     if audit.finding != "answered" or verdict == "open":
         return ""
-    if verdict not in (words.upper, words.lower):
+    if verdict not in (vocabulary.upper, vocabulary.lower):
         return f"{verdict.capitalize()} without the answers, which do not contradict it"
     if math.isfinite(answers.outcome[m]):
-        return f"Its outcome is among the {'highest' if verdict == words.upper else 'lowest'}"
+        return f"Its outcome is among the {'highest' if verdict == vocabulary.upper else 'lowest'}"
     return f"{verdict.capitalize()} by your answers about others like it"
 
 
@@ -139,11 +139,11 @@ def _by_finding(audit: Judged, group: str, above: float) -> str:
 
 def _by_evidence(audit: Judged, m: int, rank: int) -> str:
     """What decided about demonstration `m`, which scores higher than `rank` others, or why it has no verdict."""
-    words, log_odds, side = audit.vocabulary, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
+    vocabulary, log_odds, side = audit.vocabulary, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
     if side == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
-        return f"Its score is between those of {words.upper} and {words.lower} ones"
+        return f"Its score is between those of {vocabulary.upper} and {vocabulary.lower} ones"
     if side == "open":
-        looks = words.upper if log_odds > 0 else words.lower if words.lower != "outlier" else "different"
+        looks = vocabulary.upper if log_odds > 0 else vocabulary.lower if vocabulary.lower != "outlier" else "different"
         return f"Looks {looks} (place {len(audit.ids) - rank:,} of {len(audit.ids):,}); left open to be safe"
     sign = 1 if side == "upper" else -1
     if sign * audit.from_demonstrator[m] > sign * audit.from_actions[m]:

@@ -51,8 +51,8 @@ class AuditResult(Judged):
     @property
     def labels(self) -> tuple[GivenLabel, ...]:
         """The label of each demonstration, which is that of its copies too."""
-        words: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
-        return tuple(words[label] for label in self._answers_of_copies().labels.tolist())
+        texts: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
+        return tuple(texts[label] for label in self._answers_of_copies().labels.tolist())
 
     def _answers_of_copies(self) -> Answers:
         """The answers about each demonstration, which are about its copies too."""
@@ -78,12 +78,12 @@ class AuditResult(Judged):
         return dict(zip("AB", self.competing, strict=False))
 
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
-        """The number of demonstrations with each word: of all, or of those called `ids`."""
+        """The number of demonstrations with each verdict: of all, or of those called `ids`."""
         verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
         verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
         own = (self.vocabulary.upper, "open", self.vocabulary.lower)
         # Where tasks are judged by themselves, some may have an anchor and others none.
-        return {word: verdicts.count(word) for word in SIDES if word in own or word in self.verdicts}
+        return {one: verdicts.count(one) for one in SIDES if one in own or one in self.verdicts}
 
     def ranking(self) -> Int[Array, " M"]:
         """Indices of the demonstrations, the most trusted first."""
@@ -95,12 +95,12 @@ class AuditResult(Judged):
         return np.argsort(self.ranking()) + 1
 
     def has_proba(self, index: int) -> bool:
-        """Whether `expert_proba` of a demonstration may be shown: it has a word, or an adversary was named. Else its
+        """Whether `expert_proba` of a demonstration may be shown: it has a verdict, or an adversary was named. Else its
         place in the ranking is."""
         return self.anchor == "named adversary" or SIDES[self.verdicts[index]] != "open"
 
     def place(self, index: int) -> str:
-        """The probability of a demonstration where it has a word, or else its place in the ranking, as text."""
+        """The probability of a demonstration where it has a verdict, or else its place in the ranking, as text."""
         if self.has_proba(index):
             return f"{self.vocabulary.probability} {self.expert_proba[index]:.2f}"
         return f"place {self.ranks[index]:,} of {len(self.ids):,}"
@@ -111,7 +111,7 @@ class AuditResult(Judged):
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
-        """Facts about each demonstration by name, which change no word: see `rpil.results.facts.known_facts`, and the
+        """Facts about each demonstration by name, which change no verdict: `rpil.results.facts.known_facts`, and the
         fields that are shown."""
         shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}

@@ -32,7 +32,7 @@ class AuditSettings:
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
     judge: JudgeSettings = JudgeSettings()
-    """Of answers, of words without answers, of steps and of demonstrators; a fit puts its own here."""
+    """Of answers, of verdicts without answers, of steps and of demonstrators; a fit puts its own here."""
     keep: KeepSettings = KeepSettings()
     """Of what is kept."""
 

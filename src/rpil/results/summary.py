@@ -55,7 +55,7 @@ def audit_from_judgement(
     is_decided = known is not None and known.count >= settings.keep.min_answers
     groups = None if is_decided else claims.groups
     log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    proba = shown_proba(log_odds, judgement.words, finding, settings.min_proba(anchor))
+    proba = shown_proba(log_odds, judgement.verdicts, finding, settings.min_proba(anchor))
     doubts = tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts) if known is None else ()
     notes = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
     audit = Audit(
@@ -69,7 +69,7 @@ def audit_from_judgement(
         expert_proba=proba,
         reliability=steps.reliability,
         reliability_interval=steps.interval,
-        verdicts=verdicts_of(judgement.words, anchor, None if known is None else known.stays),
+        verdicts=verdicts_of(judgement.verdicts, anchor, None if known is None else known.stays),
         step_log_ratio=judgement.log_ratio,
         step_share=steps.share,
         step_weight=steps.share,
@@ -86,7 +86,7 @@ def audit_from_judgement(
         notes=notes,
         columns=judgement.columns,
         columns_within=judgement.columns_within,
-        claimed=claims.words.astype(np.int64),
+        claimed=claims.verdicts.astype(np.int64),
         copy_of=judgement.copy_of,
         settings=settings,
     )

@@ -126,7 +126,7 @@ def join_audits(
         columns_within=np.empty((len(ids), 0)),
         copy_of=copy_of,
         traces={name: own for audit in parts for name, own in audit.traces.items()},
-        # Each verdict keeps the word of its task; where tasks differ, the probability is what it is without an anchor.
+        # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
@@ -146,7 +146,7 @@ def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing
 
 
 def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> Audit:
-    """The audit where the demonstrations numbered `alone`, which were not judged, have the words of their labels."""
+    """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels."""
     signs = np.zeros(len(audit.ids), dtype=np.int64)
     signs[alone] = answers.labels[alone]
     verdicts, reasons = [*audit.verdicts], [*audit.reasons]

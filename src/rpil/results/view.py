@@ -6,15 +6,15 @@ in the data, from 0 on; M are all of them. Its keys:
 run, title, source, seconds
     The run id, the heading, the name of the data, and the duration of the audit, or None.
 finding
-    name, sentence (with numbers and names), next (what to do), decided (whether words were given).
-words
+    name, sentence (with numbers and names), next (what to do), decided (whether verdicts were given).
+vocabulary
     upper, lower, probability, meaning, threshold (of the probability).
 sides
-    The side of each word in use: upper, open or lower.
+    The side of each verdict in use: upper, open or lower.
 counts
-    The number of demonstrations with each word.
+    The number of demonstrations with each verdict.
 share
-    mean, low, high: of the demonstrations that the upper word describes.
+    mean, low, high: of the demonstrations with the upper verdict.
 adversary, mean_weight
     The reference of the judge; the mean weight of a step.
 question, pair
@@ -39,7 +39,7 @@ n_review
 differ
     Sentences on how the groups A and B differ.
 demonstrators
-    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of words) and style (in
+    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of verdicts) and style (in
     words); with answers the most trusted first.
 faults
     Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
@@ -171,7 +171,7 @@ def looking_order(audit: AuditResult) -> tuple[list[int], int]:
 
 def _finding(audit: AuditResult) -> View:
     """What the audit says as a whole."""
-    words, finding = audit.vocabulary, audit.finding
+    vocabulary, finding = audit.vocabulary, audit.finding
     counts = audit.verdict_counts()
     return {
         "finding": {
@@ -180,12 +180,12 @@ def _finding(audit: AuditResult) -> View:
             "next": answering.NEXT_STEPS[finding],
             "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
         },
-        "words": {
-            **{name: getattr(words, name) for name in ("upper", "lower", "probability")},
-            "meaning": words.meaning(audit.expert_proba),
+        "vocabulary": {
+            **{name: getattr(vocabulary, name) for name in ("upper", "lower", "probability")},
+            "meaning": vocabulary.meaning(audit.expert_proba),
             "threshold": audit.settings.min_proba(audit.anchor),
         },
-        "sides": {word: SIDES[word] for word in counts},
+        "sides": {verdict: SIDES[verdict] for verdict in counts},
         "counts": counts,
         "share": asdict(audit.prior),
         "adversary": audit.adversary,

@@ -108,7 +108,7 @@ def judge_everyone(
 ) -> Judgement:
     """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order.
 
-    The finding is that of the sample; outside it, groups and words are by the scores alone.
+    The finding is that of the sample; outside it, groups and verdicts are by the scores alone.
     """
     score, squares, reliability, interval, described, summed = BlockScores.join(blocks, data.n_demonstrations)
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
@@ -117,8 +117,8 @@ def judge_everyone(
     groups = fit_groups(score, variance, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, groups=groups)
     claims = extended(judged.claims, scores, sample.indices, settings)
-    if doubts := doubts_of_operators(data.demonstrators, claims.words, settings.claims):
-        claims = replace(claims, finding="in doubt", words=0 * claims.words, doubts=tuple(doubts))
+    if doubts := doubts_of_operators(data.demonstrators, claims.verdicts, settings.claims):
+        claims = replace(claims, finding="in doubt", verdicts=0 * claims.verdicts, doubts=tuple(doubts))
     none = np.empty(0)
     seen = components(summed, settings.channels)
     columns = columns_of(described, seen, scores.log_odds, settings.answers)

@@ -103,7 +103,7 @@ def render_page(
         live=Markup(live),
         articles=rendered,
         # Each vocabulary once.
-        vocabularies=list({json.dumps(one.view["words"]): one.view["words"] for one in articles}.values()),
+        vocabularies=list({json.dumps(one.view["vocabulary"]): one.view["vocabulary"] for one in articles}.values()),
     )
 
 

@@ -59,7 +59,7 @@ const makeDetail = (model, place, act) => {
       el("header", {},
         el("h3", {}, names[m]),
         el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
-        el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.words.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
+        el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.vocabulary.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
       live ? live.media(model, m) : "",

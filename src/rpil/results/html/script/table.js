@@ -20,7 +20,7 @@ const columnsOf = (model) => {
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     { key: "verdict", title: "Verdict", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
     { key: "rank", title: "Place", width: 66, right: true, cell: (m) => d.rank[m].toLocaleString("en") },
-    d.p.some((p) => p !== null) && { key: "p", title: view.words.probability, width: 92, right: true, cell: (m) => (d.p[m] === null ? "" : percent(d.p[m])) },
+    d.p.some((p) => p !== null) && { key: "p", title: view.vocabulary.probability, width: 92, right: true, cell: (m) => (d.p[m] === null ? "" : percent(d.p[m])) },
     { key: "log_odds", title: "Score", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
     new Set(d.reliability.map(percent)).size > 1 && { key: "reliability", title: "Like the rest", width: 130, cell: bar },
     { key: "n_steps", title: "Steps", width: 70, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },
