@@ -1,8 +1,9 @@
-"""Whether LeRobot, robomimic, Minari and imitation open what ``rpil keep`` and ``rpil keep --trim`` write.
+"""Whether LeRobot, robomimic, Minari and imitation open what ``rpil keep`` and ``rpil audit --annotate`` write.
 
 ``python tools/real_readers.py`` makes an environment for each of them, lets it write a data set (of robomimic, the
 tests do), keeps two of its three demonstrations here, whole and without some first and last steps, and has the tool
-read the new files: demonstrations, steps and actions must be those that rpil says. ``--files`` names more data to keep.
+read the new files: demonstrations, steps and actions must be those that rpil says. LeRobot also opens what ``rpil
+audit --annotate`` writes, by an ``episode_filter``. ``--files`` names more data to keep.
 
 The environments are in a temporary folder, or stay in the one that ``--environments`` names and are used again. LeRobot
 0.6.1 needs Python 3.12, from PATH, pyenv or ``--python312``. On Linux its torch (below 2.12) is a CUDA build on PyPI,
@@ -69,11 +70,15 @@ data.finalize()
 """,
         """
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-data = LeRobotDataset("local/kept", root=where, video_backend="pyav")
+known = {name for one in LeRobotDataset("local/kept", root=where).meta.episodes for name in one}
+wanted = (lambda episode: episode["rpil/verdict"] not in ("outlier", "bad")) if "rpil/verdict" in known else None
+data = LeRobotDataset("local/kept", root=where, video_backend="pyav", episode_filter=wanted)
 rows = [data[k] for k in range(len(data))]  # all pictures are decoded
 numbers = np.array([int(row["episode_index"]) for row in rows])
-assert data.meta.total_episodes == len(set(numbers.tolist())) and data.meta.total_frames == len(rows)
-for m in range(data.meta.total_episodes):
+there = sorted(set(numbers.tolist()))
+if wanted is None:
+    assert [*range(data.meta.total_episodes)] == there and data.meta.total_frames == len(rows)
+for m in there:
     own = [row for row, number in zip(rows, numbers) if number == m]
     assert [int(row["frame_index"]) for row in own] == list(range(len(own)))
     actions.append([row[next(name for name in row if name.startswith("action"))].numpy() for row in own])
@@ -208,14 +213,26 @@ def check(python: Path, name: str, path: Path, folder: Path) -> Iterator[tuple[o
         ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
         steps = [range(a + cut.get(m, (0, n))[0], a + cut.get(m, (0, n))[1]) for m, a, n in ends if m in ids]
         wanted = [np.asarray(whole.actions[[*rows]], float) for rows in steps]
-        try:
-            found = [
-                np.asarray(one) for one in json.loads(run(python, TOOLS[name].read + TELL, output).splitlines()[-1])
-            ]
-            same = len(found) == len(wanted) and all(map(is_same, found, wanted))
-            yield name, way, path.name, len(found), sum(map(len, found)), "ok" if same else "other actions"
-        except RuntimeError as error:
-            yield name, way, path.name, "-", "-", str(error)
+        yield name, way, path.name, *read_as(python, name, output, wanted)
+    if name == "lerobot":
+        labels = folder / "labels.csv"
+        labels.write_text("id,label\n" + "".join(f"{m},{'good' if m in ids else 'bad'}\n" for m in whole.ids))
+        audit = [sys.executable, "-m", "rpil", "audit", path, "--labels", labels, "--annotate", output]
+        subprocess.run(audit, check=True, capture_output=True)
+        ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
+        wanted = [np.asarray(whole.actions[a : a + n], float) for m, a, n in ends if m in ids]
+        yield name, "audit --annotate", path.name, *read_as(python, name, output, wanted)
+
+
+def read_as(python: Path, name: str, output: Path, wanted: list[np.ndarray]) -> tuple[object, ...]:
+    """How many demonstrations and steps the tool reads, and whether they are those `wanted`; the output is removed."""
+    try:
+        found = [np.asarray(one) for one in json.loads(run(python, TOOLS[name].read + TELL, output).splitlines()[-1])]
+        same = len(found) == len(wanted) and all(map(is_same, found, wanted))
+        return len(found), sum(map(len, found)), "ok" if same else "other actions"
+    except RuntimeError as error:
+        return "-", "-", str(error)
+    finally:
         shutil.rmtree(output) if output.is_dir() else output.unlink()
 
 

@@ -38,6 +38,7 @@ def test_clean_recording():
 def test_findings_are_printed_also_as_json():
     write("data.parquet", spike)
     assert "spike: observation 1" in ok("check", "data.parquet").stdout
+    assert "      1  RPIL-108  spike\n" in ok("check", "data.parquet").stdout
     printed = json.loads(ok("check", "data.parquet", "--json").stdout)
     assert printed["counts"] == {"spike": 1}
     (row,) = printed["findings"]

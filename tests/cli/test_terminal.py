@@ -48,3 +48,16 @@ def test_a_note_keeps_the_secrets_of_an_address(capsys):
     with terminal.print_warnings():
         warnings.warn("s3://KEY:HIDDEN@bucket/a.csv: it is old.", stacklevel=1)
     assert capsys.readouterr().err == "note: s3://***@bucket/a.csv: it is old.\n"
+
+
+def test_a_terminal_has_long_lines_in_several_but_for_code(monkeypatch, capsys):
+    lines = ["  P17  " + "one two " * 20, "    code = " + "1 + " * 30 + "1", ""]
+    terminal.print_lines(lines)
+    assert capsys.readouterr().out.splitlines() == lines
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr(terminal, "line_width", lambda: 60)
+    terminal.print_lines(lines)
+    *first, code, last = capsys.readouterr().out.splitlines()
+    assert (code, last) == (lines[1], "")
+    assert len(first) == 3
+    assert all(len(line) <= 60 for line in first)

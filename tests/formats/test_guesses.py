@@ -49,6 +49,8 @@ def test_an_id_comes_in_runs_and_has_most_values():
     assert guess_id(drives(t=np.arange(300) // 20), ["t"]) is None  # whole seconds
     assert guess_id(drives(on=np.arange(300) < 100), ["on"]) is None
     assert guess_id(drives(row=np.arange(300)), ["row"]) is None
+    assert guess_id(drives(operator=np.arange(300) // 50), ["operator"]) is None  # who gives many demonstrations
+    assert guess_id(drives(driver=np.arange(300) // 50), ["driver"]) == "driver"
     assert guess_id(drives(lap=pa.array([None, *range(299)])), ["lap"]) is None
     assert guess_id(None, names) is guess_id(drives().slice(0, 0), names) is None
 

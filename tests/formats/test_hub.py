@@ -39,7 +39,7 @@ def test_a_name_is_downloaded(asked):
 
 
 def test_what_the_hub_does_not_have_is_one_sentence(asked):
-    with pytest.raises(DataError, match=r"nor could it be downloaded from the Hub \(RuntimeError: 404, not found\)"):
+    with pytest.raises(DataError, match=r"the Hub did not give it \(RuntimeError: 404, not found\); try again"):
         rpil.read("robots/nothing")
 
 
@@ -57,5 +57,5 @@ def test_a_path_is_not_asked_for(path, asked, tmp_path):
 def test_without_the_client_the_remedy_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    with pytest.raises(DataError, match="pip install huggingface_hub, or give hf://datasets/lerobot/pusht"):
+    with pytest.raises(DataError, match=r"pip install 'rpil\[hub\]'"):
         rpil.read("lerobot/pusht")

@@ -84,7 +84,7 @@ def test_a_log_without_a_header_is_split_by_the_times_of_its_pictures(tmp_path, 
     assert "Guess: action steering, throttle" in done.stderr
     ok("convert", *words, "--split-gap", "1", "--action", "steering", "-o", "log.parquet")
     assert len(rpil.read("log.parquet")) == 3
-    refused("write a table with rpil convert, and keep from that", "keep", *words, "--split-gap", "1",
+    refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",
             "--action", "steering", "-o", "new.csv", "--share", ".9")  # fmt: skip
 
 

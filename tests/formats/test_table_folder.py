@@ -10,6 +10,7 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
+from samples import lerobot
 
 
 def test_addresses_of_fsspec():
@@ -42,3 +43,10 @@ def test_what_is_to_be_converted_first_is_named_with_the_way(tmp_path, name, mes
     for path in (tmp_path, tmp_path / name):
         with pytest.raises(DataError, match=message):
             formats.read_recording(path)
+
+
+def test_a_folder_of_lerobot_within_is_named(tmp_path):
+    lerobot(tmp_path / "sets" / "me")
+    for folder in (tmp_path / "sets", tmp_path / "sets" / "me"):
+        with pytest.raises(DataError, match=r"in it is a folder of LeRobot, which is read alone; give .*lerobot"):
+            formats.read_recording(folder)

@@ -83,6 +83,14 @@ def test_timestamps_are_in_seconds(tmp_path, unit):
     np.testing.assert_allclose(found, IN_ORDER, atol=1e-9)
 
 
+def test_a_clock_is_a_time(tmp_path):
+    pq.write_table(TABLE.rename_columns(["id", "clock", "x", "action"]), tmp_path / "a.parquet")
+    recording = read_recording(tmp_path / "a.parquet")
+    np.testing.assert_allclose(recording.times().timestamps, IN_ORDER, atol=1e-12)
+    assert recording.columns.orders == ("clock",)
+    assert recording.columns.observations == ("x",)
+
+
 def test_timestamps_are_found_beside_another_order(tmp_path):
     pq.write_table(TABLE.append_column("n", [[0, 1, 0, 1, 2]]), tmp_path / "a.parquet")
     found = timestamps(tmp_path / "a.parquet", options=ColumnOptions(order="n"))

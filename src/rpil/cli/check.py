@@ -82,7 +82,7 @@ def check(
     if options["json_wanted"] or form == "json":
         click.echo(terminal.to_json(terminal.schema("check") | report.to_dict()))
     elif form == "text":
-        click.echo("\n".join(fault_lines(report)))
+        terminal.print_lines(fault_lines(report))
     else:
         from rpil.cli import exchange
 
@@ -102,9 +102,12 @@ def _rules(fail_on: str | None) -> set[str]:
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
+    from rpil.faults.rule_numbers import NUMBERS
+
     lines, n = [report.headline], len(report.findings)
+    counts = sorted(report.counts.items(), key=lambda item: -item[1])
     if n:
-        lines += ["", *(f"  {k:>6,}  {rule}" for rule, k in sorted(report.counts.items(), key=lambda item: -item[1]))]
+        lines += ["", *(f"  {k:>6,}  {NUMBERS[rule]}  {rule}" for rule, k in counts)]
     shown = report.findings[:n_findings]
     if shown:
         width = max(len(printable(fault.id)) for fault in shown)

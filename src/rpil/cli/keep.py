@@ -75,9 +75,8 @@ def keep(
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
     from rpil.formats.registry import find
 
-    source = find(file)
-    source.check_output(output, trim)
-    given = RunOptions.of(options)
+    source, given = find(file), RunOptions.of(options)
+    source.check_output(output, trim, given.columns)
     with show_stages(given.quiet) as progress:
         if verdicts is None:
             read, table, audit = _judged(file, given, progress)

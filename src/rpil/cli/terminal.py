@@ -62,9 +62,10 @@ def _replace_non_finite(value: object) -> object:
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print lines, without control characters."""
+    """Print lines, without control characters; a terminal has long ones in several, but for code to paste."""
     for line in lines:
-        click.echo(printable(line))
+        whole = not sys.stdout.isatty() or line.startswith("    ")
+        click.echo(printable(line) if whole else "\n".join(fit(line, line_width())))
 
 
 def line_width() -> int:

@@ -55,7 +55,7 @@ ORDER_COLUMNS = [
         rf"frames?{_NUMBER}",
         rf"(?:steps?|time_?steps?){_NUMBER}|ticks?",
         rf"t{_UNIT}|ts",
-        rf"(?:.*_)?(?:time|timestamps?){_UNIT}|elapsed{_UNIT}|date|datetime",
+        rf"(?:.*_)?(?:time|timestamps?){_UNIT}|(?:elapsed|clock){_UNIT}|date|datetime",
         rf"(?:.*_)?stamps?{_UNIT}",
         r"index|idx|rows?|row_(?:id|index|idx|no|num|number)|line",
     )

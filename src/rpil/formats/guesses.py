@@ -25,6 +25,9 @@ _CONTROL = re.compile(
     r"|gripper|joystick|command|cmd|control|ctrl|button|key)s?(?:_.*|\d+)?|user_angle"
 )
 
+_OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s?(?:_.*)?")
+"""Names of people who give many demonstrations each, as a participant or a driver need not."""
+
 TIME_OF_DAY = (
     r"(?P<date>\d{4}[-_]\d\d[-_]\d\d)[-_T ](?P<hour>\d\d)[-_:](?P<minute>\d\d)[-_:](?P<second>\d\d)"
     r"(?:[-_.](?P<millisecond>\d{3}))?"
@@ -35,11 +38,12 @@ TIME_OF_DAY = (
 def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
     """The column of the demonstration by the first rows, if any: its values come in runs, and none of them comes again.
 
-    Of several such columns it is the one with most values. A time is none, whatever its values.
+    Of several such columns it is the one with most values. A time is none, whatever its values, nor is an operator.
     """
     found, most = None, 1
     for name in names if head is not None else ():
-        if head is not None and name in head.column_names and not is_order(name):
+        other = is_order(name) or _OF_MANY.fullmatch(plain_name(name))
+        if head is not None and name in head.column_names and not other:
             n_values, n_runs = _values_and_runs(head[name].slice(0, GUESSED_ROWS))
             if most < n_values == n_runs <= min(len(head), GUESSED_ROWS) / _SHORTEST:
                 found, most = name, n_values

@@ -143,8 +143,8 @@ def _with_last_commands(table: pa.Table) -> pa.Table:
 def check_output(path: Path, output: Path, trim: bool = False) -> None:
     """A `DataError` where the data are a folder, which is not given back, or `output` is no file of their kind."""
     if path.is_dir():
-        remedy = "write a table with rpil convert, and keep from that"
-        raise DataError(f"{path}: a folder of JSON lines is not given back; {remedy}.")
+        first = f"first run rpil convert {path} -o ALL.parquet"
+        raise DataError(f"{path}: keep writes no folder of JSON lines; {first}, then keep from that table.")
     check_same_kind(path, output, trim)
 
 

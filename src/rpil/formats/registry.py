@@ -86,6 +86,8 @@ class ClaimedPath:
 
     path: StrPath
     format: Format
+    name: str = ""
+    """Of a data set of the Hub, whose path is that of its files in a cache."""
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
@@ -100,8 +102,10 @@ class ClaimedPath:
                 from rpil.formats.embeddings import with_embeddings
 
                 recording = with_embeddings(recording, options.embeddings)
+            description = recording.description
             return replace(
                 recording,
+                description=replace(description, source=self.name or description.source),
                 options=options,
                 write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts),
                 find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
@@ -148,15 +152,9 @@ class ClaimedPath:
         back.
         """
         with holding(), guarded(str(self.path)):
-            new, path = self.check_output(output, bool(cuts)), Path(self.path)
+            new, path = self.check_output(output, bool(cuts), options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            if options.split_gap is not None:
-                remedy = "write a table with rpil convert, and keep from that"
-                raise DataError(f"{self.path}: what ends at pauses is no part of the file; {remedy}.")
-            if options.id and self.format.has_own_ids:
-                remedy = "leave id out, or write a table with rpil convert"
-                raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.")
             keep = partial(self.format.keep, path, new, ids, options, cuts)
             if self._is_read_here:
                 keep()
@@ -184,10 +182,16 @@ class ClaimedPath:
             )
         return self.check_output(output), self.format.annotate
 
-    def check_output(self, output: StrPath, trim: bool = False) -> Path:
+    def check_output(self, output: StrPath, trim: bool = False, options: ColumnOptions = ColumnOptions()) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write, or cut, there."""
         if "://" in str(self.path):
             raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
+        if options.split_gap is not None:
+            first = f"first run rpil convert {self.path} --split-gap {options.split_gap:g} -o ALL.parquet"
+            raise DataError(f"{self.path}: keep cannot cut a file at pauses; {first}, then keep from that table.")
+        if options.id and self.format.has_own_ids:
+            remedy = "leave <option> out, or write a table with rpil convert"
+            raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.", "id")
         new, path = Path(output), check_exists(self.path)
         if path.resolve() in (new.resolve(), *new.resolve().parents):
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
@@ -209,9 +213,10 @@ class ClaimedPath:
 
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
-    path = downloaded(path)
-    known = find_format(path)
-    return ClaimedPath(path, known if known is not None else _refuse(check_exists(path)))
+    place = downloaded(path)
+    known = find_format(place)
+    name = "" if place == path else str(path)
+    return ClaimedPath(place, known if known is not None else _refuse(check_exists(place)), name)
 
 
 def writer_of(path: StrPath) -> Format:

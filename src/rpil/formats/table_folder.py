@@ -22,6 +22,8 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     """The recording in the Parquet files of a folder, or else in its text tables."""
     filesystem, parquet_files, text_files = find_files(path)
     source = Path(str(path)).name or str(path)
+    for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
+        raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
     if not parquet_files and not text_files:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")

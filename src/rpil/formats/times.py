@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
 _SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
-_WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed"}
+_WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed", "clock"}
 _WALL_CLOCK = 5e8, 1e10
 """Seconds since 1970 from 1985 to 2286: times of day, and times since a recorder was started, are far from these."""
 
