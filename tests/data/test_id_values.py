@@ -11,11 +11,17 @@ from problems import refused, refused_file
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
+    AnswerRow,
     match_pairs,
     parse_labels,
     read_answers,
     write_answers,
 )
+
+
+def as_rows(pairs):
+    """Answers as rows of a file of labels, from ids and words."""
+    return [AnswerRow(*pair) for pair in pairs]
 
 
 @pytest.mark.parametrize("header", ["id,label", "episode_index, label", "note,label,id", "\ufeffid,label"])
@@ -93,10 +99,10 @@ def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
     path = tmp_path / "answers.csv"
     path.write_text("id;label\n7;good\na,b;bad\n")
     assert formats.read_labels(path) == {"7": "good", "a,b": "bad"}
-    write_answers(path, path.read_bytes(), [("8", "better than 7")])
+    write_answers(path, path.read_bytes(), as_rows([("8", "better than 7")]))
     assert path.read_text() == "id;label\n7;good\na,b;bad\n8;better than 7\n"
     assert formats.read_answers(path)[1] == better([("8", "7")])
-    write_answers(path, path.read_bytes(), [("7", "bad")])
+    write_answers(path, path.read_bytes(), as_rows([("7", "bad")]))
     assert path.read_text() == "id;label\na,b;bad\n8;better than 7\n7;bad\n"
 
 
@@ -150,7 +156,7 @@ def test_pairs_are_numbers_of_demonstrations():
 )
 def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, after):
     path = tmp_path / "labels.csv"
-    write_answers(path, before, [("7", "good"), ("a,b", "better than 7"), ("=1", "bad")])
+    write_answers(path, before, as_rows([("7", "good"), ("a,b", "better than 7"), ("=1", "bad")]))
     assert path.read_bytes() == after
     labels, pairs = formats.read_answers(path)
     assert labels == {"7": "good", "=1": "bad"} | ({"3": "good" if b"EXPERT" in after else "bad"} if before else {})
@@ -159,10 +165,10 @@ def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, afte
 
 def test_answers_are_added_to_json(tmp_path):
     path = tmp_path / "labels.json"
-    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', [("7", "good"), ("7", "better than \u00e9")])
+    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', as_rows([("7", "good"), ("7", "better than \u00e9")]))
     assert json.loads(path.read_text("utf-8")) == {"3": "bad", "7": ["better than 3", "good", "better than \u00e9"]}
     assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, better([("7", "3"), ("7", "\u00e9")]))
-    write_answers(path, None, [("7", "good")])
+    write_answers(path, None, as_rows([("7", "good")]))
     assert json.loads(path.read_text()) == {"7": "good"}
 
 
@@ -271,9 +277,9 @@ def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, n
     pairs = better([(ids[0], ids[-1]), *zip(ids[half:], ids[half + 1 :], strict=False)])
     pairs |= {(min(a, b), max(a, b)): "same as" for a, b in zip(ids[:half], ids[half:], strict=False) if a != ids[0]}
     compared = [(m, f"{word} {other}") for (m, other), word in pairs.items()]
-    write_answers(path, before, [*words, *compared], ids)
+    write_answers(path, before, as_rows([*words, *compared]), ids)
     assert read_answers(path, ids) == (dict(words), pairs)
-    write_answers(path, path.read_bytes(), [(m, "good") for m in ids], ids)  # a label replaces another one
+    write_answers(path, path.read_bytes(), as_rows([(m, "good") for m in ids]), ids)  # a label replaces another one
     assert read_answers(path, ids) == (dict.fromkeys(ids, "good"), pairs)
     assert parse_labels([*words, *compared], ids) == (dict(words), pairs)
 

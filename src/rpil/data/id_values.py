@@ -9,7 +9,7 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, TypeVar, cast, get_args
+from typing import Literal, NamedTuple, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
+from rpil.data.persons import Given, majority
 from rpil.numerics.types import Array, Int
 
 Label = Literal["good", "bad"]
@@ -31,9 +32,25 @@ Key = TypeVar("Key", bound=Hashable)
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
 """Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
 
+CANNOT_TELL = "cannot tell"
+"""In the place of a label: an answer from which nothing is learned."""
+
 _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
 
 _EXTENSIONS = (".csv", ".json")
+
+
+class AnswerRow(NamedTuple):
+    """An answer as a row of a file of labels, whose columns but for the first two may be missing."""
+
+    id: str
+    label: object
+    """A word, or what else a file has in its place."""
+    note: str = ""
+    tag: str = ""
+    """Why, in a word or two."""
+    by: str = ""
+    """The name of the person who answered."""
 
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str, option: str = "") -> None:
@@ -59,14 +76,20 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
     Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
     makes a pair, and ``same as ID`` one without a difference: a demonstration has one label at most, and any number of
     pairs, in JSON a list of both. Ids come back as text, see `match_labels`, and without white space at their ends,
-    unless one of the `ids` has it. A `DataError` names the file and the demonstration: unknown words, an id labelled
-    twice, a demonstration that is compared with itself, two pairs that contradict each other, no answers.
+    unless one of the `ids` has it. Where persons are named in a column ``by`` and answer differently, the answer of
+    most of them counts, and none where as many say another. A `DataError` names the file and the demonstration: unknown
+    words, an id that one person labelled twice, a demonstration that is compared with itself, two pairs of one person
+    that contradict each other, no answers.
     """
-    path, ids = check_labels_file(path), {*map(str, ids)}
-    rows: list[tuple[str, object]] = []
-    for m, given in read_id_pairs(path, "label", "good", ids):
-        rows += [(m, word) for word in (given if isinstance(given, list) and given else [given])]
-    return parse_answers(rows, path.name, ids)
+    return parse_answers(read_answer_rows(path, ids), Path(path).name, ids)
+
+
+def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
+    """The answers of a file that `read_answers` reads, with their notes, tags and persons."""
+    path, rows = check_labels_file(path), list[AnswerRow]()
+    for m, given, *about in read_id_pairs(path, "label", "good", {*map(str, ids)}, AnswerRow._fields[2:]):
+        rows += [AnswerRow(m, word, *about) for word in (given if isinstance(given, list) and given else [given])]
+    return rows
 
 
 def check_labels_file(path: StrPath) -> Path:
@@ -75,28 +98,33 @@ def check_labels_file(path: StrPath) -> Path:
 
 
 def parse_answers(
-    rows: Iterable[tuple[str, object]], source: str, ids: Iterable[object]
+    rows: Iterable[tuple[str, object]] | Iterable[AnswerRow], source: str, ids: Iterable[object]
 ) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs from ids and words; of white space and errors as `read_answers`."""
-    labels: dict[str, Label] = {}
-    pairs: Pairs = {}
+    """Labels and pairs from ids and words; of persons, white space and errors as `read_answers`."""
+    return majority(answers_of_persons((AnswerRow(*row) for row in rows), source, ids))
+
+
+def answers_of_persons(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> Given:
+    """The labels and pairs of each person; of white space and errors as `read_answers`."""
+    given: dict[str, tuple[dict[str, Label], Pairs]] = {}
     known = {*map(str, ids)}
-    for m, word in rows:
+    for m, word, _, _, by in rows:
+        labels, pairs = given.setdefault(by, ({}, {}))
         label, (relation, second) = _label(word), _compared(word) or ("same as", "")
         if other := second if second in known else second.strip():
             _add_pair(pairs, (m, other), relation, source)
-            continue
-        if label is None:
+        elif label is None and word != CANNOT_TELL:  # which was written for its note
             raise DataError(
                 f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad', 'better than "
                 "ID' or 'same as ID', and leave out the demonstrations you cannot judge."
             )
-        if m in labels:
+        elif m in labels:
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
-        labels[m] = label
-    if not labels and not pairs:
+        elif label is not None:
+            labels[m] = label
+    if not given:
         raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
-    return labels, pairs
+    return given
 
 
 def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
@@ -108,39 +136,51 @@ def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label
     return parse_answers(((str(m), word) for m, word in rows), "the labels", ids) if rows else ({}, {})
 
 
-def write_answers(
-    path: StrPath, before: bytes | None, answers: Sequence[tuple[str, str]], ids: Iterable[object] = ()
-) -> None:
-    """Write a file that `read_answers` reads with these `ids`: what it held `before`, and answers as ids and words.
+def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerRow]:
+    """Old answers and new ones; a new label replaces that which the same person gave the demonstration."""
+    replaced = {(row.id, row.by) for row in new if not _compared(row.label)}
+    return [*(row for row in old if _compared(row.label) or (row.id, row.by) not in replaced), *new]
 
-    A label replaces that which the demonstration had. All other rows and columns of a CSV file stay as they were. A
-    `DataError` where it cannot be written; a file that was there is then as it was.
+
+def write_answers(
+    path: StrPath, before: bytes | None, answers: Sequence[AnswerRow], ids: Iterable[object] = ()
+) -> None:
+    """Write a file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
+
+    A label replaces that which the same person gave the demonstration. All other rows of a CSV file stay as they were,
+    and so do its columns; note, tag and by are added to them once an answer has one. A `DataError` where it cannot be
+    written; a file that was there is then as it was.
     """
     is_csv = Path(path).suffix.lower() == ".csv"
     old = before or (b"id,label\n" if is_csv else b"{}")
     encoding = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8"
     text = old.decode(encoding)
+    if not is_csv and any(any(row[2:]) for row in answers):
+        raise DataError(f"{path}: JSON has no place for notes, tags and names; give --labels FILE.csv.")
     text = _csv_with(text, answers, {*map(str, ids)}) if is_csv else _json_with(text, answers)
     with replacing(path) as temporary:
         temporary.write_bytes(text.encode(encoding))
 
 
-def _csv_with(before: str, answers: Sequence[tuple[str, str]], ids: Collection[str]) -> str:
+def _csv_with(before: str, answers: Sequence[AnswerRow], ids: Collection[str]) -> str:
     """The text of a CSV file with the answers below its rows, and without the labels that they replace."""
     rows, lines = _csv_rows(before)
-    names, replaced = rows.fieldnames or (), {m for m, word in answers if _compared(word) is None}
+    names, replaced = [*(rows.fieldnames or ())], {(row.id, row.by) for row in answers if not _compared(row.label)}
+    end, comma = "\r\n" if "\r\n" in before else "\n", rows.reader.dialect.delimiter
     id_column, first = _id_column(names) or "", rows.line_num
-    kept = lines[:first]
+    about = [name for name in AnswerRow._fields[2:] if any(getattr(row, name) for row in answers)]
+    new = [name for name in about if name not in names]
+    kept = [csv_row([*names, *new], comma), end] if new else lines[:first]
     for row in rows:
-        if _id_in(row[id_column], ids) not in replaced or _compared(row["label"]):
+        who = _id_in(row[id_column], ids), _about(row.get("by"))
+        if who not in replaced or _compared(row["label"]):
             kept += lines[first : rows.line_num]
         first = rows.line_num
     kept += lines[first:]
-    end = "\r\n" if "\r\n" in before else "\n"
     added = [] if kept[-1].endswith("\n") else [end]
-    for m, word in answers:
-        cells = {id_column: to_cell(m), "label": word}
-        added += [csv_row([cells.get(name, "") for name in names], rows.reader.dialect.delimiter), end]
+    for answer in answers:
+        cells = {name: to_cell(value) for name, value in answer._asdict().items()} | {id_column: to_cell(answer.id)}
+        added += [csv_row([cells.get(name, "") for name in [*names, *new]], comma), end]
     return "".join([*kept, *added])
 
 
@@ -152,21 +192,21 @@ def csv_row(cells: Iterable[object], comma: str = ",") -> str:
     return line.getvalue().removesuffix("\r\n")
 
 
-def _json_with(before: str, answers: Sequence[tuple[str, str]]) -> str:
-    words: dict[str, list[str]] = {}
-    labelled = {m for m, word in answers if _compared(word) is None}
+def _json_with(before: str, answers: Sequence[AnswerRow]) -> str:
+    words: dict[str, list[object]] = {}
+    labelled = {row.id for row in answers if _compared(row.label) is None}
     for m, given in parse(before, "", LARGEST_TABLE, list):
         old = given if isinstance(given, list) else [given]
         words.setdefault(m, []).extend(word for word in old if m not in labelled or _compared(word))
-    for m, word in answers:
-        words.setdefault(m, []).append(word)
+    for row in answers:
+        words.setdefault(row.id, []).append(row.label)
     content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
     return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 
 
-def same_question(m: str, word: str) -> frozenset[str]:
+def same_question(m: str, word: object) -> frozenset[str]:
     """The ids of the demonstrations that an answer is about; two answers about the same ones exclude each other."""
-    _, other = _compared(word) or (word, m)
+    _, other = _compared(word) or ("", m)
     return frozenset((m, other))
 
 
@@ -182,6 +222,11 @@ def _id_in(cell: str | None, ids: Collection[str]) -> str:
     """The id in a cell of CSV, without white space at its ends unless one of the `ids` has it."""
     name = from_cell(cell or "")
     return name if name in ids else from_cell((cell or "").strip())
+
+
+def _about(cell: str | None) -> str:
+    """The text in a cell that a row need not have."""
+    return from_cell((cell or "").strip())
 
 
 def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: str) -> None:
@@ -235,10 +280,10 @@ def is_id_file(where: str) -> bool:
     return Path(where).suffix.lower() in _EXTENSIONS
 
 
-def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dict[str, str]:
+def match_demonstrators(pairs: Iterable[tuple[str, object, *tuple[str, ...]]], source: str) -> dict[str, str]:
     """Demonstrator of each demonstration from pairs of the two; a `DataError` where one has two, or none."""
     demonstrators: dict[str, str] = {}
-    for m, value in pairs:
+    for m, value, *_ in pairs:
         place = f"{source}, demonstration {m!r}"
         if value is not None and not isinstance(value, str | int):
             raise DataError(f"{place}: the demonstrator is neither text nor a whole number; name one, or leave it out.")
@@ -253,20 +298,22 @@ def match_demonstrators(pairs: Iterable[tuple[str, object]], source: str) -> dic
     return demonstrators
 
 
-def read_id_pairs(path: StrPath, column: str, example: str, ids: Iterable[object]) -> list[tuple[str, object]]:
+def read_id_pairs(
+    path: StrPath, column: str, example: str, ids: Iterable[object], more: Sequence[str] = ()
+) -> list[tuple[str, object, *tuple[str, ...]]]:
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice.
 
-    In CSV white space at the ends of an id is left out, unless one of the `ids` has it.
+    In CSV white space at the ends of an id is left out, unless one of the `ids` has it; there may be `more` columns.
     """
     path = check_readable(path)
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE, "utf-8-sig")
         if path.suffix.lower() == ".csv":
-            return _csv_pairs(text, column, path.name, {*map(str, ids)})
-        pairs = cast(list[tuple[str, object]], parse(text, path.name, LARGEST_TABLE, list))
+            return _csv_pairs(text, (column, *more), path.name, {*map(str, ids)})
+        pairs = cast(list[tuple[str, object, *tuple[str, ...]]], parse(text, path.name, LARGEST_TABLE, list))
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
-    for m, _ in pairs:
+    for m, *_ in pairs:
         check_text(m, "an id", path.name)
     return pairs
 
@@ -283,17 +330,20 @@ def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str]]:
     return csv.DictReader(lines, skipinitialspace=True, strict=True, delimiter=comma), lines
 
 
-def _csv_pairs(text: str, column: str, source: str, ids: Collection[str]) -> list[tuple[str, object]]:
+def _csv_pairs(
+    text: str, columns: Sequence[str], source: str, ids: Collection[str]
+) -> list[tuple[str, object, *tuple[str, ...]]]:
+    column, *more = columns
     rows, _ = _csv_rows(text)
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
-    pairs: list[tuple[str, object]] = []
+    pairs: list[tuple[str, object, *tuple[str, ...]]] = []
     for row in rows:
         m = _id_in(row[id_column], ids)
         if not m or None in row:
             problem = "it names no demonstration" if not m else "it has more values than there are columns"
             raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
-        pairs.append((m, from_cell(row[column] or "")))
+        pairs.append((m, from_cell(row[column] or ""), *(_about(row.get(name)) for name in more)))
     return pairs

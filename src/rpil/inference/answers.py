@@ -72,6 +72,11 @@ class Answers:
         return cls(labels, no_pairs(), np.full(len(labels), np.nan))
 
     @property
+    def unsaid(self) -> Answers:
+        """The outcomes alone."""
+        return Answers(np.zeros_like(self.labels), no_pairs(), self.outcome, no_pairs(), self._flag)
+
+    @property
     def any(self) -> bool:
         """Whether anything is known."""
         return self.count > 0

@@ -133,7 +133,12 @@ class AuditResult(Judged):
         """
         return answering.suggest(self, k)
 
-    def answered(self, labels: Mapping[Id, str] | None = None, pairs: Collection[tuple[Id, Id]] = ()) -> Self:
+    def answered(
+        self,
+        labels: Mapping[Id, str] | None = None,
+        pairs: Collection[tuple[Id, Id]] = (),
+        instead: bool = False,
+    ) -> Self:
         """The same audit with these answers beside those that it has; no policy is fitted again.
 
         Parameters
@@ -141,13 +146,16 @@ class AuditResult(Judged):
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}
         pairs : sequence of (id, id), or mapping of them to {"better than", "same as"}
             The better and the worse of two demonstrations, or what the first is to the second.
+        instead : bool
+            Whether they take the place of the labels and pairs that it has.
 
         Raises
         ------
         DataError
             If an id or a label is unknown, or answers contradict each other.
         """
-        found = answering.with_answers(self, answering.merged(self, labels or {}, pairs))
+        had = replace(self, answers=self.answers.unsaid) if instead else self
+        found = answering.with_answers(self, answering.merged(had, labels or {}, pairs))
         share = Interval(*expert_share_interval(expit(found.log_odds), 1.0))
         return found if found is self else replace(found, prior=share)
 

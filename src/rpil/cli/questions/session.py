@@ -5,10 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rpil.data.errors import DataError
-from rpil.data.id_values import parse_answers, same_question, write_answers
+from rpil.data.id_values import (
+    CANNOT_TELL,
+    AnswerRow,
+    answers_of_persons,
+    parse_answers,
+    read_answer_rows,
+    same_question,
+    with_new,
+    write_answers,
+)
+from rpil.data.persons import agreement_lines
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
@@ -26,11 +36,17 @@ N_MOVED = 3
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
-Reply = tuple[Question, str]
-"""A question, and the key that was given as its answer, one of its `choices`."""
 
-AnswerRows = tuple[tuple[str, str], ...]
-"""Answers as a file of labels has them: ids as text, and labels."""
+class Why(NamedTuple):
+    """What a person adds to an answer; see `AnswerRow`."""
+
+    note: str = ""
+    tag: str = ""
+    by: str = ""
+
+
+Reply = tuple[Question, str, Why]
+"""A question, the key that was given as its answer, one of its `choices`, and why."""
 
 
 def choices(question: Question) -> dict[str, str]:
@@ -45,7 +61,7 @@ def choices(question: Question) -> dict[str, str]:
 
 def count_asked(given: Sequence[Reply]) -> int:
     """The number of questions that were answered, also by "cannot tell"."""
-    return sum(key != "s" for _, key in given)
+    return sum(key != "s" for _, key, _ in given)
 
 
 def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int | None) -> Question:
@@ -57,37 +73,42 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     is_done = n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
     if is_done or (most is not None and n_asked >= most):
         return ()
-    if start.question is not None and not any(len(question) == 2 for question, _ in given):
+    if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, _ in given):
         return start.pair
-    passed = {question[0] for question, key in given if len(question) == 1 and key in "us"}
+    passed = {question[0] for question, key, _ in given if len(question) == 1 and key in "us"}
     suggested = audit.suggest_labels(len(passed) + 1)
     return tuple(name for name in suggested if name not in passed)[:1]
 
 
-def rows_of(question: Question, key: str) -> AnswerRows:
-    """The answer that a key gives to a question."""
+def rows_of(question: Question, key: str, why: Why = Why()) -> list[AnswerRow]:
+    """The answer that a key gives to a question; "cannot tell" is one where a note or a tag says more."""
     ids = [str(name) for name in question]
     if key in ("1", "2", "5"):
         first, second = ids[::-1] if key == "2" else ids
-        return ((first, f"{'same as' if key == '5' else 'better than'} {second}"),)
-    word = {"g": "good", "3": "good", "b": "bad", "4": "bad"}.get(key)
-    return tuple((name, word) for name in ids) if word else ()
+        return [AnswerRow(first, f"{'same as' if key == '5' else 'better than'} {second}", *why)]
+    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if why.note or why.tag else {})
+    return [AnswerRow(name, words[key], *why) for name in ids] if key in words else []
 
 
 class Session:
     """A run of questions about `start`, judged with the answers of the file `path`, which held `before`.
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
-    can tell whether they saw the same.
+    can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit, and `by`
+    is the name of who answers, or "".
     """
 
-    def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
+    def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None, by: str = "") -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
         self.given: tuple[Reply, ...] = ()
-        self.rows: AnswerRows = ()
+        self.rows: tuple[AnswerRow, ...] = ()
         self.question = next_question(start, start, (), most)
-        self._most, self._written = most, before
+        self._most, self._written, self.by = most, before, by
+        ids = {*map(str, start.ids)}
+        rows = [] if before is None else read_answer_rows(path, ids)
+        self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
+        self.said = self._before
 
     @property
     def is_as_written(self) -> bool:
@@ -95,33 +116,42 @@ class Session:
         path, written = Path(self.path), self._written
         return path.read_bytes() == written if path.is_file() else written is None and not os.path.lexists(path)
 
-    def answer(self, question: Question, key: str) -> list[str]:
-        """Answer a question, this one or another, with one of its `choices`; sentences on what it changed.
+    def answer(self, question: Question, key: str, why: Why | None = None) -> list[str]:
+        """Answer a question, this one or another, with one of its `choices`, or say the same, good or bad, of any
+        number of demonstrations. Sentences on what it changed.
 
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        return self._go_to((*self.given, (question, key)))
+        return self._go_to((*self.given, (question, key, why or Why(by=self.by))))
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
         return self._go_to(self.given[:-1]) if self.given else []
 
+    def agreement(self) -> list[str]:
+        """How far persons agree, where more than one has answered."""
+        return [*agreement_lines(answers_of_persons(self.said, self.path, self.start.ids))] if self.said else []
+
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
-        by_question: dict[frozenset[str], tuple[str, str]] = {}
-        for row in (row for question, key in given for row in rows_of(question, key)):
-            by_question.pop(same_question(*row), None)  # a later answer replaces an earlier one
-            by_question[same_question(*row)] = row
+        by_question: dict[tuple[frozenset[str], str], AnswerRow] = {}
+        for row in (row for reply in given for row in rows_of(*reply)):
+            question = same_question(row.id, row.label), row.by
+            by_question.pop(question, None)  # a later answer replaces an earlier one
+            by_question[question] = row
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
-            audit = self.start.answered(*parse_answers(rows, "the answers", self.start.ids)) if rows else self.start
+            said = with_new(self._before, rows)
+            answers = parse_answers(said, "the answers", self.start.ids) if rows else None
+            audit = self.start.answered(*answers, instead=True) if answers else self.start
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
+            self.said = said
         self.question = next_question(self.start, audit, given, self._most)
         self.audit, self.lines, self.given, self.rows, self.version = audit, lines, given, rows, self.version + 1
         return lines
 
-    def _write(self, rows: AnswerRows) -> None:
+    def _write(self, rows: Sequence[AnswerRow]) -> None:
         """Write the answers, whole or not at all; without any the file is as it was."""
         path = Path(self.path)
         if not self.is_as_written:

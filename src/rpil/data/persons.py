@@ -1,0 +1,81 @@
+"""Persons who answered: what is learned where they disagree, and how far any two of them agree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, cast
+
+from rpil.data.text import MAX_IDS, counted, listed, printable
+
+if TYPE_CHECKING:
+    from rpil.data.id_values import Label, Pairs, Relation
+
+Given = Mapping[str, "tuple[dict[str, Label], Pairs]"]
+"""Labels and pairs by the name of the person who gave them, "" where none is known."""
+
+Said = tuple[tuple[str, ...], str]
+"""One demonstration and its label, or two and what the first is to the second."""
+
+
+def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
+    """The answer of most persons to each question; none where as many give another one."""
+    labels: dict[str, Label] = {}
+    pairs: Pairs = {}
+    for answers in _by_question(given).values():
+        (ids, word), *ties = _most_said(answers)
+        if len(ids) == 2 and not ties:
+            pairs[ids[0], ids[1]] = cast("Relation", word)
+        elif not ties:
+            labels[ids[0]] = cast("Label", word)
+    return labels, pairs
+
+
+def agreement_lines(given: Given) -> Iterator[str]:
+    """How far two persons agree, one sentence for each two who answered the same, and where nothing is learned."""
+    questions = _by_question(given)
+    shared = {
+        two: [(answers[two[0]], answers[two[1]]) for answers in questions.values() if answers.keys() >= {*two}]
+        for two in combinations(given, 2)
+    }
+    for two, both in sorted(shared.items(), key=lambda item: -len(item[1]))[:MAX_IDS]:
+        if both:
+            first, second = (printable(name) if name else "a person without a name" for name in two)
+            same = sum(one == other for one, other in both)
+            yield (
+                f"{first} and {second} answered the same {counted(len(both), 'question')}, and agree on {same:,} "
+                f"({same / len(both):.0%}{_kappa(both)})."
+            )
+    if tied := [" or ".join(sorted(ids)) for ids, answers in questions.items() if len(_most_said(answers)) > 1]:
+        yield f"Nothing is learned from answers in which persons disagree: {listed(tied, MAX_IDS)}."
+
+
+def _by_question(given: Given) -> dict[frozenset[str], dict[str, Said]]:
+    """What each person said, by the demonstrations that a question is about."""
+    questions: dict[frozenset[str], dict[str, Said]] = {}
+    for by, (labels, pairs) in given.items():
+        said: list[Said] = [((m,), label) for m, label in labels.items()]
+        for ids, word in [*said, *pairs.items()]:
+            questions.setdefault(frozenset(ids), {})[by] = ids, word
+    return questions
+
+
+def _most_said(answers: Mapping[str, Said]) -> list[Said]:
+    """The answer of most persons, or several that as many gave."""
+    counts = Counter(answers.values())
+    return [said for said, n in counts.items() if n == max(counts.values())]
+
+
+def _kappa(both: Sequence[tuple[Said, Said]]) -> str:
+    """Cohen's kappa of the answers of two persons, as text; nothing where chance alone would make all the same.
+
+    Answers that agree by chance are those to labels and those to pairs, each with its own shares.
+    """
+    kinds = Counter(len(ids) for (ids, _), _ in both)
+    first, second = (
+        Counter((len(ids), word, ids == (*sorted(ids),)) for ids, word in own) for own in zip(*both, strict=True)
+    )
+    by_chance = sum(n * second[kind] / kinds[kind[0]] for kind, n in first.items())
+    same = sum(one == other for one, other in both)
+    return f", Cohen's kappa {(same - by_chance) / (len(both) - by_chance):.2f}" if by_chance < len(both) else ""
