@@ -9,14 +9,13 @@ import pytest
 from problems import refused
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
-    AnswerRow,
     answers_of_persons,
     parse_answers,
     read_answer_rows,
     read_answers,
     write_answers,
 )
-from rpil.data.persons import agreement_lines
+from rpil.data.persons import AnswerRow, agreement_lines
 
 BOTH = """id,label,by,note
 1,good,anna,

@@ -15,13 +15,14 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import AuditRun, check_paths, look_for_faults, show_stages
-from rpil.cli.label import audit_with_answers, command_with_labels, last_lines
+from rpil.cli.label import audit_with_answers, by_option, command_with_labels, last_lines
 from rpil.cli.options import LABEL_OPTIONS, Value, with_options
 from rpil.cli.outputs import OUTPUTS, about, lines_after_output, write_outputs
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
+    from rpil.cli.questions.session import Session
     from rpil.results.view import View
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
@@ -37,9 +38,10 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
     help="The port of the page on this computer; by default one that is free.",
 )
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or print its address alone.")
+@by_option
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
-def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
+def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, by: str, **options: Value) -> None:
     """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
 
     Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
@@ -47,13 +49,14 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     """
     from rpil.cli.questions.security import Gate
     from rpil.cli.questions.server import application, listen, load_server, serve
+    from rpil.cli.questions.session import Session
 
     load_server()
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             run, path, before = audit_with_answers(file, options)
-            shown = _review(ctx, run, path, before, quiet)
+            shown = _review(ctx, run, Session(run.audit, path, before, None, by.strip()), quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if folder:
@@ -66,10 +69,9 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     terminal.print_lines(last_lines(shown.session, command_with_labels(ctx, path)))
 
 
-def _review(ctx: click.Context, run: AuditRun, answers: str, before: bytes | None, quiet: bool) -> Review:
+def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) -> Review:
     """What the page shows and changes."""
     from rpil.cli.questions.server import Review, page_of
-    from rpil.cli.questions.session import Session
     from rpil.cli.questions.videos import EpisodeVideos
 
     with show_stages(quiet) as progress:
@@ -79,10 +81,10 @@ def _review(ctx: click.Context, run: AuditRun, answers: str, before: bytes | Non
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
     written: dict[str, object] = {}
     return Review(
-        session=Session(run.audit, answers, before, None),
+        session=session,
         about=about(run),
         videos=videos,
-        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), answers, written, agreed),
+        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), session.path, written, agreed),
         page=page_of,
     )
 

@@ -9,7 +9,7 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar, cast, get_args
+from typing import TypeVar, cast, get_args
 
 import numpy as np
 
@@ -20,13 +20,9 @@ from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
-from rpil.data.persons import Given, majority
+from rpil.data.persons import AnswerRow, Given, Label, Pairs, Relation, majority
 from rpil.numerics.types import Array, Int
 
-Label = Literal["good", "bad"]
-Relation = Literal["better than", "same as"]
-Pairs = dict[tuple[str, str], Relation]
-"""What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
 Key = TypeVar("Key", bound=Hashable)
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
@@ -38,19 +34,6 @@ CANNOT_TELL = "cannot tell"
 _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
 
 _EXTENSIONS = (".csv", ".json")
-
-
-class AnswerRow(NamedTuple):
-    """An answer as a row of a file of labels, whose columns but for the first two may be missing."""
-
-    id: str
-    label: object
-    """A word, or what else a file has in its place."""
-    note: str = ""
-    tag: str = ""
-    """Why, in a word or two."""
-    by: str = ""
-    """The name of the person who answered."""
 
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str, option: str = "") -> None:

@@ -1,22 +1,37 @@
-"""Persons who answered: what is learned where they disagree, and how far any two of them agree."""
+"""Answers of persons: what is learned where they disagree, and how far any two of them agree."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, cast
+from typing import Literal, NamedTuple, cast
 
 from rpil.data.text import MAX_IDS, counted, listed, printable
 
-if TYPE_CHECKING:
-    from rpil.data.id_values import Label, Pairs, Relation
+Label = Literal["good", "bad"]
+Relation = Literal["better than", "same as"]
+Pairs = dict[tuple[str, str], Relation]
+"""What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
 
-Given = Mapping[str, "tuple[dict[str, Label], Pairs]"]
+Given = Mapping[str, tuple[dict[str, Label], Pairs]]
 """Labels and pairs by the name of the person who gave them, "" where none is known."""
 
 Said = tuple[tuple[str, ...], str]
 """One demonstration and its label, or two and what the first is to the second."""
+
+
+class AnswerRow(NamedTuple):
+    """An answer as a row of a file of labels, whose columns but for the first two may be missing."""
+
+    id: str
+    label: object
+    """A word, or what else a file has in its place."""
+    note: str = ""
+    tag: str = ""
+    """Why, in a word or two."""
+    by: str = ""
+    """The name of the person who answered."""
 
 
 def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
@@ -26,9 +41,9 @@ def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
     for answers in _by_question(given).values():
         (ids, word), *ties = _most_said(answers)
         if len(ids) == 2 and not ties:
-            pairs[ids[0], ids[1]] = cast("Relation", word)
+            pairs[ids[0], ids[1]] = cast(Relation, word)
         elif not ties:
-            labels[ids[0]] = cast("Label", word)
+            labels[ids[0]] = cast(Label, word)
     return labels, pairs
 
 

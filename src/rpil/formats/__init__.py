@@ -16,7 +16,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.held import holding
 from rpil.data.id_values import (
-    Label,
     check_labels_file,
     is_id_file,
     match_demonstrators,
@@ -27,6 +26,7 @@ from rpil.data.id_values import (
 )
 from rpil.data.memory import Size
 from rpil.data.names import is_data
+from rpil.data.persons import Label
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
     CANNOT_TELL,
-    AnswerRow,
     answers_of_persons,
     parse_answers,
     read_answer_rows,
@@ -18,7 +17,7 @@ from rpil.data.id_values import (
     with_new,
     write_answers,
 )
-from rpil.data.persons import agreement_lines
+from rpil.data.persons import AnswerRow, agreement_lines
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
