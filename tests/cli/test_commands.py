@@ -72,7 +72,7 @@ BAD_DATA = {
         "no demonstrations; give at least one with at least one step",
     ),
     "none.csv": (lambda name: text(name, HEAD), "no demonstrations; give at least one with at least one step"),
-    "counts.npz": (lambda name: npz(name, actions=Y[:-1]), r"\(59,\) .* do not fit together; give each one row"),
+    "counts.npz": (lambda name: npz(name, actions=Y[:-1]), r"episode_ids has the shape \(60,\) for 59 actions; give"),
     "still.npz": (lambda name: npz(name, actions=Y * 0), "every action is 0, one class only; give"),
     "single.npz": (lambda name: npz(name, episode_ids=G * 0), "one demonstration alone .*; give at least two"),
     "pickled.npz": (lambda name: npz(name, observations=X.astype(object)), "never unpickled .*; save plain arrays"),
@@ -82,7 +82,7 @@ BAD_DATA = {
         lambda name: text(name, HEAD, "0,1,2", "5,1,far"),
         r"demonstration 5, row 2: column 'observation.x' holds text \('far'\) where numbers are due; write numbers",
     ),
-    "text.npz": (lambda name: npz(name, observations=X.astype(str)), "text where numbers are due; encode it"),
+    "text.npz": (lambda name: npz(name, observations=X.astype(str)), "no column holds observations: .*'observation'"),
     "still-numbers.npz": (lambda name: npz(name, actions=X * 0), "every action is the same; give demonstrations"),
     "anonymous.csv": (lambda name: text(name, "episode_index,x", "0,1"), "no column holds the action: name it action"),
 }  # fmt: skip
@@ -133,7 +133,7 @@ BAD_DEMONSTRATORS = {
     "twice.csv": ("id,demonstrator\n1,Ann\n1,Bob\n", "twice.csv, demonstration '1': both 'Ann' and 'Bob' gave it"),
     "columns.csv": ("id,label\n1,bad\n", "columns.csv: the columns must be id and demonstrator"),
     "missing.csv": (None, "missing.csv: there is no such file or folder; check the path"),
-    "column": (None, "data.npz: it holds no 'column'; name one of"),
+    "column": (None, "data.npz: no column is called 'column'; correct"),
 }  # fmt: skip
 
 

@@ -225,8 +225,15 @@ def npz(path, **changes):
     ("changes", "match"),
     [
         ({"actions": np.array([0, 1, None], dtype=object)}, "never unpickled .* numpy.asarray"),
-        ({"episode_ids": None}, "no array is called 'episode_ids'; .*'observations', 'actions', 'rewards'"),
-        ({"actions": [0, 1]}, "one row per step"),
+        (
+            {"episode_ids": None},
+            "nothing says where demonstrations begin .* or one called episode_index",
+        ),
+        ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
+        (
+            {"actions": None},
+            "no array is called 'actions'; save it under that name .*'episode_ids', 'rewards'",
+        ),
         ({"observations": np.ones((0, 2)), "actions": [], "episode_ids": []}, "no demonstrations"),
     ],
 )
@@ -234,10 +241,11 @@ def test_bad_npz(tmp_path, changes, match):
     refused_file(match, formats.read, npz(tmp_path / "x.npz", **changes))
 
 
-@pytest.mark.parametrize("options", [{"exclude": "height"}, {"order": "time"}])
-def test_options_of_columns_are_refused_for_npz(tmp_path, options):
-    call = partial(formats.read, **options)
-    refused_file(f"holds arrays and no columns; leave out {next(iter(options))}=", call, npz(tmp_path / "x.npz"))
+def test_options_of_columns_hold_for_npz(tmp_path):
+    path = npz(tmp_path / "x.npz", t=[0, 2, 1], episode_ids=[7, 7, 7], actions=[5, 6, 7])
+    assert formats.read(path, exclude="0").observation_names == ("1",)
+    assert formats.read(path, order="t").actions.tolist() == [5, 7, 6]
+    refused_file("no column is called 'time'", partial(formats.read, order="time"), path)
 
 
 def test_npz_truth_is_never_read(tmp_path):

@@ -108,7 +108,7 @@ def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
     with h5py.File(tmp_path / "two.hdf5", "w") as file:
         file["observations"], file["actions"], file["episode_id"] = np.ones((5, 2)), np.eye(5), np.repeat(ids, [2, 3])
     assert formats.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
-    find(tmp_path / "two.hdf5").keep(tmp_path / "kept.hdf5", [ids[1]])
+    find(tmp_path / "two.hdf5").keep(tmp_path / "kept.hdf5", [formats.read(tmp_path / "two.hdf5").ids[1]])
     assert formats.read(tmp_path / "kept.hdf5").ids == (ids[1],)
 
 

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.arrays import Id
+from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
-from rpil.data.names import EPISODE
+from rpil.data.names import EPISODE, may_be_outcome
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
 from rpil.formats.step_tables import StepTables
@@ -65,6 +66,18 @@ class ArrayLayout:
     def names(self) -> list[Any]:
         """The ids of the M demonstrations in the order of the file."""
         return list(dict.fromkeys(self.ids.tolist()))
+
+    def facts(self, arrays: Tree, options: ColumnOptions) -> dict[str, StoredArray]:
+        """Arrays (M,) that the user names, or that may be an outcome, with a value for each of the N steps."""
+        named = {options.operator, options.session, options.task, (options.outcome or "").removeprefix("-")}
+        place = {m: k for k, m in enumerate(self.names)}
+        rows = np.array([place[m] for m in self.ids.tolist()], dtype=int)
+        whole = {name: one for name, one in arrays.items() if one.shape == (len(place),) != rows.shape}
+
+        def steps(array: StoredArray) -> Closed:
+            return read_once(rows.shape, array.dtype, lambda: np.asarray(_values(array)[rows]))
+
+        return {name: steps(one) for name, one in whole.items() if name in named or may_be_outcome(name)}
 
     def kept_rows(self, name: str, array: StoredArray, ids: Sequence[Id], cuts: Cuts) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
@@ -120,35 +133,49 @@ def tells(arrays: Tree) -> bool:
 
 
 def read_arrays(
-    arrays: Tree, source: str, format_name: str, options: ColumnOptions, notes: tuple[str, ...] = ()
+    arrays: Tree,
+    source: str,
+    format_name: str,
+    options: ColumnOptions,
+    notes: tuple[str, ...] = (),
+    metadata: Metadata = Metadata(),
 ) -> StepTables:
     """The recording in arrays that `tells` knows, or that have ids, which `options` may name."""
-    if options.id and not is_stacked(arrays):
-        return from_parts([Part(n_actions(arrays), arrays)], options.id, source, format_name, options, notes=notes)
-    layout = layout_of(arrays, source)
+    layout = layout_of(arrays, source, options.id)
     steps, ids = arrays, layout.ids
     if layout.is_step is not None:
         steps, ids = _end_to_end(arrays, layout.is_step), np.repeat(ids, layout.is_step.sum(axis=1))
-    parts, notes = [Part(len(ids), {layout.column: ids, **steps})], (*notes, layout.note)
-    found = from_parts(parts, layout.column, source, format_name, options, notes=notes)
+    else:
+        steps = {**arrays, **layout.facts(arrays, options)}
+    parts, notes = [Part(len(ids), {**steps, layout.column: ids})], (*notes, *filter(None, [layout.note]))
+    found = from_parts(parts, layout.column, source, format_name, options, metadata, notes)
     return found.with_ignored(dict.fromkeys(arrays.keys() - steps.keys(), NO_STEPS))
 
 
-def layout_of(arrays: Tree, source: str) -> ArrayLayout:
-    """The layout of arrays that `tells` knows, or that have ids; a `DataError` where they do not fit together."""
+def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayout:
+    """The layout of arrays that `tells` knows, or that have ids, which may be `wanted` by their name.
+
+    A `DataError` where the arrays do not fit together.
+    """
     n_steps = n_actions(arrays)
-    own = {name: arrays[name] for name in EPISODE if name in arrays and arrays[name].shape == (n_steps,)}
-    named = next((name for name, ids in own.items() if ids.dtype.kind in "iuf" or is_text(ids.dtype)), None)
+    names = [name for name in ([wanted] if wanted else EPISODE) if name in arrays]
+    own = {name: arrays[name] for name in names if arrays[name].shape == (n_steps,)}
+    named = next((name for name, ids in own.items() if wanted or ids.dtype.kind in "iuf" or is_text(ids.dtype)), None)
     column, ids = (named, _values(own[named])) if named else (NUMBERED, np.arange(n_steps))
+    if ids.dtype.kind == "f" and are_whole(ids):
+        ids = ids.astype(np.int64)
     if is_stacked(arrays):
         is_step, note = _is_step(arrays, arrays[str(first(arrays, ACTIONS))].shape[:2], source)
         return ArrayLayout(column, ids, note, is_step)
     if named:
-        return ArrayLayout(column, ids, f"Demonstrations by the array {named}.")
+        return ArrayLayout(column, ids, "")
     if (name := _lengths(arrays, n_steps)) is not None:
         lengths = _values(arrays[name])
         ids, note = np.repeat(np.arange(len(lengths)), lengths), f"Demonstrations are as long as {name} says."
         return ArrayLayout(NUMBERED, ids, note, by_demonstration=True)
+    if names and not first(arrays, (*_MARKS, *_NEXT)):
+        said = f"{names[0]} has the shape {arrays[names[0]].shape} for {n_steps:,} actions"
+        raise DataError(f"{source}: {said}; give one id for each.")
     ends, note = _ends(arrays, n_steps, source)
     return ArrayLayout(NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)
 

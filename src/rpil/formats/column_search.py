@@ -268,7 +268,7 @@ class _Search:
             hits = self.named(pattern)
             if option == "exclude":
                 self.excluded_parts[pattern] = bool(hits)
-            elif not hits:
+            elif not hits and option in ("observations", "action"):
                 hits = self.with_part(pattern, option)
             if not hits and not (option == "exclude" and "list" in self.kinds.values()):
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names

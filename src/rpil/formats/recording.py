@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -199,27 +199,21 @@ def from_rows(rows: Rows, found: StepTables) -> Recording:
     return from_scan(rows, columns, scan(rows, layout, columns, origin.source, places), origin)
 
 
-def from_demonstrations(
-    demonstrations: Demonstrations, format_name: str, columns: Columns | None = None, others: Mapping[str, Array] = {}
-) -> StepTables:
-    """The table of demonstrations in memory, of a format that has no table of columns.
-
-    `others` have a value for each step, in the order of the demonstrations, and `columns` name them.
-    """
+def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
+    """The table of demonstrations in memory, of a format that has no table of columns."""
     import pyarrow as pa
 
     d, names = demonstrations, demonstrations.observation_names
     observation = "observation" if len(names) > 1 else f"observation.{names[0]}"
-    columns = replace(columns or Columns("episode", (), (), True), observations=(observation,), actions=("action",))
+    columns = Columns("episode", ("action",), (observation,), True)
     actions = pa.array(d.actions.reshape(-1))
     table = {
         columns.episode: np.repeat(np.array(d.ids), d.lengths),
         observation: pa.FixedSizeListArray.from_arrays(pa.array(d.observations.reshape(-1)), len(names)),
         "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
     }
-    files, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
-    origin = Origin(d.source, format_name, metadata)
-    return StepTables([pa.table({**others, **table})], columns, origin, files)
+    origin = Origin(d.source, format_name, Metadata(names={observation: names}))
+    return StepTables([pa.table(table)], columns, origin, {d.source: d.n_steps})
 
 
 def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:

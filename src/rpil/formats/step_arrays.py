@@ -126,7 +126,8 @@ def from_parts(
     without = {name: NO_STEPS for name in columns.ignored if name in parts[0].arrays and not parts[0].has_steps(name)}
     named = (names for part in parts[1:] for names in (part.arrays, part.about) if isinstance(names, dict))
     more = dict.fromkeys((name for names in named for name in names if name not in kinds), NOT_IN_FIRST)
-    columns = replace(columns, ignored={**columns.ignored, **without, **more})
+    ignored, is_chosen = {**columns.ignored, **without, **more}, options.id is not None
+    columns = replace(columns, ignored=ignored, id_chosen=is_chosen)
     whole = {name for name in columns.all if all(name in part.about for part in parts)}
     steps = [name for name in columns.all if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
