@@ -107,6 +107,8 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, on_disk, monkeypatch
 def test_workers_hold_equal_shares_of_the_data(cluster):
     cluster.wait_for_workers(2, timeout=30)
     placed = DaskEngine(cluster, n_shards=4).place(demonstrations().shards(4, SAMPLE.block_steps))
+    with cluster.as_current():
+        distributed.wait(placed.futures)
     keys = [future.key for future in placed.futures]
     where = cluster.who_has(placed.futures)
     assert [len([k for k in keys if w in where[k]]) for w in cluster.nthreads()] == [2, 2]
@@ -203,16 +205,15 @@ class Odd:
         """There are some."""
 
     def nthreads(self):
-        raise self.error
-
-    def scatter(self, *_, **__):
-        return self
+        return {"worker": 1}
 
     def map(self, _, futures, **__):
         return list(futures)
 
-    def submit(self, *_, **__):
-        raise self.error
+    def submit(self, function, *_, **__):
+        if function is engine.identity:
+            raise self.error
+        return self
 
     def result(self, timeout):
         raise self.error
@@ -234,8 +235,9 @@ def test_any_error_of_the_cluster_names_the_pass(error):
             odd.total(_steps)
     with pytest.raises(DataError, match="in pass 2 over the data"):
         odd.then(_steps)
+    odd.client.nthreads = partial(odd.client.result, 1.0)
     with pytest.raises(DataError, match="before the first pass"):
-        DaskEngine(Odd(error)).n_shards  # noqa: B018
+        DaskEngine(odd.client).n_shards  # noqa: B018
 
 
 def test_a_cluster_without_workers_names_the_pass():

@@ -1,24 +1,25 @@
 """The engine for a cluster: Dask's workers keep the blocks; functions with their parameters, and sums, travel.
 
-A shard on disk is read by a worker; where the worker dies, Dask has another worker read it. A shard in memory is sent
-to a worker; where the worker dies, the engine sends it again.
+A shard is read by a worker, or sent to one; where the worker dies, Dask has another worker do it again.
 """
 
 from __future__ import annotations
 
 import asyncio
 import ctypes
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, reduce
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.numerics.blocks import Sums, add
 from rpil.numerics.types import Array
@@ -35,9 +36,6 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _FREE_BYTES = 1 << 25
 """The names that `mallopt` of the GNU C library has for them, and the largest value that it takes for the second."""
 
-_MAX_TRIES = 5
-"""Times that a lost shard is made again."""
-
 _WORKER_TIMEOUT = 60.0
 """Seconds without any worker after which the fit ends."""
 
@@ -46,22 +44,17 @@ class DaskEngine:
     """Passes run by the workers of a cluster, which keep the data; the results are those in memory, up to rounding.
 
     Workers need this package and memory for all data together; each gets one BLAS thread. The shards of a worker that
-    dies are read, or sent, again. Workers must find the files of a `Dataset` under the same path as this process.
+    dies are read, or sent, again; so the scheduler keeps data that are in memory. Workers must find the files of a
+    `Dataset` under the same path as this process.
 
     Parameters
     ----------
     client : distributed.Client
     n_shards : int, optional
         Number of shards; by default two for each thread of a worker.
-
-    Raises
-    ------
-    MissingExtraError
-        Where ``distributed`` is not installed.
     """
 
     def __init__(self, client: Client, n_shards: int | None = None) -> None:
-        _distributed()
         self.client, self._n_shards = client, n_shards
 
     @property
@@ -70,16 +63,15 @@ class DaskEngine:
             return self._n_shards or max(1, _SHARDS_PER_THREAD * sum(self.client.nthreads().values()))
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
-        with _Passes().guarded():
+        from dask import config
+
+        passes = _Passes()
+        with passes.guarded(), config.set({"distributed.admin.large-graph-warning-threshold": "1 PB"}):
             self.client.wait_for_workers(1, _WORKER_TIMEOUT)
-
-        def make(k: int) -> Future:
-            shard = shards[k]
-            if isinstance(shard, list):  # in memory
-                return self.client.scatter(WorkerBlocks.of(shard), hash=False)
-            return self.client.submit(_read, shard, pure=False)
-
-        return RemoteBlocks(self.client, shards, make)
+            workers = cycle(self.client.nthreads())  # in turn: else Dask may give most shards to one of them
+            where = ({"workers": [next(workers)], "allow_other_workers": True} for _ in shards)
+            futures = [self.client.submit(_read, k, pure=False, **at) for k, at in zip(shards, where, strict=True)]
+        return RemoteBlocks(self.client, futures, passes)
 
 
 @dataclass
@@ -91,7 +83,7 @@ class _Passes:
     @contextmanager
     def guarded(self) -> Iterator[None]:
         reached = f"in pass {self.n} over the data" if self.n else "before the first pass over the data"
-        remedy = "start it again, and fit again"
+        remedy = "start it again, with more memory if it killed workers, and fit again"
         with guarded(f"The Dask cluster, {reached}", "it was lost", remedy):
             try:
                 yield
@@ -99,20 +91,13 @@ class _Passes:
                 raise CancelledError(*error.args) from error
 
 
+@dataclass(frozen=True)
 class RemoteBlocks(Shards[T]):
-    """Blocks that workers keep: `make` gives the future of those of shard k, made from those of `parent`, if any."""
+    """Blocks that workers keep, a future for those of each shard."""
 
-    def __init__(
-        self,
-        client: Client,
-        shards: Sequence[object],
-        make: Callable[[int], Future],
-        parent: RemoteBlocks[Any] | None = None,
-    ) -> None:
-        self.client, self.shards, self._make, self._parent = client, shards, make, parent
-        self._passes: _Passes = parent._passes if parent else _Passes()
-        with self._passes.guarded():
-            self.futures = [make(k) for k in range(len(shards))]
+    client: Client
+    futures: Sequence[Future]
+    passes: _Passes
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
         """Workers work on all shards at once; the results come in order."""
@@ -124,34 +109,18 @@ class RemoteBlocks(Shards[T]):
         return reduce(add, self.run(_total, function))
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
-        with self._passes.guarded():  # sent once, because it may hold numbers for all demonstrations
+        with self.passes.guarded():  # the function is sent once, because it may hold numbers for all demonstrations
             there = self.client.submit(identity, function, pure=False)
-
-        def make(k: int) -> Future:
-            return self.client.submit(_apply, self.futures[k], there, pure=False)
-
-        return RemoteBlocks(self.client, self.shards, make, self)
+            futures = [self.client.submit(_apply, shard, there, pure=False) for shard in self.futures]
+        return RemoteBlocks(self.client, futures, self.passes)
 
     def run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
-        """The result of a task for each shard, in order; a shard that is lost is made again."""
-        self._passes.n += 1
-        killed = _distributed().scheduler.KilledWorker
-        with self._passes.guarded():
-            tasks = self.client.map(task, self.futures, function=function, pure=False)
-            for k in range(len(tasks)):
-                for _ in range(_MAX_TRIES):
-                    try:
-                        result = self._wait_for(tasks[k])
-                        break
-                    except (CancelledError, killed):
-                        self._make_again(k)
-                        tasks[k] = self.client.submit(task, self.futures[k], function, pure=False)
-                else:
-                    raise DataError(
-                        f"The cluster lost shard {k} of the data {_MAX_TRIES} times; give its workers more memory."
-                    )
-                tasks[k] = None  # so that workers release it
-                yield result
+        """The result of a task for each shard, in order."""
+        self.passes.n += 1
+        with self.passes.guarded():
+            tasks = deque(self.client.map(task, self.futures, function=function, pure=False))
+            while tasks:
+                yield self._wait_for(tasks.popleft())  # so that workers release it
 
     def _wait_for(self, future: Future) -> Any:
         while True:
@@ -159,11 +128,6 @@ class RemoteBlocks(Shards[T]):
                 return future.result(timeout=_WORKER_TIMEOUT)
             except TimeoutError:
                 self.client.wait_for_workers(1, _WORKER_TIMEOUT)
-
-    def _make_again(self, k: int) -> None:
-        if self._parent:
-            self._parent._make_again(k)
-        self.futures[k] = self._make(k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +148,7 @@ class WorkerBlocks:
 
 
 def _read(shard: Iterable[object]) -> WorkerBlocks:
-    """On a worker: read the blocks of a shard."""
+    """On a worker: read the blocks of a shard, or take those that were sent."""
     try:
         return WorkerBlocks.of(shard)
     except DataError as error:
@@ -231,11 +195,3 @@ def _arrays(value: object) -> dict[int, Array]:
         value = [getattr(value, f.name) for f in fields(value)]
     members = value if isinstance(value, list | tuple) else ()
     return {key: array for member in members for key, array in _arrays(member).items()}
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError as error:
-        raise MissingExtraError("DaskEngine", "dask") from error
-    return distributed
