@@ -21,8 +21,11 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import ClaimSettings, HeldOutSettings, JudgeSettings
 from rpil.inference.step_trust import StepTrust
-from rpil.inference.trust import Evidence, conclude, judge, score_by_best_group
+from rpil.inference.trust import Judgement, judge, score_by_best_group
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
+from rpil.results.settings import AuditSettings
+from rpil.results.summary import audit_from_judgement
+from rpil.results.vocabulary import SIDES
 
 STEPS = (40, 60)
 SETTINGS = JudgeSettings()
@@ -31,52 +34,61 @@ WORDS = np.array([1] * 6 + [-1] * 4)
 TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-def concluded(labels=None, p_two=0.999, data=None, score=SCORE, copy_of=None):
-    """The judgement of `SCORE`, of which agreement and length are known, and its evidence."""
+def concluded(labels=None, p_two=0.999, data=None):
+    """The judgement of `SCORE`, of which agreement and length are known, the audit with these labels, and the labels as
+    answers."""
     data = data or same_actions(10)
-    scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), score, p_two)
-    described = np.column_stack([score, np.cos(np.arange(10.0))])
-    states = StateScale(np.ones(2), 0.0)
-    columns, claims = (
-        columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers),
-        Claims("outliers", WORDS),
-    )
-    own, within = np.arange(10) if copy_of is None else copy_of, np.empty((10, 0))
-    evidence = Evidence(scores, columns, states, claims, (4, 8), own, within)
-    answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
+    scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
+    described = np.column_stack([SCORE, np.cos(np.arange(10.0))])
+    columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
+    claims, states, own = Claims("outliers", WORDS), StateScale(np.ones(2), 0.0), np.arange(10)
     steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0), 0.0)
-    return conclude(data, evidence, answers, steps, np.zeros(0), SETTINGS), evidence, answers
+    judgement = Judgement(scores, columns, states, claims, (4, 8), own, np.empty((10, 0)), steps, np.zeros(0))
+    answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
+    return judgement, audit_from_judgement(judgement, data, range(10), answers, AuditSettings()), answers
+
+
+def signs(audit):
+    """The verdicts as 1, 0 and -1."""
+    return np.array([{"upper": 1, "open": 0, "lower": -1}[SIDES[verdict]] for verdict in audit.verdicts])
 
 
 def test_without_answers_the_claims_are_said():
-    found, evidence, _ = concluded()
-    assert found.finding == "outliers"
-    np.testing.assert_array_equal(found.verdicts, WORDS)
-    assert found.answered is None
-    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
-    assert not found.from_answers.any()
-    assert not found.from_demonstrator.any()
-    np.testing.assert_array_equal(found.log_odds, found.from_actions)
-    assert found.demonstrator_trust.shape == (0, 3)
-    assert found.pair == (4, 8)
-    np.testing.assert_array_equal(found.training_group, SCORE > 0.5)
-    np.testing.assert_array_equal(found.columns, evidence.columns)
+    judgement, audit, _ = concluded()
+    assert audit.finding == "outliers"
+    assert audit.anchor == "none"
+    np.testing.assert_array_equal(signs(audit), WORDS)
+    np.testing.assert_array_equal(audit.from_actions, judgement.scores.log_odds)
+    assert not audit.from_label.any()
+    assert not audit.from_demonstrator.any()
+    np.testing.assert_array_equal(audit.log_odds, audit.from_actions)
+    assert audit.pair == (4, 8)
+    np.testing.assert_array_equal(judgement.training_group, SCORE > 0.5)
+    np.testing.assert_array_equal(audit.columns, judgement.columns)
+
+
+def test_claims_that_log_odds_contradict_are_not_said():
+    judgement, _, _ = concluded()
+    turned = replace(judgement, claims=Claims("outliers", -WORDS))
+    assert not turned.verdicts.any()
 
 
 def test_answers_replace_the_claims():
-    found, evidence, answers = concluded(TOLD)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.verdicts)
-    assert found.finding == "answered"
-    np.testing.assert_allclose(found.log_odds, by_hand.log_odds)
-    np.testing.assert_array_equal(found.verdicts, by_hand.verdicts)
-    np.testing.assert_array_equal(found.from_actions, evidence.scores.log_odds)
-    np.testing.assert_array_equal(found.claims.verdicts, WORDS)
+    judgement, audit, answers = concluded(TOLD)
+    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10), WORDS)
+    assert audit.finding == "answered"
+    np.testing.assert_allclose(audit.log_odds, by_hand.log_odds)
+    said = np.where(by_hand.verdicts == 0, by_hand.stays, by_hand.verdicts)
+    np.testing.assert_array_equal(signs(audit), said)
+    np.testing.assert_array_equal(audit.from_actions, judgement.scores.log_odds)
+    np.testing.assert_array_equal(audit.claimed, WORDS)
 
 
 def test_the_share_of_experts_is_known_where_groups_or_answers_are():
     for labels, p_two, assumed in ((None, 0.999, 1.0), (None, 0.3, 0.3), (TOLD, 0.3, 1.0)):
-        found, _, _ = concluded(labels, p_two)
-        assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), assumed))
+        audit = concluded(labels, p_two)[1]
+        share = audit.prior.mean, audit.prior.low, audit.prior.high
+        assert share == pytest.approx(expert_share_interval(expit(audit.log_odds), assumed))
 
 
 def operated(names):
@@ -86,25 +98,26 @@ def operated(names):
 
 def test_answers_count_before_operators():
     data = operated(["a"] * 5 + ["b"] * 5)
-    found, _, answers = concluded(TOLD, data=data)
-    by_hand = answer(found.columns, answers, SETTINGS.answers, np.arange(10), found.claims.verdicts)
-    np.testing.assert_allclose(found.from_actions + found.from_answers, by_hand.log_odds)
+    _, audit, answers = concluded(TOLD, data=data)
+    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10), WORDS)
+    np.testing.assert_allclose(audit.from_actions + audit.from_label, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
-    np.testing.assert_allclose(found.log_odds, by_hand.log_odds + of_operator)
-    np.testing.assert_allclose(found.demonstrator_trust, posterior.intervals())
+    np.testing.assert_allclose(audit.log_odds, by_hand.log_odds + of_operator)
+    trust = {who.name: (who.trust.mean, who.trust.low, who.trust.high) for who in audit.demonstrators}
+    np.testing.assert_allclose([trust["a"], trust["b"]], posterior.intervals())
 
 
 def test_an_operator_withdraws_what_answers_hardly_say():
-    alone = concluded(TOLD)[0]
-    said = np.flatnonzero((alone.verdicts > 0) & (np.array(TOLD) == 0))
+    _, alone, answers = concluded(TOLD)
+    by_hand = answer(alone.columns, answers, SETTINGS.answers, np.arange(10), WORDS)
+    said = np.flatnonzero((by_hand.verdicts > 0) & (np.array(TOLD) == 0))
     among_bad = ["b" if m >= 6 or m in said[:1] else "a" for m in range(10)]
-    found, _, _ = concluded(TOLD, data=operated(among_bad))
-    assert found.from_demonstrator[said[0]] < 0 < found.from_demonstrator[said[1]]
-    np.testing.assert_array_equal(
-        found.verdicts, np.where(np.sign(found.log_odds) == alone.verdicts, alone.verdicts, 0)
-    )
-    assert found.expert_share == pytest.approx(expert_share_interval(expit(found.log_odds), 1.0))
+    _, audit, _ = concluded(TOLD, data=operated(among_bad))
+    assert audit.from_demonstrator[said[0]] < 0 < audit.from_demonstrator[said[1]]
+    agrees = np.sign(audit.log_odds) == by_hand.verdicts
+    answered = np.array([{"good": 1, "bad": -1}.get(verdict, 0) for verdict in audit.verdicts])
+    np.testing.assert_array_equal(answered, np.where(agrees, by_hand.verdicts, 0))
 
 
 # The training group.
@@ -167,7 +180,7 @@ def judged(kind, seed, n_good, n_bad, settings=SETTINGS, **given):
 def test_random_actions_are_unlike():
     said = []
     toy, judgement = judged("random", 0, 10, 6, progress=said.append)
-    assert judgement.finding == "outliers"
+    assert judgement.claims.finding == "outliers"
     np.testing.assert_array_equal(judgement.verdicts, np.where(toy.is_good, 1, -1))
     assert said == ["ridge", "fitting the training group", "other folds", "what the scores support"]
     assert toy.is_good[judgement.pair[0]]
@@ -180,7 +193,7 @@ def test_random_actions_are_unlike():
 
 def test_a_policy_of_their_own_makes_two_groups():
     toy, judgement = judged("shifted", 1, 6, 4)
-    assert judgement.finding == "two groups"
+    assert judgement.claims.finding == "two groups"
     assert not judgement.verdicts.any()
     groups = {frozenset(group.tolist()) for group in judgement.claims.groups}
     assert groups == {frozenset(np.flatnonzero(toy.is_good)), frozenset(np.flatnonzero(~toy.is_good))}
@@ -191,15 +204,16 @@ def test_a_policy_of_their_own_makes_two_groups():
 def test_two_labels_tell_which_of_two_groups_is_good():
     labels = np.zeros(12, dtype=np.int64)
     labels[[7, 8, 1]] = -1, -1, 1  # against the ranking
-    toy, judgement = judged("shifted", 1, 6, 6, answers=Answers.of_labels(labels))
-    assert judgement.finding == "answered"
-    assert roc_auc_score(toy.is_good, judgement.log_odds) > 0.75 > roc_auc_score(toy.is_good, judgement.from_actions)
+    toy, judgement = judged("shifted", 1, 6, 6)
+    audit = audit_from_judgement(judgement, fit_data_of(toy), range(12), Answers.of_labels(labels), AuditSettings())
+    assert audit.finding == "answered"
+    assert roc_auc_score(toy.is_good, audit.log_odds) > 0.75 > roc_auc_score(toy.is_good, audit.from_actions)
 
 
 def test_those_who_follow_one_another_are_in_doubt():
     strict = JudgeSettings(claims=replace(ClaimSettings(), max_runs_p=0.05))
     _, judgement = judged("random", 0, 10, 6, settings=strict, order=np.arange(16.0))
-    assert judgement.finding == "in doubt"
+    assert judgement.claims.finding == "in doubt"
     assert [run.tolist() for run in judgement.claims.doubts[0].runs] == [list(range(10, 16))]
 
 
@@ -239,5 +253,5 @@ def test_nothing_could_be_learned_from_random_observations(seed):
     noise[:, -1] = 1.0
     data = replace(data, features=noise)
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
-    assert judgement.finding == "nothing could be learned"
+    assert judgement.claims.finding == "nothing could be learned"
     assert not judgement.verdicts.any()

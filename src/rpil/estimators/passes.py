@@ -12,8 +12,7 @@ import numpy as np
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import FullFit, JudgeInput, TrustDecision
-from rpil.inference.answers import Answers
-from rpil.inference.fitted_judge import SoftmaxRatio, StudentRatio
+from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
@@ -58,39 +57,29 @@ class SampledFit(FullFit):
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return JudgeInput(
-            demonstrations, options.judged(data), features, Answers.none(len(indices)), order, indices, blocks
-        )
+        return JudgeInput(demonstrations, options.judged(data), features, order, indices, blocks)
 
-    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
-        task, source, options = self.task, self.task.source, self.options
+    def extend(
+        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
+    ) -> tuple[Judgement, FittedJudge | None, FitData]:
+        task, options = self.task, self.options
         assert posed.blocks is not None
-        sample = _sample(posed, decision)
+        sample = _sample(posed, judgement, judge)
         options.progress("a pass over everything: scores")
-        none = np.empty(0)
-        names = posed.data.action_names
-        everyone = FitData(none, none, source.offsets, task.space, demonstrators=task.demonstrators, action_names=names)
-        scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
-        judgement = judge_everyone(sample, everyone, scores, task.answers, options.settings.judge)
-        # The steps are weighted in the next pass; until then the audit is of demonstrations without steps.
-        stepless = replace(everyone, offsets=np.zeros_like(source.offsets))
-        extended = TrustDecision.of(
-            judgement,
-            replace(sample.judge, groups=judgement.scores.groups),
-            stepless,
-            source.ids,
-            task.answers,
-            options,
+        none, names = np.empty(0), posed.data.action_names
+        everyone = FitData(
+            none, none, task.source.offsets, task.space, demonstrators=task.demonstrators, action_names=names
         )
-        audit = replace(extended.audit, offsets=np.asarray(source.offsets, dtype=np.int64))
-        return replace(extended, audit=audit, notes=decision.notes)
+        scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
+        judgement = judge_everyone(sample, everyone, scores, options.settings.judge)
+        return judgement, replace(sample.judge, groups=judgement.scores.groups), everyone
 
     def fit_policy(
         self, posed: JudgeInput, decision: TrustDecision
     ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
         task, options, data = self.task, self.options, posed.data
         assert posed.blocks is not None
-        sample = _sample(posed, decision)
+        sample = _sample(posed, decision.judgement, decision.judge)
         weights = StepWeights.of(decision.audit, sample, options.settings.judge)
         if not self.keeps_policy:
             audit, _ = self._weigh(posed, decision, posed.blocks.then(weights))
@@ -114,11 +103,12 @@ class SampledFit(FullFit):
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
         (log_ratio, share, step_weight), total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]))
         audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
-        return replace(audit, traces=self._traces(posed, _sample(posed, decision), audit)), total
+        return replace(audit, traces=self._traces(posed, decision, audit)), total
 
-    def _traces(self, posed: JudgeInput, sample: JudgedSample, audit: Audit) -> dict[Hashable, Traces]:
+    def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
         task, settings = self.task, self.options.settings.judge.held_out
+        sample = _sample(posed, decision.judgement, decision.judge)
         assert sample.judge.ratio is not None
         drawn = worth_a_look(audit)
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
@@ -142,12 +132,12 @@ def by_policy_of_sample(
     return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 
-def _sample(posed: JudgeInput, decision: TrustDecision) -> JudgedSample:
+def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge | None) -> JudgedSample:
     """The sample, as it was judged."""
     assert posed.indices is not None
-    assert decision.judgement is not None
-    assert decision.judge is not None
-    return JudgedSample(posed.data, posed.indices, decision.judgement, decision.judge)
+    assert judgement is not None
+    assert judge is not None
+    return JudgedSample(posed.data, posed.indices, judgement, judge)
 
 
 def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ adversary. The final policy is linear, or the user's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
-from rpil.inference.answers import Answers, check_copied_labels
+from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
@@ -126,7 +126,6 @@ class JudgeInput:
     demonstrations: Demonstrations
     data: FitData
     features: Features
-    answers: Answers
     order: Array | None = None
     """The order in which the demonstrations were made, where it is stated."""
     indices: Array | None = None
@@ -150,42 +149,22 @@ class TrustDecision:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
-    notes: tuple[str, ...] = ()
-    """Sentences about the parts of the action that are not judged."""
-
-    @classmethod
-    def of(
-        cls,
-        judgement: Judgement,
-        judge: FittedJudge | None,
-        data: FitData,
-        ids: Sequence[Hashable],
-        answers: Answers,
-        options: FitOptions,
-    ) -> TrustDecision:
-        """The decision of the judge about the demonstrations `data`."""
-        settings = replace(options.settings.audit, judge=options.settings.judge)  # an audit answers like the judge
-        audit, history = audit_from_judgement(judgement, data, ids, answers, settings), judgement.scores.fit.history
-        return cls(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
 
 
-def decide_trust(posed: JudgeInput, options: FitOptions, is_kept: bool) -> TrustDecision:
-    """The decision of the judge on which demonstrations to trust; it judges others later where it `is_kept`."""
-    data, settings, ids = posed.data, options.settings.judge, posed.demonstrations.ids
-    seed, answers, order = options.random_state, posed.answers, posed.order
+def judged_by(posed: JudgeInput, options: FitOptions, is_kept: bool) -> tuple[Judgement, FittedJudge | None]:
+    """What the judge says of the demonstrations that it reads, and where it `is_kept` what judges others later."""
+    data, settings, seed = posed.data, options.settings.judge, options.random_state
     model: HeldOutModel
     if options.policy is None:
         model = held_out_model(data, seed, settings.held_out)
     else:
         model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
-    judgement = judge(data, model, settings, seed=seed, answers=answers, order=order, progress=options.progress)
-    kept = None
-    if is_kept:
-        from rpil.inference.fitted_judge import FittedJudge
+    judgement = judge(data, model, settings, seed=seed, order=posed.order, progress=options.progress)
+    if not is_kept:
+        return judgement, None
+    from rpil.inference.fitted_judge import FittedJudge
 
-        kept = FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
-    decision = TrustDecision.of(judgement, kept, data, ids, answers, options)
-    return replace(decision, notes=parts_not_judged(data))
+    return judgement, FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
 
 
 def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> TrustDecision:
@@ -236,9 +215,7 @@ class FullFit:
     def run(self) -> FitResult:
         """Pose, decide, and fit the final policy, if it is kept."""
         posed, options = self.pose(), self.options
-        is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
-        decision = decide_trust(posed, options, is_kept) if options.judges else decide_by_mixture(posed, options)
-        decision = self.extend(posed, decision)
+        decision = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
         options.progress("the policy" if self.keeps_policy else "the weights of the steps")
         features, policy, decision = self.fit_policy(posed, decision)
         return FitResult(decision, posed.features, features, policy)
@@ -252,25 +229,37 @@ class FullFit:
         if copies is None or not copies.any:
             features = options.judge_features(demonstrations)
             data = options.judged(self._data(demonstrations, features))
-            return JudgeInput(demonstrations, data, features, task.answers, task.order)
+            return JudgeInput(demonstrations, data, features, task.order)
         check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
         different = demonstrations.select(copies.judged)
         features = options.judge_features(different)
         data = options.judged(task.data(different, features, self._single(demonstrations)))
         data = replace(data, demonstrators=task.demonstrators.select(copies.judged))
         order = None if task.order is None else task.order[copies.judged]
-        return JudgeInput(different, data, features, Answers.none(len(different)), order, copies=copies)
+        return JudgeInput(different, data, features, order, copies=copies)
 
-    def extend(self, posed: JudgeInput, decision: TrustDecision) -> TrustDecision:
-        """The decision about all demonstrations."""
+    def decide(self, posed: JudgeInput) -> TrustDecision:
+        """The decision of the judge about all demonstrations, with the answers that were given."""
+        task, settings, copies = self.task, self.options.settings, posed.copies
+        is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
+        judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept))
+        settings_of_audit = replace(settings.audit, judge=settings.judge)  # an audit answers like the judge
+        audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
+        notes = (*audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence)
+        history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
+        return TrustDecision(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
+
+    def extend(
+        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
+    ) -> tuple[Judgement, FittedJudge | None, FitData]:
+        """The judgement of all demonstrations, the judge of others, and the data of all."""
         if posed.copies is None:
-            return decision
-        assert decision.judgement is not None
-        task, options, copies = self.task, self.options, posed.copies
-        data = self._data(self.task.demonstrations, posed.features)
-        judgement = repeated(decision.judgement, copies, data, task.answers, options.settings.judge)
-        every = TrustDecision.of(judgement, decision.judge, data, task.source.ids, task.answers, options)
-        return replace(every, notes=(*decision.notes, copies.sentence))
+            return judgement, judge, posed.data
+        return (
+            repeated(judgement, posed.copies, self.task.source.offsets),
+            judge,
+            self._data(self.task.demonstrations, posed.features),
+        )
 
     def _single(self, demonstrations: Demonstrations) -> bool:
         """Whether design matrices are in single precision."""
@@ -322,7 +311,7 @@ def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
     demonstrations = task.demonstrations
     features = options.judge_features(demonstrations)
-    posed = JudgeInput(demonstrations, task.data(demonstrations, features), features, task.answers)
+    posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
     options.progress("the policy")
     decision = TrustDecision(audit, None, None, 0, 0.0)
     kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)

@@ -246,7 +246,7 @@ def reweight(
     judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     data = data if once is demonstrations else task.data(demonstrations, features)
-    judgement = repeated(judgement, copies, data, task.answers, chosen.judge)
+    judgement = repeated(judgement, copies, data.offsets)
     settings = replace(chosen.audit, judge=chosen.judge)
     audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, settings)
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))

@@ -183,7 +183,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
         result = stages.run()
     decision, prior = result.decision, options.settings.mixture.prior
-    audit = replace(decision.audit, notes=tuple(filter(None, (*decision.audit.notes, *decision.notes))))
+    audit = decision.audit
     own = type(options.policy).__name__
     sentences = assumption_sentences(
         audit,

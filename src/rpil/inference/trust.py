@@ -1,6 +1,6 @@
-"""The judge decides which demonstrations are similar, and, where answers are given, which are good.
+"""The judge decides which demonstrations are similar; it runs the stages of `rpil.inference` in order.
 
-It runs the stages of `rpil.inference` in order.
+Answers are no part of it: they say which demonstrations are good from what it found (`rpil.results.answering`).
 """
 
 from __future__ import annotations
@@ -9,16 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.inference.answered import Answered, answer, columns_of, learned_from, with_group
-from rpil.inference.answers import Answers
+from rpil.inference.answered import columns_of, with_group
 from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, telling_pair
-from rpil.inference.findings import Finding
-from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import HeldOutModel
 from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
@@ -29,8 +25,8 @@ from rpil.numerics.types import Array, Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What is known of M demonstrations before anything is asked."""
+class Judgement:
+    """The result of the judge for M demonstrations of N steps, before anything is asked."""
 
     scores: Scores
     columns: Float[Array, "M D"]
@@ -43,36 +39,24 @@ class Evidence:
     """The first of the copies of each demonstration, which may be itself."""
     columns_within: Float[Array, "M W"]
     """From which answers learn where both of two groups are good, or bad, see `columns_within`."""
-
-
-@dataclass(frozen=True, eq=False)
-class Judgement(Evidence):
-    """The result of the judge for M demonstrations of N steps by U demonstrators."""
-
-    finding: Finding
-    verdicts: Int[Array, " M"]
-    """1 similar (or good, where answers are given), 0 open, -1 outlier (or bad)."""
-    from_actions: Float[Array, " M"]
-    from_demonstrator: Float[Array, " M"]
-    from_answers: Float[Array, " M"]
-    """Log-odds, nats: by the actions of the demonstration itself, by the other demonstrations of its demonstrator
-    (where there are answers), and by the answers."""
-    answered: Answered | None
-    """What the answers say, if there are any."""
+    step_trust: StepTrust
     log_ratio: Float[Array, " N"]
     """Held-out log pi - log q of every step; empty where steps are not kept."""
-    step_trust: StepTrust
-    expert_share: tuple[float, float, float]
-    """Share of the upper group among the demonstrations, and its 95 % interval."""
-    training_group: Bool[Array, " S"]
-    """Of those from which the policies learned: all, or a sample."""
-    demonstrator_trust: Float[Array, "U 3"]
-    """Mean P of the demonstrations of each demonstrator and its 95 % interval; empty without answers."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of similar against outlier, or of good against bad where answers are given, nats."""
-        return self.from_actions + self.from_demonstrator + self.from_answers
+        """Log-odds of similar against outlier, nats."""
+        return self.scores.log_odds
+
+    @property
+    def verdicts(self) -> Int[Array, " M"]:
+        """1 similar, 0 open, -1 outlier: what is claimed, unless the log-odds contradict it."""
+        return np.where(np.sign(self.log_odds) == self.claims.verdicts, self.claims.verdicts, 0)
+
+    @property
+    def training_group(self) -> Bool[Array, " S"]:
+        """Of those from which the policies learned: all, or a sample."""
+        return self.scores.fit.group
 
 
 def judge(
@@ -81,7 +65,6 @@ def judge(
     settings: JudgeSettings,
     *,
     seed: int = 0,
-    answers: Answers | None = None,
     order: Float[Array, " M"] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Judgement:
@@ -91,8 +74,6 @@ def judge(
     ----------
     seed : int
         Of the folds of `model`; other folds are dealt once.
-    answers : Answers, optional
-        By default nothing is known.
     order : (M,) array, optional
         The order in which the demonstrations were made, where it is stated.
     progress : callable
@@ -119,12 +100,10 @@ def judge(
     whole_from = settings.steps.whole_reliability * similar
     shares = step_shares(data, against, settings, whole_from)
     steps = StepTrust(*reliability_of(data, log_ratio, settings), shares, whole_from)
-    answers = answers or Answers.none(data.n_demonstrations)
     pair = telling_pair(claims, scores.score)
     within = columns_within(scoring, claims.groups, seen, seed)
     own = np.arange(data.n_demonstrations)
-    evidence = Evidence(scores, columns, states, claims, pair, own, within)
-    return conclude(data, evidence, answers, steps, log_ratio, settings)
+    return Judgement(scores, columns, states, claims, pair, own, within, steps, log_ratio)
 
 
 def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
@@ -184,60 +163,22 @@ def columns_within(
     return columns
 
 
-def conclude(
-    data: FitData,
-    evidence: Evidence,
-    answers: Answers,
-    steps: StepTrust,
-    log_ratio: Float[Array, " N"],
-    settings: JudgeSettings,
-) -> Judgement:
-    """The judgement that follows from the evidence and the answers.
-
-    `data` needs no steps, and `log_ratio` and the steps of `steps` may be empty.
-    """
-    scores, claims, verdicts = evidence.scores, evidence.claims, evidence.claims.verdicts
-    from_actions = scores.log_odds
-    from_demonstrator, from_answers, trust = np.zeros(len(verdicts)), np.zeros(len(verdicts)), np.empty((0, 3))
-    answered = None
-    if answers.once(evidence.copy_of).any:
-        from rpil.mixture.demonstrator_prior import trust_by_demonstrator
-
-        columns = learned_from(evidence.columns, evidence.columns_within, answers, settings.answers)
-        answered = answer(columns, answers, settings.answers, evidence.copy_of, claims.verdicts)
-        from_answers = answered.log_odds - from_actions
-        verdicts, labels = answered.verdicts, answers.shared(evidence.copy_of).labels
-        from_demonstrator, trust = trust_by_demonstrator(
-            data.demonstrators, answered.log_odds, labels, evidence.copy_of, settings.demonstrators
-        )
-    total = from_actions + from_demonstrator + from_answers
-    verdicts = verdicts * (np.sign(total) == verdicts)  # a demonstrator withdraws verdicts, and gives none
-    p_two = 1.0 if answered is not None else scores.groups.p_two
-    return Judgement(
-        **vars(evidence),
-        finding=claims.finding if answered is None else "answered",
-        verdicts=verdicts,
-        from_actions=from_actions,
-        from_demonstrator=from_demonstrator,
-        from_answers=from_answers,
-        answered=answered,
-        log_ratio=log_ratio,
-        step_trust=steps,
-        expert_share=expert_share_interval(expit(total), p_two),
-        training_group=scores.fit.group,
-        demonstrator_trust=trust,
-    )
-
-
-def repeated(judged: Judgement, copies: Copies, data: FitData, answers: Answers, settings: JudgeSettings) -> Judgement:
-    """The judgement of all demonstrations of `data`, of which the different ones were `judged`: a copy has the scores
-    and the verdicts of the one that was."""
-    place, rows, scores, steps = copies.place, copies.rows(data.offsets), judged.scores, judged.step_trust
+def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> Judgement:
+    """The judgement of all demonstrations, with these `offsets`, of which the different ones were `judged`: a copy has
+    the scores and the verdicts of the one that was."""
+    place, rows, scores, steps = copies.place, copies.rows(offsets), judged.scores, judged.step_trust
     scores = replace(scores, score=scores.score[place], variance=scores.variance[place])
     pair = None
     if judged.pair is not None and not copies.all_same:
         pair = int(copies.first[judged.pair[0]]), int(copies.first[judged.pair[1]])
-    columns, within = judged.columns[place], judged.columns_within[place]
-    evidence = Evidence(scores, columns, judged.states, judged.claims.repeated(copies), pair, copies.copy_of, within)
-    steps = StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from)
-    return conclude(data, evidence, answers, steps, judged.log_ratio[rows], settings)
+    return replace(
+        judged,
+        scores=scores,
+        columns=judged.columns[place],
+        claims=judged.claims.repeated(copies),
+        pair=pair,
+        copy_of=copies.copy_of,
+        columns_within=judged.columns_within[place],
+        step_trust=StepTrust(steps.reliability[place], steps.interval[place], steps.share[rows], steps.whole_from),
+        log_ratio=judged.log_ratio[rows],
+    )

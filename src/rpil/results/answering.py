@@ -19,6 +19,7 @@ from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
@@ -65,11 +66,12 @@ def with_answers(audit: A, known: Answers) -> A:
 
     columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers)
     found = answer(columns, known, audit.settings.judge.answers, audit.copy_of, audit.claimed)
+    from_label = found.log_odds - audit.from_actions
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
     said = known.shared(audit.copy_of).labels
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
-    log_odds = found.log_odds + from_demonstrator
-    verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)
+    log_odds = audit.from_actions + from_demonstrator + from_label
+    verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
     proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
     is_decided = found.count >= audit.settings.keep.min_answers
     answered = replace(
@@ -78,9 +80,10 @@ def with_answers(audit: A, known: Answers) -> A:
         anchor="answers",
         log_odds=log_odds,
         from_demonstrator=from_demonstrator,
-        from_label=found.log_odds - audit.from_actions,
+        from_label=from_label,
         expert_proba=proba,
         verdicts=verdicts_of(verdicts, "answers", found.stays),
+        prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
         demonstrators=rank_demonstrators(who, trust, audit.ids),

@@ -11,17 +11,15 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.special import expit
 
 from rpil.data.run import run_id
 from rpil.inference.answers import Answers
-from rpil.inference.groups import expert_share_interval
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts, style_in_words
-from rpil.results.judged import Demonstrator, Interval, Judged
+from rpil.results.judged import Demonstrator, Judged
 from rpil.results.reasons import GivenLabel, reasons_of
 from rpil.results.vocabulary import SIDES
 
@@ -155,9 +153,7 @@ class AuditResult(Judged):
             If an id or a label is unknown, or answers contradict each other.
         """
         had = replace(self, answers=self.answers.unsaid) if instead else self
-        found = answering.with_answers(self, answering.merged(had, labels or {}, pairs))
-        share = Interval(*expert_share_interval(expit(found.log_odds), 1.0))
-        return found if found is self else replace(found, prior=share)
+        return answering.with_answers(self, answering.merged(had, labels or {}, pairs))
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

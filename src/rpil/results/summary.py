@@ -16,15 +16,16 @@ from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
 from rpil.inference.claims import Doubt
 from rpil.inference.findings import FINDINGS
+from rpil.inference.groups import expert_share_interval
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import (
     NOT_USED,
-    doubts_of_answers,
     rank_demonstrators,
     sentence_of,
     shown_proba,
     verdicts_of,
+    with_answers,
 )
 from rpil.results.judged import Interval
 from rpil.results.record import Audit
@@ -32,7 +33,7 @@ from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import groups_differ
-from rpil.results.vocabulary import VOCABULARIES, Anchor
+from rpil.results.vocabulary import VOCABULARIES
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
@@ -48,49 +49,41 @@ MAX_RUNS = 10
 def audit_from_judgement(
     judgement: Judgement, data: FitData, ids: Sequence[Hashable], answers: Answers, settings: AuditSettings
 ) -> Audit:
-    """The audit of the judge, of demonstrations that are called `ids`."""
-    steps, finding, claims = judgement.step_trust, judgement.finding, judgement.claims
-    anchor: Anchor = "none" if judgement.answered is None else "answers"
-    known = judgement.answered
-    is_decided = known is not None and known.count >= settings.keep.min_answers
-    groups = None if is_decided else claims.groups
-    log_odds = np.clip(judgement.log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    proba = shown_proba(log_odds, judgement.verdicts, finding, settings.min_proba(anchor))
-    doubts = tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts) if known is None else ()
-    notes = () if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data)
+    """The audit of the judge, of demonstrations that are called `ids`, and with these answers, if there are any."""
+    steps, claims, log_odds = judgement.step_trust, judgement.claims, judgement.log_odds
+    none, groups = np.zeros(len(ids)), claims.groups
+    share = expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
-        finding=finding,
+        finding=claims.finding,
         log_odds=log_odds,
-        from_actions=judgement.from_actions,
-        from_demonstrator=judgement.from_demonstrator,
-        from_label=judgement.from_answers,
-        expert_proba=proba,
+        from_actions=log_odds,
+        from_demonstrator=none,
+        from_label=none,
+        expert_proba=shown_proba(log_odds, judgement.verdicts, claims.finding, settings.min_proba("none")),
         reliability=steps.reliability,
         reliability_interval=steps.interval,
-        verdicts=verdicts_of(judgement.verdicts, anchor, None if known is None else known.stays),
+        verdicts=verdicts_of(judgement.verdicts, "none"),
         step_log_ratio=judgement.log_ratio,
         step_share=steps.share,
         step_weight=steps.share,
-        prior=Interval(*judgement.expert_share),
-        identifiable=is_decided or claims.finding != "two groups",
+        prior=Interval(*share),
+        identifiable=claims.finding != "two groups",
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
-        demonstrators=rank_demonstrators(data.demonstrators, judgement.demonstrator_trust, ids),
-        anchor=anchor,
+        demonstrators=rank_demonstrators(data.demonstrators, np.empty((0, 3)), ids),
         answers=answers,
-        contradicting=() if known is None else tuple(ids[m] for m in known.contradicting.tolist()),
-        doubts=doubts if known is None else doubts_of_answers(known),
-        notes=notes,
+        doubts=tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts),
+        notes=() if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data),
         columns=judgement.columns,
         columns_within=judgement.columns_within,
         claimed=claims.verdicts.astype(np.int64),
         copy_of=judgement.copy_of,
         settings=settings,
     )
-    return replace(audit, step_weight=weights_of(audit))
+    return with_answers(replace(audit, step_weight=weights_of(audit)), answers)
 
 
 def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:

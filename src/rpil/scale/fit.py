@@ -19,7 +19,6 @@ from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
-from rpil.inference.answers import Answers
 from rpil.inference.channels import channels, components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
@@ -27,7 +26,7 @@ from rpil.inference.groups import fit_groups
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
-from rpil.inference.trust import Evidence, Judgement, conclude
+from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.results.record import Audit
@@ -104,7 +103,7 @@ class JudgedSample:
 
 
 def judge_everyone(
-    sample: JudgedSample, data: FitData, blocks: Iterable[BlockScores], answers: Answers, settings: JudgeSettings
+    sample: JudgedSample, data: FitData, blocks: Iterable[BlockScores], settings: JudgeSettings
 ) -> Judgement:
     """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order.
 
@@ -123,12 +122,9 @@ def judge_everyone(
     seen = components(summed, settings.channels)
     columns = columns_of(described, seen, scores.log_odds, settings.answers)
     pair = telling_pair(claims, score)
-    own = np.arange(len(score))
     within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all
-    evidence = Evidence(scores, columns, judged.states, claims, pair, own, within)
-    return conclude(
-        data, evidence, answers, StepTrust(reliability, interval, none, judged.step_trust.whole_from), none, settings
-    )
+    steps = StepTrust(reliability, interval, none, judged.step_trust.whole_from)
+    return Judgement(scores, columns, judged.states, claims, pair, np.arange(len(score)), within, steps, none)
 
 
 class WeightedBlock(NamedTuple):
