@@ -14,7 +14,7 @@ from pathlib import Path
 
 from options import asked, at_least, make_folder, output, write_json
 from provenance import line, provenance
-from rpil.cli.progress import ProgressTiming, show_progress
+from rpil.cli.progress import show_stages
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     if options.quick:
         print(QUICK, file=sys.stderr)
-    with show_progress(False, ProgressTiming()) as show:
+    with show_stages(False) as show:
         found = run(
             draws=3 if options.quick else options.draws,
             rollouts=20 if options.quick else options.rollouts,

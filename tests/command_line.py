@@ -17,11 +17,11 @@ import click
 import numpy as np
 from click.testing import CliRunner
 
-from rpil.cli.commands import CommandSettings
+from rpil.cli import progress
 from rpil.cli.main import main
-from rpil.cli.progress import ProgressTiming
 from small import FAST
 
+progress.FIRST = 1e3  # no lines about progress, however long a command takes
 ENV = "MountainCar-v0"
 _RNG = np.random.default_rng(0)
 X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arange(6), 10)
@@ -29,7 +29,6 @@ X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arang
 
 def call(*arguments, settings=FAST):
     """Invoke the command without lines about progress; `settings` are those of `RPIL`."""
-    settings = CommandSettings(ProgressTiming(first=1e3), settings)
     return CliRunner(env={"SOURCE_DATE_EPOCH": "1700000000"}).invoke(
         main, [str(argument) for argument in arguments], obj=settings
     )

@@ -38,9 +38,8 @@ import archives
 import asked
 import lerobot_folders
 import rpil
-from rpil.cli.commands import CommandSettings
+from rpil.cli import progress
 from rpil.cli.main import main as command
-from rpil.cli.progress import ProgressTiming
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.videos import EpisodeVideos
 from served import Client
@@ -53,7 +52,8 @@ Found = str | None  # what differed
 
 def call(*words: str, **options: object) -> Result:
     """A command in this process, without lines about progress."""
-    return CliRunner().invoke(command, words, obj=CommandSettings(ProgressTiming(first=1e3)), **options)
+    progress.FIRST = 1e3
+    return CliRunner().invoke(command, words, **options)
 
 
 def ended(result: Result, words: str = "") -> Found:

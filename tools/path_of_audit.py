@@ -39,9 +39,8 @@ def write_demonstrations(path: Path, n_demonstrations: int = 12, n_steps: int = 
 
 def codes_of(command: str, path: Path) -> set[CodeType]:
     """The functions and class bodies of rpil that a command runs on a file."""
-    from rpil.cli.commands import CommandSettings
+    from rpil.cli import progress
     from rpil.cli.main import main as run
-    from rpil.cli.progress import ProgressTiming
 
     codes: set[CodeType] = set()
 
@@ -49,7 +48,7 @@ def codes_of(command: str, path: Path) -> set[CodeType]:
         if event == "call":
             codes.add(frame.f_code)
 
-    silent = CommandSettings(ProgressTiming(first=3600.0))  # what runs does not depend on how long it takes
+    progress.FIRST = 3600.0  # what runs does not depend on how long it takes
     threading.setprofile(note)
     sys.setprofile(note)
     try:
@@ -58,7 +57,7 @@ def codes_of(command: str, path: Path) -> set[CodeType]:
         for module in (imported, registry):  # what a process of its own runs counts as well
             module.in_child = lambda work, *_: work()  # type: ignore[attr-defined]
         with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-            run([command, str(path)], obj=silent)
+            run([command, str(path)])
     finally:
         sys.setprofile(None)
         threading.setprofile(None)

@@ -19,10 +19,8 @@ from click.testing import CliRunner
 from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil import RPIL, read
-from rpil.cli.commands import CommandSettings
 from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
-from rpil.cli.progress import ProgressTiming
 from rpil.cli.questions.session import Session
 from rpil.data.id_values import read_answers
 from rpil.estimators.pipeline import FitOptions
@@ -41,9 +39,8 @@ def audit(data):
 
 def label(keys, *arguments):
     """A run that is given the lines `keys`."""
-    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
     lines = "".join(f"{key}\n" for key in keys)
-    result = CliRunner().invoke(main, ["label", *arguments, "--observations", "x,v"], input=lines, obj=settings)
+    result = CliRunner().invoke(main, ["label", *arguments, "--observations", "x,v"], input=lines, obj=FAST)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -136,8 +133,7 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
     invoked = CliRunner()
     lines = Lines("1\ng\n")
     monkeypatch.setattr("rpil.cli.label.sys", type("Sys", (), {"stdin": lines, "stdout": sys.stdout}))
-    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
-    result = invoked.invoke(main, ["label", data, "--observations", "x,v"], obj=settings)
+    result = invoked.invoke(main, ["label", data, "--observations", "x,v"], obj=FAST)
     assert result.exit_code == 130
     assert result.stderr.endswith("rpil: interrupted; the answers so far are in labels.csv.\n")
     assert len(rows()) == 3
@@ -188,8 +184,7 @@ def test_pairs_reach_the_fit(data, monkeypatch):
 def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():
     name = write("t.parquet", task=np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS))
     Path("labels.csv").write_text("id,label\n0,better than 3\n3,better than 20\n")
-    settings = CommandSettings(ProgressTiming(first=1e3), FAST)
-    result = CliRunner().invoke(main, ["label", name, "--observations", "x,v"], input="g\nb\n", obj=settings)
+    result = CliRunner().invoke(main, ["label", name, "--observations", "x,v"], input="g\nb\n", obj=FAST)
     assert result.exit_code == 0, result.output
     assert "labels.csv: 1 pair compares demonstrations of different tasks, and is left out." in result.stderr
     assert len(rows()) == 5

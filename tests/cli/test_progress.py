@@ -11,9 +11,13 @@ from types import SimpleNamespace
 import pytest
 
 from command_line import npz
-from rpil.cli.progress import ProgressTiming, show_progress
+from rpil.cli.progress import show_stages
 
-OFTEN = ProgressTiming(first=0.01, interval=0.01)
+
+def lines_come(monkeypatch, first, interval=3.0, elapsed_share=0.1):
+    """Set after how many seconds lines are printed."""
+    for name, value in (("FIRST", first), ("INTERVAL", interval), ("ELAPSED_SHARE", elapsed_share)):
+        monkeypatch.setattr(f"rpil.cli.progress.{name}", value)
 
 
 def printed_at_last(capsys, text):
@@ -29,7 +33,7 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     for quiet in (True, False):
-        with show_progress(quiet, ProgressTiming()) as show:
+        with show_stages(quiet) as show:
             show(f"stage [{quiet}]")
     err = capsys.readouterr().err
     assert "stage [True]" not in err
@@ -40,7 +44,8 @@ def test_terminal_shows_the_stage_unless_quiet(monkeypatch, capsys):
 def test_secrets_of_an_address_are_not_shown(monkeypatch, capsys, is_terminal):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal, raising=False)
-    with show_progress(False, OFTEN) as show:
+    lines_come(monkeypatch, 0.01, 0.01)
+    with show_stages(False) as show:
         show("reading s3://KEY:HIDDEN@bucket/a.csv")
         err = printed_at_last(capsys, "@bucket")
     assert "s3://***@bucket/a.csv" in err
@@ -62,17 +67,20 @@ def test_pipe_gets_ever_rarer_lines(capsys, monkeypatch):
 
     monkeypatch.setattr("threading.Event", Finished)
     monkeypatch.setattr("threading.Thread", lambda target, daemon: SimpleNamespace(start=target, join=lambda: None))
-    with show_progress(False, ProgressTiming(first=2, interval=1, elapsed_share=1.0)):
+    lines_come(monkeypatch, 2, 1, 1.0)
+    with show_stages(False):
         pass
     lines = [f"rpil: {seconds} s: loading the libraries" for seconds in (2, 4, 8)]
     assert capsys.readouterr().err.splitlines() == lines  # each time that went by doubles the wait
 
 
-def test_nothing_is_printed_of_what_is_over_at_once_or_quiet(capsys):
-    with show_progress(True, OFTEN) as show:
+def test_nothing_is_printed_of_what_is_over_at_once_or_quiet(capsys, monkeypatch):
+    lines_come(monkeypatch, 0.01, 0.01)
+    with show_stages(True) as show:
         show("not to be seen")
         time.sleep(0.1)
-    with show_progress(False, ProgressTiming(first=3600)) as show:
+    lines_come(monkeypatch, 3600)
+    with show_stages(False) as show:
         show("over at once")
     assert capsys.readouterr() == ("", "")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data, show_stages
+from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
     CHOICE_NAMES,
@@ -33,6 +33,7 @@ from rpil.cli.outputs import (
     write_outputs,
 )
 from rpil.cli.printed_audit import head_lines, next_steps, odd_lines, print_audit
+from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import check_paths, open_with_missing, show_stages
+from rpil.cli.commands import check_paths, open_with_missing
 from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
@@ -20,6 +20,7 @@ from rpil.cli.options import (
     stream_option,
     with_options,
 )
+from rpil.cli.progress import show_stages
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -18,13 +17,12 @@ from click.core import ParameterSource
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 from rpil.cli.options import RunOptions, command_words
-from rpil.cli.progress import LOADING, ProgressTiming, StageProgress, show_progress
+from rpil.cli.progress import LOADING, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 
 if TYPE_CHECKING:
-    from rpil.estimators.settings import Settings
     from rpil.faults.report import FaultReport
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
@@ -39,28 +37,10 @@ KEPT = "rpil.kept"
 """Key of what an interruption leaves, in the `meta` of a click context."""
 
 
-@dataclass(frozen=True)
-class CommandSettings:
-    """Settings that are not options of the command line, as ``obj`` of the context."""
-
-    timing: ProgressTiming = ProgressTiming()
-    fit: Settings | None = None  # of `RPIL`
-
-    @classmethod
-    def current(cls) -> CommandSettings:
-        return click.get_current_context().ensure_object(cls)
-
-
-def show_stages(quiet: bool) -> AbstractContextManager[StageProgress]:
-    """A function that shows the current stage on stderr; it shows nothing if `quiet`."""
-    return show_progress(quiet, CommandSettings.current().timing)
-
-
 class Commands(click.Group):
     """Commands that end an error of the user with a sentence on stderr and code 2, an interruption with code 130."""
 
     def invoke(self, ctx: click.Context) -> object:
-        ctx.ensure_object(CommandSettings)
         try:
             with print_warnings():
                 return super().invoke(ctx)
@@ -243,8 +223,7 @@ def audit_data(
     files = options.labels, who, options.reference
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    settings = CommandSettings.current().fit or Settings()
-    chosen = FitOptions(features, options.adversary, options.seed, settings, progress)
+    chosen = FitOptions(features, options.adversary, options.seed, ctx.obj or Settings(), progress)
     audit = audit_recording(recording, stated, chosen, file, command, files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli.commands import show_stages
 from rpil.cli.options import json_option, quiet_option, seed_option
+from rpil.cli.progress import show_stages
 from rpil.cli.terminal import to_json
 
 if TYPE_CHECKING:

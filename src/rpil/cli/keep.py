@@ -15,7 +15,6 @@ from rpil.cli.commands import (
     open_recording,
     open_with_missing,
     read_data,
-    show_stages,
     tell_of_set_aside,
 )
 from rpil.cli.options import (
@@ -28,7 +27,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.outputs import choice_asked, deciding_lines, exit_code
-from rpil.cli.progress import StageProgress
+from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
 from rpil.data.held import holding

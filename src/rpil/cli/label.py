@@ -18,12 +18,12 @@ from rpil.cli.commands import (
     audit_data,
     check_paths,
     read_data,
-    show_stages,
     tell_if_interrupted,
     tell_of_set_aside,
 )
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
+from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
 from rpil.data.text import counted

@@ -11,7 +11,7 @@ import click
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines, report
 from rpil.cli.check import check
-from rpil.cli.commands import Commands, CommandSettings, check_paths, show_stages
+from rpil.cli.commands import Commands, check_paths
 from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
@@ -26,7 +26,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.progress import LOADING
+from rpil.cli.progress import LOADING, show_stages
 from rpil.cli.review import review
 
 
@@ -65,8 +65,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
-        settings = CommandSettings.current().fit
-        model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=settings, progress=progress)
+        model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=ctx.obj, progress=progress)
         model.fit(recording, labels=run.labels, demonstrators=run.operator)
         save(model, output)
     commands.tell_of_set_aside(recording)

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import click
 
@@ -20,18 +19,14 @@ LOADING = "loading the libraries"
 """The stage of a command until it names another one."""
 
 
-@dataclass(frozen=True)
-class ProgressTiming:
-    """When lines about progress are printed where there is no terminal."""
-
-    first: float = 1.0  # seconds until the first line
-    interval: float = 3.0  # seconds between two lines, at least
-    elapsed_share: float = 0.1  # the same as a share of the elapsed time: lines become rarer
+FIRST, INTERVAL, ELAPSED_SHARE = 1.0, 3.0, 0.1
+"""Where there is no terminal: seconds until the first line, seconds between two lines at least, and these as a share
+of the elapsed time: lines become rarer."""
 
 
 @contextmanager
-def show_progress(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress]:
-    """A function that shows the current stage; it shows nothing if `quiet`."""
+def show_stages(quiet: bool) -> Iterator[StageProgress]:
+    """A function that shows the current stage on stderr; it shows nothing if `quiet`."""
     if quiet:
         yield lambda stage: None
         return
@@ -47,11 +42,11 @@ def show_progress(quiet: bool, timing: ProgressTiming) -> Iterator[StageProgress
     start, latest, finished = time.monotonic(), [LOADING], threading.Event()
 
     def print_lines() -> None:
-        wait = timing.first
+        wait = FIRST
         while not finished.wait(wait):
             elapsed = time.monotonic() - start
             click.echo(f"rpil: {elapsed:.0f} s: {without_secrets(latest[0])}", err=True)
-            wait = max(timing.interval, timing.elapsed_share * elapsed)
+            wait = max(INTERVAL, ELAPSED_SHARE * elapsed)
 
     thread = threading.Thread(target=print_lines, daemon=True)
     thread.start()

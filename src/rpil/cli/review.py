@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, check_paths, look_for_faults, show_stages
+from rpil.cli.commands import AuditRun, check_paths, look_for_faults
 from rpil.cli.label import audit_with_answers, by_option, command_with_labels, last_lines
 from rpil.cli.options import LABEL_OPTIONS, Value, with_options
 from rpil.cli.outputs import OUTPUTS, about, lines_after_output, write_outputs
+from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
