@@ -30,7 +30,7 @@ def judged(request):
     data = fit_data_of(toy)
     judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), SETTINGS)
     kept = FittedJudge.of(judgement, data, SETTINGS)
-    return data, judgement, kept, kept.step_ratios(data.features, data.actions, SETTINGS)
+    return data, judgement, kept, kept.ratio.step_ratios(data.features, data.actions, SETTINGS.held_out)
 
 
 def test_fitted_judge_gives_the_signs_of_the_judgement(judged):

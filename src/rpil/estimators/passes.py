@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import FullFit, JudgeInput, TrustDecision
+from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
 from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
@@ -27,9 +26,6 @@ from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Shards
-
-if TYPE_CHECKING:
-    from rpil.estimators.task import Features, FinalPolicy
 
 MAX_DRAWN_STEPS = 100_000
 """Steps that are read again for traces."""
@@ -74,16 +70,13 @@ class SampledFit(FullFit):
         judgement = judge_everyone(sample, everyone, scores, options.settings.judge)
         return judgement, replace(sample.judge, groups=judgement.scores.groups), everyone
 
-    def fit_policy(
-        self, posed: JudgeInput, decision: TrustDecision
-    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
+    def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
         task, options, data = self.task, self.options, posed.data
         assert posed.blocks is not None
-        sample = _sample(posed, decision.judgement, decision.judge)
-        weights = StepWeights.of(decision.audit, sample, options.settings.judge)
+        sample = _sample(posed, decided.judgement, decided.judge)
+        weights = StepWeights.of(decided.audit, sample, options.settings.judge)
         if not self.keeps_policy:
-            audit, _ = self._weigh(posed, decision, posed.blocks.then(weights))
-            return posed.features, None, replace(decision, audit=audit)
+            return replace(decided, audit=self._weigh(posed, decided, posed.blocks.then(weights))[0])
         weight = weights.steps(data, sample.indices)[-1]
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
         observations = posed.demonstrations.observations
@@ -91,24 +84,24 @@ class SampledFit(FullFit):
         weights = replace(weights, final=DesignMap(features, task.space, task.classes))
         data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights).kept(int(task.source.offsets[-1]))
-        audit, total = self._weigh(posed, decision, blocks)
+        audit, total = self._weigh(posed, decided, blocks)
         ridge, final_ridge = (ridge_of(features, options.C, float(n), task.space) for n in (weight.sum(), total))
         first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
         policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
-        return features, policy.with_temperature(choice.temperature), replace(decision, audit=audit)
+        return replace(decided, audit=audit, features=features, policy=policy.with_temperature(choice.temperature))
 
-    def _weigh(self, posed: JudgeInput, decision: TrustDecision, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
+    def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
         (log_ratio, share, step_weight), total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]))
-        audit = replace(decision.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
-        return replace(audit, traces=self._traces(posed, decision, audit)), total
+        audit = replace(decided.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        return replace(audit, traces=self._traces(posed, decided, audit)), total
 
-    def _traces(self, posed: JudgeInput, decision: TrustDecision, audit: Audit) -> dict[Hashable, Traces]:
+    def _traces(self, posed: JudgeInput, decided: FitResult, audit: Audit) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
         task, settings = self.task, self.options.settings.judge.held_out
-        sample = _sample(posed, decision.judgement, decision.judge)
+        sample = _sample(posed, decided.judgement, decided.judge)
         assert sample.judge.ratio is not None
         drawn = worth_a_look(audit)
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]

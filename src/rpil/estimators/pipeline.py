@@ -137,15 +137,20 @@ class JudgeInput:
 
 
 @dataclass(frozen=True, eq=False)
-class TrustDecision:
-    """The audit of the demonstrations, and the fitted models that judge other demonstrations."""
+class FitResult:
+    """The audit of the demonstrations, and what judges others and acts; the estimator copies it onto itself."""
 
     audit: Audit
-    judge: FittedJudge | None
-    state: State | None
+    judge_features: Features
+    """While trust was decided."""
+    features: Features
+    """Of the final policy; those of the judge where no policy is kept."""
+    policy: FinalPolicy | None = None
+    judge: FittedJudge | None = None
+    state: State | None = None
     """Of the mixture with a named adversary."""
-    n_iter: int
-    lower_bound: float
+    n_iter: int = 0
+    lower_bound: float = 0.0
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
@@ -167,7 +172,7 @@ def judged_by(posed: JudgeInput, options: FitOptions, is_kept: bool) -> tuple[Ju
     return judgement, FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
 
 
-def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> TrustDecision:
+def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
     """The decision of the paper's mixture with a named adversary."""
     from rpil.mixture.search import SearchSettings, fit_mixture
     from rpil.policies.linear import linear_policy
@@ -179,8 +184,8 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> TrustDecision:
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
-    n_iter = max(1, len(result.history) - 1)
-    return TrustDecision(audit, None, result.state, n_iter, result.objective, bool(result.converged))
+    fitted = FitResult(audit, posed.features, posed.features, state=result.state, converged=bool(result.converged))
+    return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
 
 def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Array]:
@@ -189,18 +194,6 @@ def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Arr
     best = np.argsort(-judged.scores.score, kind="stable")[: settings.mixture.single_starts]
     single = {f"single {m}": (np.arange(data.n_demonstrations) == m).astype(float) for m in best}
     return {"agreeing": judged.training_group.astype(float)} | single
-
-
-@dataclass(frozen=True, eq=False)
-class FitResult:
-    """The result of a fit; the estimator copies it onto itself."""
-
-    decision: TrustDecision
-    judge_features: Features
-    """While trust was decided."""
-    features: Features
-    """Of the final policy; those of the judge where no policy is kept."""
-    policy: FinalPolicy | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +208,9 @@ class FullFit:
     def run(self) -> FitResult:
         """Pose, decide, and fit the final policy, if it is kept."""
         posed, options = self.pose(), self.options
-        decision = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
+        decided = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
         options.progress("the policy" if self.keeps_policy else "the weights of the steps")
-        features, policy, decision = self.fit_policy(posed, decision)
-        return FitResult(decision, posed.features, features, policy)
+        return self.fit_policy(posed, decided)
 
     def pose(self) -> JudgeInput:
         """The demonstrations that the decision reads, and their features."""
@@ -238,7 +230,7 @@ class FullFit:
         order = None if task.order is None else task.order[copies.judged]
         return JudgeInput(different, data, features, order, copies=copies)
 
-    def decide(self, posed: JudgeInput) -> TrustDecision:
+    def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, settings, copies = self.task, self.options.settings, posed.copies
         is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
@@ -247,7 +239,8 @@ class FullFit:
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
         notes = (*audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence)
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        return TrustDecision(audit, judge, None, len(history), float(history[-1]), judgement=judgement)
+        decided = FitResult(audit, posed.features, posed.features, judge=judge, judgement=judgement)
+        return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
     def extend(
         self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
@@ -273,11 +266,9 @@ class FullFit:
         data = task.data(demonstrations, features, self._single(demonstrations))
         return replace(data, labels=task.answers.labels, demonstrators=task.demonstrators)
 
-    def fit_policy(
-        self, posed: JudgeInput, decision: TrustDecision
-    ) -> tuple[Features, FinalPolicy | None, TrustDecision]:
-        """The features and the final policy, if it is kept, and the decision with the weights of all steps."""
-        audit, judged = decision.audit, posed
+    def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
+        """What was decided, with the weights of all steps, and the final policy, if it is kept."""
+        audit, judged = decided.audit, posed
         if posed.copies is not None:  # the policy learns from copies as well
             every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
@@ -288,7 +279,7 @@ class FullFit:
             features, policy = final_policy()
             return policy.outputs(features.design(posed.demonstrations.observations[rows]))
 
-        judgement, settings = decision.judgement, self.options.settings.judge.held_out
+        judgement, settings = decided.judgement, self.options.settings.judge.held_out
         if judgement is None or (self.options.policy is not None and data.space.kind == "continuous"):
             evidence = by_final_policy(audit, judgement, data, outputs, settings)
         else:
@@ -296,7 +287,8 @@ class FullFit:
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         features, policy = final_policy() if self.keeps_policy else (posed.features, None)
-        return features, policy, replace(decision, audit=replace(audit, deviations=phrases, traces=drawn))
+        audit = replace(audit, deviations=phrases, traces=drawn)
+        return replace(decided, audit=audit, features=features, policy=policy)
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
         data = posed.data
@@ -313,6 +305,4 @@ def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     features = options.judge_features(demonstrations)
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
     options.progress("the policy")
-    decision = TrustDecision(audit, None, None, 0, 0.0)
-    kind, policy, _ = FullFit(task, options).fit_policy(posed, decision)
-    return FitResult(decision, features, kind, policy)
+    return FullFit(task, options).fit_policy(posed, FitResult(audit, features, features))

@@ -212,10 +212,10 @@ class RPIL(PolicyEstimator):
             self._keep(*fits[0])
         else:
             self._keep(task, learn(task, options, audit))
-            decisions = [result.decision for _, result in fits]
-            self.n_iter_ = sum(decision.n_iter for decision in decisions)
-            self.lower_bound_ = float(np.mean([decision.lower_bound for decision in decisions]))
-            self.converged_ = all(decision.converged for decision in decisions)
+            results = [result for _, result in fits]
+            self.n_iter_ = sum(result.n_iter for result in results)
+            self.lower_bound_ = float(np.mean([result.lower_bound for result in results]))
+            self.converged_ = all(result.converged for result in results)
         self.audit_ = audit
         return self
 
@@ -229,12 +229,11 @@ class RPIL(PolicyEstimator):
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
-        decision = fitted.decision
         assert fitted.policy is not None
         self.space_, self.classes_ = task.space, task.classes
         self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
-        self.judge_, self.state_, self.audit_ = decision.judge, decision.state, decision.audit
-        self.n_iter_, self.lower_bound_, self.converged_ = decision.n_iter, decision.lower_bound, decision.converged
+        self.judge_, self.state_, self.audit_ = fitted.judge, fitted.state, fitted.audit
+        self.n_iter_, self.lower_bound_, self.converged_ = fitted.n_iter, fitted.lower_bound, fitted.converged
         return self
 
     @property
@@ -271,7 +270,7 @@ class RPIL(PolicyEstimator):
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         settings = (self.settings or Settings()).judge
         if self.judge_.ratio is not None:
-            log_prob, log_ratio = self.judge_.step_ratios(design, codes, settings)
+            log_prob, log_ratio = self.judge_.ratio.step_ratios(design, codes, settings.held_out)
             return self.judge_.log_odds(data, log_ratio if self.space_.kind == "discrete" else log_prob, settings)
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))

@@ -166,7 +166,7 @@ def _fit_group(
     names, order = stated.demonstrators or None, stated.order
     task = Task.of(demonstrations, options.action_box, stated.answers, names, order)
     result = fit_task(task, options, keeps_policy)
-    audit = result.decision.audit
+    audit = result.audit
     return audit if len(audit.ids) == n else select(audit, range(n), ids), (task, result)
 
 
@@ -182,24 +182,22 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         stages = SampledFit(task, options, keeps_policy)
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
         result = stages.run()
-    decision, prior = result.decision, options.settings.mixture.prior
-    audit = decision.audit
-    own = type(options.policy).__name__
+    own, prior = type(options.policy).__name__, options.settings.mixture.prior
     sentences = assumption_sentences(
-        audit,
+        result.audit,
         f"The policy is linear in {result.features.kind} features."
         if options.policy is None
         else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
-        p_two_groups=None if decision.judgement is None else decision.judgement.scores.groups.p_two,
+        p_two_groups=None if result.judgement is None else result.judgement.scores.groups.p_two,
         expert_share=prior if isinstance(prior, float) else None,
         demonstrators=task.demonstrators.note,
     )
-    if not decision.converged:
+    if not result.converged:
         from sklearn.exceptions import ConvergenceWarning
 
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
-    return replace(result, decision=replace(decision, audit=replace(audit, assumptions=sentences)))
+    return replace(result, audit=replace(result.audit, assumptions=sentences))
 
 
 def _warn_of_few(group: str, n: int, recording: Recording) -> None:

@@ -126,13 +126,6 @@ class FittedJudge:
         ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
         return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, similar)
 
-    def step_ratios(
-        self, features: Float[Array, "N D"], actions: Shaped[Array, "N ..."], settings: JudgeSettings
-    ) -> StepRatios:
-        """Log-ratios of the actions taken."""
-        assert self.ratio is not None
-        return self.ratio.step_ratios(features, actions, settings.held_out)
-
     def step_ratios_of(
         self,
         policy: CrossFittedPolicy,

@@ -18,7 +18,6 @@ from rpil.inference.claims import Doubt
 from rpil.inference.findings import FINDINGS
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.trust import Judgement
-from rpil.numerics.types import Array, Float, Int
 from rpil.results.answering import (
     NOT_USED,
     rank_demonstrators,
@@ -125,8 +124,10 @@ def audit_from_mixture(
     """The audit of EM with a named adversary. A demonstration is good or bad as a whole there, so its reliability and
     the weight of its steps are P(expert)."""
     posterior = result.posterior
-    from_actions = np.nan_to_num(posterior.log_odds, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS)
-    log_odds = certain(from_actions, data.labels, settings)
+    from_actions = np.clip(np.nan_to_num(posterior.log_odds), -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    # A label is as good as certain.
+    labelled = data.labels * np.maximum(np.abs(from_actions), settings.min_label_log_odds)
+    log_odds = np.where(data.labels == 0, from_actions, labelled)
     proba = expit(log_odds)
     return Audit(
         ids=tuple(ids),
@@ -153,13 +154,6 @@ def audit_from_mixture(
         copy_of=np.arange(len(ids)),
         settings=settings,
     )
-
-
-def certain(log_odds: Float[Array, " M"], labels: Int[Array, " M"], settings: AuditSettings) -> Float[Array, " M"]:
-    """Log-odds in which labels (1 good, -1 bad, 0 unknown) are as good as certain; all become finite."""
-    log_odds = np.clip(log_odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    labelled: Array = labels * np.maximum(np.abs(log_odds), settings.min_label_log_odds)
-    return np.where(labels == 0, log_odds, labelled)
 
 
 def assumption_sentences(

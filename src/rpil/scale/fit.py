@@ -79,12 +79,12 @@ class BlockScores(NamedTuple):
 
 def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample."""
-    data = prepared[1]
-    log_prob, log_ratio = judge.step_ratios(data.features, data.actions, settings)
+    data, ratio = prepared[1], judge.ratio
+    assert ratio is not None
+    log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
     scored = log_ratio if data.space.kind == "discrete" else log_prob
     score, squares = judge.score(data, scored, settings)
-    assert judge.ratio is not None
-    actions = judge.ratio.indicators(data.actions)
+    actions = ratio.indicators(data.actions)
     described = channels(data, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
     described[:, 0] = score
     summed = summaries(data, actions).astype(np.float32)
@@ -172,7 +172,8 @@ class StepWeights:
 
     def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:
         """Log-ratios, shares and weights of the steps, (N,) each, of some of the demonstrations."""
-        log_prob, log_ratio = self.judge.step_ratios(data.features, data.actions, self.settings)
+        assert self.judge.ratio is not None
+        log_prob, log_ratio = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
         against = np.zeros(len(log_prob))
         if self.others is not None:
             against = log_prob - self.others.step_ratios(data.features, data.actions, self.settings.held_out)[0]
