@@ -80,7 +80,7 @@ BAD_DATA = {
     "twice.parquet": (repeated, "column 'observation.x' appears twice; rename or drop"),
     "text.csv": (
         lambda name: text(name, HEAD, "0,1,2", "5,1,far"),
-        r"demonstration 5, row 2: column 'observation.x' holds text \('far'\) where numbers are due; write numbers",
+        r"demonstration 5, row 2: column 'observation.x' holds text \('far'\), not numbers; write numbers",
     ),
     "text.npz": (lambda name: npz(name, observations=X.astype(str)), "no column holds observations: .*'observation'"),
     "still-numbers.npz": (lambda name: npz(name, actions=X * 0), "every action is the same; give demonstrations"),

@@ -171,7 +171,7 @@ def test_faults_that_are_named_are_rejected():
         assert kept_in("k.npz") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
     ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "--yes", "-q")
     assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
-    refused("there is no rule 'jumps'; the rules are missing values,", *call_of, "n.npz", "--without-faults", "jumps")
+    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.npz", "--without-faults", "jumps")
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
     said = ok(*call_of, "k.npz", "--without-faults", "dropped frames,jump").stderr
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
+from command_line import ok
 from rpil.cli import printed_audit
 from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, next_steps, odd_lines, print_audit, worst_and_doubtful
 from rpil.cli.terminal import size_of
@@ -58,7 +59,7 @@ def printed(audit, capsys, all_rows=False):
     """The lines with everything that the command prints."""
     head = ["drives.csv: CSV; 40 demonstrations, 4,000 steps.", "Action: steering.", "A note.", "Another note.", ""]
     closing = ["", *next_steps(audit, "labels.csv", COMMAND)]
-    print_audit(audit, head, odd_lines(faults(audit.ids), COMMAND[2]), closing, all_rows)
+    print_audit(audit, head, odd_lines(faults(audit.ids), ["rpil", "check", COMMAND[2]]), closing, all_rows)
     return capsys.readouterr().out.splitlines()
 
 
@@ -74,7 +75,7 @@ def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
     assert len(rows) <= MAX_ROWS
     text = "\n".join(lines)
     assert (question(audit) is None) == ("Which is better" not in text)
-    assert "9 recordings are odd: " in text
+    assert "9 recordings are odd, most of all " in text
     assert text.encode("ascii")
 
 
@@ -107,8 +108,9 @@ def test_outliers_of_operators_are_counted(capsys):
 
 
 def test_no_fault_is_a_sentence_and_one_is_one(capsys):
-    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99), "x.csv") == ["No recording faults found."]
-    one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99), "x.csv")[::2]
+    every = ["rpil", "check", "x.csv"]
+    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99), every) == ["No recording faults found."]
+    one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99), every)[::2]
     assert one.startswith("1 recording is odd: a: action_steer leaps by")
     assert command == "  All: rpil check x.csv"
 
@@ -234,3 +236,12 @@ def test_ids_are_cut_at_their_beginning():
 def test_a_reason_is_whole_where_all_rows_are_printed(monkeypatch, capsys):
     monkeypatch.setattr(Audit, "reasons", property(lambda audit: tuple(f"reason {m}. " * 20 for m in audit.ids)))
     assert "reason 3. " * 20 in "\n".join([*printed(make_audit(), capsys, all_rows=True), ""]).replace("\n", " ")
+
+
+def test_the_command_that_lists_odd_recordings_reads_the_same_columns(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    rows = (f"{k // 40},{x},{u}" for k, (x, u) in enumerate(rng.normal(size=(400, 2))))
+    (tmp_path / "a.csv").write_text("\n".join(["lap,seen,done", *rows, "10,500,1", *["10,1,1"] * 39]))
+    printed = ok("audit", "a.csv", "--id", "lap", "--action", "done", "--only", "0-10", "--seed", "1").stdout
+    assert "  All: rpil check a.csv --id lap --action done --only 0-10\n" in printed

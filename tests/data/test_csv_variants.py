@@ -206,9 +206,7 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
     for rows in (None, SHUFFLED):
         (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
         notes = read_recording(tmp_path / "a.csv").description.notes
-        assert notes == (
-            "Constant within each demonstration: seed, wind; leave out columns that the demonstrator could not see.",
-        )
+        assert notes == ("Constant in each demonstration: seed, wind; exclude what nobody could see.",)
 
 
 REFUSED = {

@@ -66,7 +66,7 @@ def test_other_names_stay(tmp_path):
 def test_a_file_of_another_layout_is_named(tmp_path):
     folder = aloha(tmp_path / "cube")
     robomimic(folder / "lift.hdf5")
-    with pytest.raises(DataError, match=r"lift.hdf5: it is no file of one demonstration"):
+    with pytest.raises(DataError, match=r"lift.hdf5: in a folder each file is one demonstration"):
         formats.read(folder)
 
 
@@ -118,12 +118,12 @@ def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
     [
         (
             {"obs": np.ones((3, 2))},
-            "1/trajectory.npz: it is no file of one demonstration",
+            "1/trajectory.npz: in a folder each file is one demonstration",
         ),
-        ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "tells of several"),
+        ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "names several; give the path"),
         (
             {"acts": np.ones(3), "indices": np.array([2]), "terminal": np.ones(2, bool)},
-            "tells of several",
+            "names several; give the path",
         ),
         ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
         ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),

@@ -44,7 +44,7 @@ def test_a_demonstration_ends_at_a_pause_and_where_the_clock_goes_back(clock, su
     recording = rpil.open(table if suffix == "frame" else path, split_gap=1.0)
     assert recording.demonstrations.ids == (0, 1, 2)
     assert recording.demonstrations.lengths.tolist() == [3, 2, 3]
-    assert recording.description.id_column == "stretch"
+    assert recording.description.id_column == "pauses"
     np.testing.assert_array_equal(recording.demonstrations.actions.ravel(), table["action"].to_numpy())
     longer = rpil.open(table if suffix == "frame" else path, split_gap=4.9)
     assert longer.demonstrations.lengths.tolist() == [5, 3]

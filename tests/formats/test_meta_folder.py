@@ -69,7 +69,7 @@ def test_numbers_as_text_and_nested_names_are_read(tmp_path):
     features = {name: {"shape": [2], "names": [["a", "b"]]} for name in ("observation.state", "action")}
     change_info(root, fps="25", total_frames="15", features=features)
     description = formats.read_recording(root).description
-    note = "Declared are 25 frames a second, which count here; the timestamps say 30."
+    note = "25 frames a second are declared, and count here; by the timestamps it is 30."
     assert (description.fps, description.notes) == (25, (note,))
     assert description.observations == ("state.a", "state.b")
     change_info(root, fps="thirty", total_frames="16")
@@ -79,7 +79,7 @@ def test_numbers_as_text_and_nested_names_are_read(tmp_path):
     assert description.observations == ("state.a", "state.b")
 
 
-@pytest.mark.parametrize(("n", "words"), [(1, "1 camera was not used"), (2, "2 cameras were not used")])
+@pytest.mark.parametrize(("n", "words"), [(1, "(1 camera): what only it"), (2, "(2 cameras): what only they")])
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_cameras_that_were_not_used_are_counted(tmp_path, n, words, on_disk):
     root = lerobot(tmp_path)

@@ -107,7 +107,7 @@ def test_doubts_of_answers():
 
     assert ["One answer alone does not" in doubt for doubt in doubts(1)] == [True]
     assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
-    assert ["agree with nothing" in doubt for doubt in doubts(8, p_nothing=0.6)] == [True]
+    assert ["No measured fact" in doubt for doubt in doubts(8, p_nothing=0.6)] == [True]
 
 
 def asking(ratio=(), **changes):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import click
@@ -134,7 +134,8 @@ def audit(
     else:
         within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
-        print_audit(result, [*head, *within, ""], odd_lines(faults, file), closing_lines(ctx, result), all_rows)
+        odd = odd_lines(faults, check_words(ctx))
+        print_audit(result, [*head, *within, ""], odd, closing_lines(ctx, result), all_rows)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
@@ -158,6 +159,14 @@ def report(run: str, output: str) -> None:
 
     write_page(output, [Article(read_audit(run, Audit)[1])])
     click.echo(f"Report: {output}")
+
+
+def check_words(ctx: click.Context) -> list[str]:
+    """The command that lists all recording faults of the same data."""
+    from rpil.formats.columns import ColumnOptions
+
+    read = {one.name for one in fields(ColumnOptions)} - {"session", "outcome"}
+    return command_words(ctx, "check", without={str(param.name) for param in ctx.command.params} - read)
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:

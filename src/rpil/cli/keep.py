@@ -135,7 +135,8 @@ def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[
     if trims is not None:
         lengths = dict(zip(read.demonstrations.ids, read.demonstrations.lengths.tolist(), strict=True))
         n = sum(lengths[name] - end + first for name, (first, end) in trims.items())
-        click.echo(f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves.")
+        cut = f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves."
+        click.echo(cut if trims else "Nothing was trimmed: their ends are not idle.")
 
 
 def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:

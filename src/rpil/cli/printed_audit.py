@@ -90,17 +90,17 @@ def verdict_sentence(audit: Audit) -> str:
     return f"{size}: {counts}."
 
 
-def odd_lines(report: FaultReport, file: str) -> list[str]:
-    """How many recordings are odd, the worst ones, and the command that lists all."""
+def odd_lines(report: FaultReport, command: Sequence[str]) -> list[str]:
+    """How many recordings are odd, the worst ones, and the `command` that lists all."""
     worst: dict[Hashable, str] = {}
     for found in report.findings:
         worst.setdefault(found.id, found.sentence)
     if not worst:
         return ["No recording faults found."]
-    count = f"{len(worst):,} recordings are odd" if len(worst) > 1 else "1 recording is odd"
+    count = f"{len(worst):,} recordings are odd, most of all" if len(worst) > 1 else "1 recording is odd:"
     named = [f"{short_id(name)}: {sentence}" for name, sentence in [*worst.items()][:N_NAMED]]
-    some = _widest((f"{count}: {'; '.join(named[:most])}." for most in range(N_NAMED, 0, -1)), 2)
-    return [*some, *command_lines("  All: ", ["rpil", "check", file], line_width())]
+    some = _widest((f"{count} {'; '.join(named[:most])}." for most in range(N_NAMED, 0, -1)), 2)
+    return [*some, *command_lines("  All: ", command, line_width())]
 
 
 def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
@@ -155,7 +155,7 @@ def _every_column(audit: Audit, shown: Sequence[int]) -> dict[str, list[str]]:
         "score": _scores(audit.log_odds[[*shown]]),
         **{f"from {name}": _scores(part[[*shown]]) for name, part in audit.evidence_columns().items()},
         audit.vocabulary.probability: [proba.get(m, "") for m in shown],
-        "reliability": [f"{audit.reliability[m]:.2f}" for m in shown],
+        "like the rest": [f"{audit.reliability[m]:.2f}" for m in shown],
         "operator": [who.get(audit.ids[m], "") for m in shown],
         "group": [groups.get(audit.ids[m], "") for m in shown],
         "steps": [f"{audit.lengths[m]:,}" for m in shown],
@@ -168,7 +168,7 @@ def _every_column(audit: Audit, shown: Sequence[int]) -> dict[str, list[str]]:
 def _narrow(columns: dict[str, list[str]], width: int) -> dict[str, list[str]]:
     """The columns but for some that a narrow terminal has no room for."""
     sizes = {title: 2 + max(map(size_of, [title, *cells])) for title, cells in columns.items() if title != "why"}
-    for title in [*(title for title in columns if title.startswith("from ")), "steps", "reliability", "operator"]:
+    for title in [*(title for title in columns if title.startswith("from ")), "steps", "like the rest", "operator"]:
         if sum(sizes.values()) > width - 2 * len("why") and sizes.pop(title, 0):
             columns = {name: cells for name, cells in columns.items() if name != title}
     return columns
@@ -183,7 +183,7 @@ def short_id(name: Hashable, most: int = 28) -> str:
 def _scores(values: Float[Array, " R"]) -> list[str]:
     """Scores with one decimal, or more where all are small."""
     digits = 1 if max(map(abs, values), default=0.0) >= 1 else 3
-    return [f"{value:+.{digits}f}" if abs(value) < 1e4 else f"{value:+.0e}" for value in values.tolist()]
+    return [f"{value:+.{digits}f}" if abs(value) < 1e4 else f"{value:+,.0f}" for value in values.tolist()]
 
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:

@@ -94,7 +94,7 @@ def as_observations(values: object, where: str) -> Array:
     """Observations as a C-contiguous (N, D) array, float32 kept and all else float64."""
     array = as_array(values, "observations", where)
     if array.dtype.kind == "U":
-        raise DataError(f"{where}: observations hold text where numbers are due; encode it as numbers first.")
+        raise DataError(f"{where}: observations hold text, not numbers; encode it as numbers first.")
     if array.ndim == 1:
         raise DataError(f"{where}: observations must be (N, D), not (N,); with one per step use reshape(-1, 1).")
     if array.ndim != 2 or array.shape[1] == 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from difflib import get_close_matches
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable
@@ -21,7 +22,9 @@ def rule_name(word: str, where: str) -> str:
     there is none."""
     name = RULE_NAMES.get(word.strip().upper(), word.strip().lower().replace("-", " ").replace("_", " "))
     if name not in RULES:
-        raise DataError(f"{where}: there is no rule {word!r}; the rules are {', '.join(RULES)}.")
+        near = get_close_matches(name, RULES, 1)
+        remedy = f"perhaps it is {near[0]!r}" if near else f"the rules are {', '.join(RULES)}"
+        raise DataError(f"{where}: there is no rule {word!r}; {remedy}.")
     return name
 
 

@@ -11,7 +11,7 @@ from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measuremen
 from rpil.numerics.types import Array
 
 OF_COLUMNS = "columns", "several"
-RESTS = "{} rest for long, or demonstrations differ too much in this"
+RESTS = "{} do not move for long, or demonstrations differ too much in this"
 
 FEW, MOST_FEW = (4, 0.1), 0.25
 """Demonstrations, or share of them, that may have a fault before that is usual; and the largest share."""

@@ -101,13 +101,13 @@ class Measurements:
     def lacking(self) -> dict[str, str]:
         """What rules may need and is not there, and a reason."""
         columns, least = self.learned.columns, self.learned.settings.min_demonstrations
-        codes = "no {} measures something: they are constant, codes or pixels"
+        codes = "every {} is constant, a code or a pixel, and measures nothing"
         reasons = {
             "observations": (columns.is_action.all(), codes.format("observation")),
             "actions": (not columns.is_action.any(), codes.format("action")),
             "columns": (not columns.names, codes.format("observation or action")),
             "map": (self.learned.namer is None, "no state corresponds to an action"),
-            "lag": (not self.learned.pairs, "no observation goes with an action"),
+            "lag": (not self.learned.pairs, "no observation follows an action"),
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}

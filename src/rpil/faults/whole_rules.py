@@ -83,7 +83,7 @@ class Undone(ComparingRule):
     """A demonstration fits the map between states and actions of the others once a fault is undone."""
 
     needs = ("map", "several")
-    unknown = "in these data it would not be seen"
+    unknown = "these data could not show it"
     causes = ("never moves", "next state", "two episodes")
     sentences: ClassVar[dict[str, str]]
     """What is said of each kind of fault that is tried."""

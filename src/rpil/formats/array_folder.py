@@ -152,14 +152,14 @@ def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[st
         actions = first(arrays, (*ACTIONS, *acted))
         if actions is None:
             raise DataError(
-                f"{where}: it is no file of one demonstration, because no array holds the actions of its steps; save "
-                f"one as {ACTIONS[0]!r}, take the file out of the folder, or give its path alone."
+                f"{where}: in a folder each file is one demonstration, and here no array holds its actions; give the "
+                f"path of the file itself, call the array {ACTIONS[0]!r}, or take the file out of the folder."
             )
         n_steps = arrays[actions].shape[0]
         if several := holds_several(arrays, n_steps, where):
             raise DataError(
-                f"{where}: in a folder each file is one demonstration, and here {several} tells of several "
-                "demonstrations; give the path of the file alone."
+                f"{where}: in a folder each file is one demonstration, and here {several} names several; give "
+                "the path of the file itself."
             )
         numbers = [one for one, array in arrays.items() if array.shape in ((), (1,)) and array.dtype.kind in "biuf"]
         whole = {one: arrays[one] for one in numbers if may_be_outcome(one)}

@@ -278,13 +278,13 @@ def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | N
     if 1 < len(places.ids) == places.offsets[-1]:
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
-        yield f"Declared are {declared:g} frames a second, which count here; the timestamps say {recorded:.3g}."
+        yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
     constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
     halves = {name: high / 2 - low / 2 for name, (low, high) in found.statistics.ranges(names).items()}
     tiny = [name for name in layout.observation_names if 0 < halves.get(name, 0.0) < SMALLEST]
     if constant:
-        todo = "leave out columns that the demonstrator could not see"
-        yield f"Constant within each demonstration: {commas(constant)}; {todo}."
+        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
+        yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
     if tiny:
         yield (
             f"Too small: values of {commas(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "

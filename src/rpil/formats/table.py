@@ -95,7 +95,7 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     """The error that a column holds `texts`, at the first that is no number."""
     row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
     return DataError(
-        f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}) where numbers are due; write numbers, or "
+        f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}), not numbers; write numbers, or "
         "leave the column out with <option>.",
         "exclude",
     )

@@ -45,7 +45,7 @@ def fit_mixture(
 
     def begin(start: tuple[str, Array]) -> MixtureFit:
         name, weight = start
-        progress(f"start: {name}")
+        progress(f"fitting, from the start {name}")
         return _first_iterations(data, settings, which, weight)
 
     def rank(result: MixtureFit) -> tuple[int, float]:

@@ -47,8 +47,8 @@ NEXT_STEPS = {
 
 MIN_OF_NOTHING = 8
 NOTHING_FOLLOWED = (
-    "The answers agree with nothing that was measured of the demonstrations, as random answers would: few other "
-    "demonstrations get a verdict from them. Check some of the answers."
+    "No measured fact explains the answers, as if they were given by chance, so that few other demonstrations get a "
+    "verdict; check some of the answers."
 )
 """The answers from which this is said, and the sentence."""
 

@@ -23,14 +23,22 @@ MAX_NAME = 40
 def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
     """The finding in one sentence, with numbers and up to `most` names, the lowest score first."""
     n, counts = len(audit.ids), audit.verdict_counts()
-    lower = [audit.ids[m] for m in audit.ranking()[::-1].tolist() if SIDES[audit.verdicts[m]] == "lower"]
-    names = f": {listed(map(named, lower), most, ', ')}" if lower else ""
+    lower = [m for m in audit.ranking()[::-1].tolist() if SIDES[audit.verdicts[m]] == "lower"]
+
+    def names_of(verdict: str = "") -> str:
+        own = [named(audit.ids[m]) for m in lower if audit.verdicts[m] == verdict or not verdict]
+        return listed(own, most, ", ")
+
     if audit.finding == "outliers" and lower:
-        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} differently from the rest{names}."
+        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} differently from the rest: {names_of()}."
     if audit.finding == "answered":
-        return f"By your answers: {', '.join(numbered(size, one) for one, size in counts.items())}{names}."
+        said = (
+            numbered(size, one) + f" ({names_of(one)})" * (SIDES[one] == "lower" and size > 0)
+            for one, size in counts.items()
+        )
+        return f"By your answers: {', '.join(said)}."
     if audit.finding == "mixture" and lower:
-        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} like the adversary that was named{names}."
+        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} like the adversary that was named: {names_of()}."
     sentence = FINDINGS[audit.finding]
     if audit.finding == "two groups" and audit.groups:
         sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())

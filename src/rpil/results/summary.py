@@ -100,9 +100,7 @@ def parts_not_judged(data: FitData) -> tuple[str, ...]:
     names = [*map(data.action_name, range(len(data.judged)))]
     resting, moving = ([*compress(names, which)] for which in (~data.judged, data.judged))
     starred = dict.fromkeys(_starred(name, resting, moving) for name in resting)
-    return (
-        f"Not judged: {len(resting)} of {len(names)} parts of the action, which do not move: {', '.join(starred)}.",
-    )
+    return (f"{len(resting)} of {len(names)} parts of the action never move, and do not count: {', '.join(starred)}.",)
 
 
 def _starred(name: str, resting: Sequence[str], moving: Sequence[str]) -> str:
