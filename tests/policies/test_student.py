@@ -13,7 +13,7 @@ from problems import continuous_zoo, make_continuous, ridge
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.policies.linear import linear_policy
-from rpil.policies.student import StudentPolicy, StudentSettings
+from rpil.policies.student import DEGREES_OF_FREEDOM, StudentPolicy
 
 ZOO = continuous_zoo(0)
 
@@ -107,7 +107,7 @@ def test_no_step_of_learning_lowers_the_objective(name):
         assert np.isfinite(history).all()
         assert np.diff(history).min() >= -1e-9 * np.abs(history).max()
         assert history[-1] > history[0]
-        assert policy.freedom in StudentSettings.degrees_of_freedom
+        assert policy.freedom in DEGREES_OF_FREEDOM
 
 
 def test_it_finds_a_controller_that_the_box_cuts_short():
@@ -131,7 +131,7 @@ def test_it_ends_where_no_direction_is_better():
         weights = policy.weights + 1e-3 * rng.normal(size=policy.weights.shape)
         cholesky = policy.cholesky * (1 + 1e-3 * rng.normal(size=policy.cholesky.shape))
         assert objective(replace(policy, weights=weights, cholesky=cholesky), problem, weight) <= best + 1e-9
-    for freedom in StudentSettings.degrees_of_freedom:
+    for freedom in DEGREES_OF_FREEDOM:
         assert objective(replace(policy, freedom=float(freedom)), problem, weight) <= best + 1e-9
 
 

@@ -11,11 +11,11 @@ from audits import make_audit
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
-from rpil.results.answering import stretch_of
+from rpil.results.answering import looking_order, stretch_of
 from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.view import About, looking_order, make_view
+from rpil.results.view import About, make_view
 
 
 def view(audit: Audit, **about):

@@ -44,14 +44,6 @@ def columns_of(
     return np.column_stack([normal_scores(channels), components, np.clip(log_odds, -bound, bound) / bound])
 
 
-def with_group(columns: Float[Array, "M D"], is_upper: bool) -> Float[Array, "M W"]:
-    """The columns of one of two groups that was judged by itself, and before the last one the group: 1 upper, -1 other.
-
-    So answers can learn that one group is better after all.
-    """
-    return np.insert(columns, -1, 1.0 if is_upper else -1.0, axis=1)
-
-
 def learned_from(
     columns: Float[Array, "M D"], within: Float[Array, "M W"], answers: Answers, settings: AnswerSettings
 ) -> Float[Array, "M _"]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.inference.answered import columns_of, with_group
+from rpil.inference.answered import columns_of
 from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, telling_pair
 from rpil.inference.held_out import HeldOutModel
@@ -139,8 +139,9 @@ def columns_within(
     scoring: Scoring, groups: tuple[Array, Array] | None, seen: Float[Array, "M K"], seed: int
 ) -> Float[Array, "M W"]:
     """The columns from which answers learn where both of two `groups` are good, or bad: each is judged by itself, and
-    its columns are `with_group`; the components are those `seen` of all. A demonstration of neither is better explained
-    by the policy of the upper one.
+    before its last column stands the group, 1 upper and -1 other, so that answers can learn that one is better after
+    all; the components are those `seen` of all. A demonstration of neither is better explained by the policy of the
+    upper one.
 
     (M, 0) where there are not two groups, or the policy deals its own folds.
     """
@@ -157,7 +158,7 @@ def columns_within(
             return none
         within = Scoring.of(own, model, settings)
         scores = score_by_best_group(within, np.ones(own.n_demonstrations, dtype=bool))
-        by_group[is_upper] = with_group(described(within, scores, seen[rows])[1], is_upper)
+        by_group[is_upper] = np.insert(described(within, scores, seen[rows])[1], -1, 1.0 if is_upper else -1.0, axis=1)
     columns = np.empty((data.n_demonstrations, by_group[True].shape[1]))
     columns[upper], columns[~upper] = by_group[True], by_group[False]
     return columns

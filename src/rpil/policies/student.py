@@ -12,13 +12,13 @@ every part of an action has a Hessian of its own, and the objective has kinks: a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import gammaln
 
-from rpil.data.archive import NOT_STORED, stored
+from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.numerics.blocks import Sums, blocks, linear
@@ -27,26 +27,21 @@ from rpil.numerics.types import Array, Float
 
 BOUND_FACTOR = 0.03
 """Factor of an error beyond a bound: above 0, so that no mean goes to infinity. Chosen by hand, not tuned. It is part
-of the density, the same for all saved policies, and so no field of the settings."""
+of the density, the same for all saved policies."""
 
 
-@dataclass(frozen=True)
-class StudentSettings:
-    """How a `StudentPolicy` begins and is fitted. All were chosen by hand, not tuned."""
-
-    degrees_of_freedom: tuple[float, ...] = (1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0)
-    """Values of nu to choose from: from Cauchy's distribution to almost a Gaussian."""
-    start_degrees_of_freedom: float = 5.0
-    """nu before the fit."""
-    min_spread: float = 0.01
-    """Lower bound, in widths of the box, of the standard deviation of a part of the actions: actions that repeat
-    exactly, as at the bounds, would have an infinite density, and no other step would count. Also the distance from a
-    bound within which an action is at the bound."""
-    max_halvings: int = 12
-    """Halvings of a step after which it is given up."""
-    min_gain: float = 5e-6
-    """Gain of the objective, in nats a step, at which a fit in memory stops, whatever is asked: on trusted steps of
-    recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
+DEGREES_OF_FREEDOM, START_DEGREES = (1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 30.0, 100.0), 5.0
+"""Values of nu to choose from, from Cauchy's distribution to almost a Gaussian, and nu before the fit. This, and all
+that follows, was chosen by hand, not tuned."""
+MIN_SPREAD = 0.01
+"""Lower bound, in widths of the box, of the standard deviation of a part of the actions: actions that repeat exactly,
+as at the bounds, would have an infinite density, and no other step would count. Also the distance from a bound within
+which an action is at the bound."""
+MAX_HALVINGS = 12
+"""Halvings of a step after which it is given up."""
+MIN_GAIN = 5e-6
+"""Gain of the objective, in nats a step, at which a fit in memory stops, whatever is asked: on trusted steps of
+recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
 
 
 @stored(weights="F+1 A", cholesky="A A", ridge="F+1", least="A", low="A", high="A")
@@ -67,18 +62,16 @@ class StudentPolicy:
     low: Float[Array, " A"]
     high: Float[Array, " A"]
     """Actions beyond which a part is at its bound; infinite without bounds."""
-    settings: StudentSettings = field(default=StudentSettings(), metadata=NOT_STORED)
-    """Not saved."""
 
     @classmethod
     def zero(cls, box: Box, ridge: Float[Array, " D"], n_steps: float) -> StudentPolicy:
         """The middle of the box with the variance of a uniform draw; `n_steps` is the total weight of the steps that
         the policy will be fitted to."""
-        width, settings = box.high - box.low, cls.settings
-        edge = settings.min_spread * width
+        width = box.high - box.low
+        edge = MIN_SPREAD * width
         weights = np.zeros((len(ridge), len(width)))
         weights[-1] = 0.5 * (box.low + box.high)
-        spread, nu, least = np.diag(width / np.sqrt(12.0)), settings.start_degrees_of_freedom, edge * np.sqrt(n_steps)
+        spread, nu, least = np.diag(width / np.sqrt(12.0)), START_DEGREES, edge * np.sqrt(n_steps)
         return cls(weights, spread, nu, ridge, least, box.low + edge, box.high - edge)
 
     @classmethod
@@ -105,7 +98,7 @@ class StudentPolicy:
         max_iter: int = 100,
         max_cg: int = 0,
     ) -> tuple[StudentPolicy, Float[Array, "N A"]]:
-        """Weighted least squares until the objective gains less than `tol` nats a step, or less than the settings ask;
+        """Weighted least squares until the objective gains less than `tol` nats a step, or less than `MIN_GAIN`;
         unchanged without weight.
 
         Adversaries of continuous actions have no `soft_targets`, and no step needs conjugate gradients.
@@ -116,7 +109,7 @@ class StudentPolicy:
         fitted = _Fitted.at(self, self.outputs(data.features), data.actions, weight)
         for _ in range(max_iter):
             before, fitted = fitted, self._iterate(data, fitted, weight)
-            if fitted.objective - before.objective <= max(tol, self.settings.min_gain) * total:
+            if fitted.objective - before.objective <= max(tol, MIN_GAIN) * total:
                 break
         return fitted.policy, fitted.outputs
 
@@ -178,7 +171,7 @@ class StudentPolicy:
         steepest = np.abs((slope @ covariance - self.ridge[:, None] * self.weights) / spread).max()
         half = solve_triangular(self.cholesky, self._penalised(scatter, self.weights), lower=True)
         excess = solve_triangular(self.cholesky, half.T, lower=True) / total - np.eye(len(scatter))
-        nearest = np.argmin(np.abs(np.array(self.settings.degrees_of_freedom) - self.freedom))
+        nearest = np.argmin(np.abs(np.array(DEGREES_OF_FREEDOM) - self.freedom))
         better_freedom = likelihoods.max() - likelihoods[int(nearest)]
         return float(max(steepest, 0.25 * total * (excess**2).sum(), better_freedom))
 
@@ -211,11 +204,11 @@ class StudentPolicy:
         return np.asarray(scatter + (weights.T * self.ridge) @ weights + np.diag(self.least**2))
 
     def _with_best_freedom(self, likelihoods: Array) -> StudentPolicy:
-        return replace(self, freedom=float(self.settings.degrees_of_freedom[int(np.argmax(likelihoods))]))
+        return replace(self, freedom=DEGREES_OF_FREEDOM[int(np.argmax(likelihoods))])
 
     def _log_likelihoods(self, distance: Array, weight: Array) -> Array:
         """Log-likelihood of the weighted steps under every nu to choose from."""
-        return np.array([weight @ self._log_density(distance, nu) for nu in self.settings.degrees_of_freedom])
+        return np.array([weight @ self._log_density(distance, nu) for nu in DEGREES_OF_FREEDOM])
 
     def _step(self, grams: Array, slope: Array, kinked: bool) -> Array:
         """The Newton step: with the Hessian of each part where errors are beyond a bound, else one Hessian for all."""
@@ -229,7 +222,7 @@ class StudentPolicy:
     def _shortened(self, step: Array, change: Array, actions: Array, last: _Fitted, weight: Array) -> _Fitted:
         """The policy after the longest of 1, 1/2, 1/4 .. times the step, by which outputs `change`, that does not lower
         the objective; the last one without any."""
-        for length in 0.5 ** np.arange(self.settings.max_halvings):
+        for length in 0.5 ** np.arange(MAX_HALVINGS):
             moved = replace(self, weights=self.weights + length * step)
             trial = _Fitted.at(moved, last.outputs + length * change, actions, weight)
             if trial.objective >= last.objective:

@@ -25,7 +25,7 @@ from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.two_groups import TWO_GROUPS
-from rpil.results.vocabulary import VOCABULARIES, Verdict
+from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
 
@@ -187,6 +187,20 @@ def stretch_of(audit: Judged, m: int) -> list[int] | None:
     """The first and the last step to look at in demonstration `m`; None where no step stands out."""
     stretch = worst_stretch(audit.log_ratio(m))
     return None if stretch is None else [stretch.first, stretch.last]
+
+
+def looking_order(audit: Judged) -> tuple[list[int], int]:
+    """All demonstrations, those that are most worth a look first, and how many need a person.
+
+    These are the pair that is asked about, those whose label contradicts the other answers, and outliers or bad
+    ones. Then come the open ones, and the rest; the lowest log-odds first.
+    """
+    index = {name: m for m, name in enumerate(audit.ids)}
+    pair = [index[name] for name in audit.pair] if is_asked(audit) else []
+    lowest = np.argsort(-audit.log_odds, kind="stable")[::-1].tolist()
+    of_side = {side: [m for m in lowest if SIDES[audit.verdicts[m]] == side] for side in ("lower", "open", "upper")}
+    urgent = dict.fromkeys([*pair, *(index[name] for name in audit.contradicting), *of_side["lower"]])
+    return list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]])), len(urgent)
 
 
 def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:

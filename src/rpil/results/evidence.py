@@ -32,6 +32,7 @@ from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import at_actions
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.results.answering import looking_order
 from rpil.results.judged import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
@@ -131,14 +132,9 @@ def by_final_policy(
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
-    """Up to `size` demonstrations: those with the lower verdict, those in question, and then the others; of each, the
-    least trusted first. All in the order of the data where these are few enough."""
-    if len(audit.ids) <= size:
-        return np.arange(len(audit.ids))
-    asked = {*audit.contradicting, *audit.pair, *audit.suggest_labels()}
-    lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
-    in_question = np.array([name in asked for name in audit.ids])
-    return np.lexsort([audit.log_odds, ~in_question, ~lower])[:size]
+    """Up to `size` demonstrations, the first in the order of looking; in the order of the data where these are all."""
+    order = np.array(looking_order(audit)[0], dtype=np.int64)
+    return np.sort(order) if len(order) <= size else order[:size]
 
 
 def with_fewer_traces(audit: Audit, size: int) -> Audit:

@@ -88,7 +88,7 @@ class Audit(AuditResult):
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     columns_within : (M, W) array
         What they learn from where labels call members of both of two groups good, or members of both bad: each group
-        judged by itself (`rpil.inference.answered.with_group`); (M, 0) where there are not two groups, and where data
+        judged by itself (`rpil.inference.trust.columns_within`); (M, 0) where there are not two groups, and where data
         were judged by a sample, by a policy of the user's own or within several tasks.
     claimed : (M,) int array
         What was said without answers: 1 similar, 0 nothing, -1 outlier. It stays until answers contradict it.

@@ -117,7 +117,7 @@ class About:
 
 def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """The view of an audit, with drawings of the `drawn` first in the order of looking."""
-    order, n_review = looking_order(audit)
+    order, n_review = answering.looking_order(audit)
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}
     return {
@@ -153,20 +153,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
         "drawings": drawings(audit, order[:drawn]),
     }
-
-
-def looking_order(audit: AuditResult) -> tuple[list[int], int]:
-    """All demonstrations, those that are most worth a look first, and how many need a person.
-
-    These are the pair that is asked about, those whose label contradicts the other answers, and outliers or bad
-    ones. Then come the open ones, and the rest; the lowest log-odds first.
-    """
-    index = {name: m for m, name in enumerate(audit.ids)}
-    pair = [index[name] for name in audit.pair] if answering.is_asked(audit) else []
-    lowest = audit.ranking()[::-1].tolist()
-    of_side = {side: [m for m in lowest if SIDES[audit.verdicts[m]] == side] for side in ("lower", "open", "upper")}
-    urgent = dict.fromkeys([*pair, *(index[name] for name in audit.contradicting), *of_side["lower"]])
-    return list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]])), len(urgent)
 
 
 def _finding(audit: AuditResult) -> View:
