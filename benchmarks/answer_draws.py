@@ -14,7 +14,7 @@ import numpy as np
 from claims import Job, Row
 from claims import jobs as claims_jobs
 from rpil import RPIL
-from rpil.inference.answered import Answered, answer_about_different, learned_from, most_telling
+from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from worlds import Array
@@ -84,7 +84,8 @@ def columns_for(audit: Row, answers: Answers) -> Array:
 
 def answered(audit: Row, answers: Answers, settings: AnswerSettings) -> Answered:
     """What answers make of an audit."""
-    return answer_about_different(columns_for(audit, answers), answers, settings, audit["claimed"])
+    every = np.arange(len(audit["claimed"]))
+    return answer(columns_for(audit, answers), answers, settings, every, audit["claimed"])
 
 
 def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = SETTINGS) -> Answered:

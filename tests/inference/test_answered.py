@@ -27,7 +27,7 @@ def without(answers, m) -> Answers:
 
 def judged(columns, answers, settings=SETTINGS, claimed=None) -> Answered:
     claimed = np.zeros(len(columns), dtype=int) if claimed is None else np.array(claimed)
-    return module.answer_about_different(columns, answers, settings, claimed)
+    return module.answer(columns, answers, settings, np.arange(len(columns)), claimed)
 
 
 def log_odds_by(answers, m, settings=SETTINGS):

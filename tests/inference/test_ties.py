@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 
 from hand_made import COLUMNS, answers_of
-from rpil.inference.answered import Answered, answer, answer_about_different
+from rpil.inference.answered import Answered, answer
 from rpil.inference.answers import posterior
 from rpil.inference.settings import AnswerSettings
 
@@ -23,7 +23,7 @@ def log_odds(tied, pairs=()):
 
 def judged(tied, pairs=(), settings=SETTINGS, claimed=None) -> Answered:
     claimed = np.zeros(12, dtype=int) if claimed is None else claimed
-    return answer_about_different(COLUMNS, answers_of(None, pairs, None, tied), settings, claimed)
+    return answer(COLUMNS, answers_of(None, pairs, None, tied), settings, np.arange(len(COLUMNS)), claimed)
 
 
 @pytest.mark.parametrize("others", [[(7, 1)], [(7, 1), (6, 2)], [(7, 1), (1, 6)]])

@@ -71,37 +71,27 @@ def answer(
     """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each, and `claimed`
     is what was said without answers: 1 similar, 0 open, -1 outlier.
 
-    A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
-    """
-    _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
-    different = answer_about_different(columns[first], answers.once(copy_of), settings, claimed[first])
-    named = np.flatnonzero(np.isin(place, different.contradicting) & (answers.labels != 0))
-    of_each = different.log_odds[place], different.verdicts[place], different.stays[place]
-    return Answered(*of_each, named, different.count, different.p_nothing)
-
-
-def answer_about_different(
-    columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, claimed: Int[Array, " M"]
-) -> Answered:
-    """P(good) of every demonstration where none is a copy of another.
-
     A labelled demonstration has the verdict of its label; where other answers contradict it, it is named. No other
     demonstration is good before an answer calls one good, and none is bad before one is called bad; one answer alone
-    neither gives nor takes a verdict.
+    neither gives nor takes a verdict. A copy confirms nothing: copies are judged as one demonstration, by what is known
+    of any of them.
     """
-    fitted, labels = posterior(columns, answers, settings), answers.labels
-    proba = fitted.proba(columns, np.where(labels == 0, answers.ranks(), np.nan))
+    _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
+    columns, claimed, once = columns[first], claimed[first], answers.once(copy_of)
+    fitted, labels = posterior(columns, once, settings), once.labels
+    proba = fitted.proba(columns, np.where(labels == 0, once.ranks(), np.nan))
     log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
-    if answers.count < 2:
+    if once.count < 2:
         verdicts, stays = np.zeros(len(columns), dtype=int), claimed
     else:
-        good = (log_odds >= settings.log_odds) & (1 in answers.sides)
-        bad = (log_odds <= -settings.log_odds) & (-1 in answers.sides)
+        good = (log_odds >= settings.log_odds) & (1 in once.sides)
+        bad = (log_odds <= -settings.log_odds) & (-1 in once.sides)
         verdicts, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
     log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
     verdicts = np.where(labels == 0, verdicts, labels)
-    stays, named = np.where(verdicts == 0, stays, 0), contradicting(columns, answers, settings)
-    return Answered(log_odds, verdicts, stays, named, answers.count, fitted.p_nothing)
+    stays, doubtful = np.where(verdicts == 0, stays, 0), contradicting(columns, once, settings)
+    named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
+    return Answered(log_odds[place], verdicts[place], stays[place], named, once.count, fitted.p_nothing)
 
 
 def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
