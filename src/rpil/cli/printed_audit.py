@@ -43,7 +43,7 @@ def print_audit(
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
     below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
     room = MAX_LINES - len([*above, *below]) - 1
-    shown = worst_and_doubtful(audit, len(audit.ids) if all_rows else min(MAX_ROWS, max(MIN_ROWS, room)))
+    shown = audit.ranking()[::-1].tolist()[: None if all_rows else min(MAX_ROWS, max(MIN_ROWS, room))]
     if not all_rows:  # those to look at
         shown = [m for m in shown if SIDES[audit.verdicts[m]] != "upper"] or shown
     columns = _every_column(audit, shown) if all_rows else _columns(audit, shown)
@@ -101,23 +101,6 @@ def odd_lines(report: FaultReport, command: Sequence[str]) -> list[str]:
     named = [f"{short_id(name)}: {sentence}" for name, sentence in [*worst.items()][:N_NAMED]]
     some = _widest((f"{count} {'; '.join(named[:most])}." for most in range(N_NAMED, 0, -1)), 2)
     return [*some, *command_lines("  All: ", command, line_width())]
-
-
-def worst_and_doubtful(audit: Audit, n_rows: int) -> list[int]:
-    """Up to `n_rows` indices of demonstrations, the lowest score first: half of them the most doubtful ones.
-
-    Doubtful are those that stay open although the finding gives verdicts, unless they score as high as similar ones.
-    """
-    from scipy.special import expit
-
-    from rpil.inference.findings import DECIDED
-
-    order = audit.ranking()[::-1].tolist()
-    doubtful = [m for m in order if audit.finding in DECIDED and audit.verdicts[m] == "open"]
-    doubtful = [m for m in doubtful if expit(audit.log_odds[m]) < audit.settings.min_proba(audit.anchor)]
-    shown = set(sorted(doubtful, key=lambda m: abs(audit.log_odds[m]))[: n_rows // 2])
-    shown |= set([m for m in order if m not in shown][: n_rows - len(shown)])
-    return [m for m in order if m in shown]
 
 
 def _verdicts(audit: Audit, shown: Sequence[int]) -> list[str]:
