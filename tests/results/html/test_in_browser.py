@@ -147,7 +147,7 @@ def test_only_the_rows_that_can_be_seen_are_in_the_page(browser: Browser, tmp_pa
     assert above < top < bottom <= below
     browser.press("ArrowUp", "k", "j", "k")
     assert browser.text("tr.chosen td") == "598"
-    assert "Not drawn" in browser.text(".detail")
+    assert "No drawing" in browser.text(".detail")
 
 
 def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: Path) -> None:

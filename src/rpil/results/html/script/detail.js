@@ -39,7 +39,7 @@ const makeDetail = (model, place, act) => {
       return;
     }
     if (!drawing) {
-      box.append(el("p", { class: "muted" }, `Not drawn: only the ${Object.keys(view.drawings).length} most worth a look are.`));
+      box.append(el("p", { class: "muted" }, `No drawing: only the ${Object.keys(view.drawings).length} that most need a look have one.`));
       return;
     }
     const said = (step, more = "") => {

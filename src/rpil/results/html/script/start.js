@@ -52,7 +52,7 @@ const start = (article, prefix, before = null) => {
   const detail = makeDetail(model, part("detail"), { mark, step });
   const filters = makeFilters(model, part("filters"), changed);
   const review = part("review"), search = part("search");
-  review.textContent = view.n_review ? `Review ${view.n_review.toLocaleString("en")}` : "Nothing asks for a review";
+  review.textContent = view.n_review ? `Review ${view.n_review.toLocaleString("en")}` : "Nothing to review";
   review.disabled = !view.n_review;
   review.addEventListener("click", () => {
     const on = !state.review;
