@@ -20,7 +20,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import listed, printable
 from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import ROUNDING, robust_scale
-from rpil.numerics.types import Array, Bool, Float, Int, Num
+from rpil.numerics.types import Array, Bool, Float, Num
 
 MAX_STATES = 5000
 """States of the kept demonstrations that are compared, and of the others."""
@@ -70,18 +70,17 @@ def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[objec
     if is_kept.sum() < MIN_KEPT or is_kept.all() or not observed.shape[1] or not np.isfinite(observed).all():
         return ()
     chosen = np.concatenate([_thin(np.flatnonzero(is_kept == side), MAX_STATES) for side in (True, False)])
-    rows, owner = _some_states(demonstrations, chosen, is_kept[chosen])
-    starts, scale = (
-        observed[demonstrations.offsets[:-1]],
-        robust_scale(observed[rows], np.searchsorted(owner, np.arange(len(chosen) + 1)))[1],
-    )
-    far_start = _far(starts[chosen] / scale, np.arange(len(chosen)), is_kept[chosen])
-    far_states = _far(observed[rows] / scale, owner, is_kept[chosen]) & ~far_start
-    first_states, states = np.split(starts, len(starts)), [episode[0] for episode in demonstrations]
+    of_kept = is_kept[chosen]
+    most = np.where(of_kept, MAX_STATES // of_kept.sum(), MAX_STATES // (~of_kept).sum()).tolist()
+    episodes = [episode[0] for episode in demonstrations]
+    starts, some = [own[:1] for own in episodes], [_thin(episodes[m], n) for m, n in zip(chosen, most, strict=True)]
+    scale = robust_scale(np.concatenate(some), np.cumsum([0, *map(len, some)]))[1]
+    far_start = _far([starts[m] / scale for m in chosen], of_kept)
+    far_states = _far([states / scale for states in some], of_kept) & ~far_start
     lost: dict[tuple[str, str], list[object]] = defaultdict(list)
-    for verb, far, visited in (("starts with", far_start, first_states), ("reaches", far_states, states)):
-        limits = [(own.min(axis=0), own.max(axis=0)) for own in compress(visited, is_kept)]
-        reached = np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
+    for verb, far, visited in (("starts with", far_start, starts), ("reaches", far_states, episodes)):
+        states = np.concatenate([*compress(visited, is_kept)])
+        reached = states.min(axis=0), states.max(axis=0)
         for m in chosen[far].tolist():
             where = _outside(visited[m], reached, scale, demonstrations.observation_names)
             lost[verb, where].append(demonstrations.ids[m])
@@ -96,29 +95,18 @@ def _sentence(verb: str, where: str, who: Sequence[object]) -> str:
     return f"No kept demonstration {near} of {listed(who)}."
 
 
-def _thin(values: Int[Array, " R"], most: int) -> Int[Array, " S"]:
+def _thin(values: Num[Array, "R ..."], most: int) -> Num[Array, "S ..."]:
     """At most so many of the values, evenly spaced."""
     places = np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int)
     return np.asarray(values[np.unique(places)])
 
 
-def _some_states(
-    demonstrations: Demonstrations, chosen: Int[Array, " C"], is_kept: Bool[Array, " C"]
-) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
-    """Rows of states of the chosen demonstrations, and which of these each is of."""
-    share = np.where(is_kept, MAX_STATES // is_kept.sum(), MAX_STATES // (~is_kept).sum())
-    offsets = demonstrations.offsets
-    rows = [_thin(np.arange(offsets[m], offsets[m + 1]), n) for m, n in zip(chosen, share.tolist(), strict=True)]
-    return np.concatenate(rows), np.repeat(np.arange(len(chosen)), [len(own) for own in rows])
-
-
-def _far(states: Float[Array, "R D"], owner: Int[Array, " R"], is_kept: Bool[Array, " C"]) -> Bool[Array, " C"]:
+def _far(states: Sequence[Float[Array, "_ D"]], is_kept: Bool[Array, " C"]) -> Bool[Array, " C"]:
     """Which of the demonstrations that are not kept are farther from the kept ones than these from one another."""
-    distance = np.zeros(len(is_kept))
-    of_kept = is_kept[owner]
-    for m in range(len(is_kept)):
-        own = owner == m
-        distance[m] = np.median(cdist(states[own], states[of_kept & ~own]).min(axis=1))
+    distance, owner = np.zeros(len(is_kept)), np.repeat(np.arange(len(is_kept)), [*map(len, states)])
+    every, of_kept = np.concatenate(states), is_kept[owner]
+    for m, own in enumerate(states):
+        distance[m] = np.median(cdist(own, every[of_kept & (owner != m)]).min(axis=1))
     size = np.log(np.maximum(distance, ROUNDING))
     usual, n = size[is_kept], int(is_kept.sum())
     level = FALSE_ALARMS / (2 * (~is_kept).sum())  # starts and states of each are compared
