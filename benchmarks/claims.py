@@ -171,7 +171,7 @@ def report(rows: list[Row]) -> list[str]:
     for kind in kinds.KINDS:
         parts[0] += counted(kind, of_kind[kind])
     parts += [changes(of_kind["changes"]), point_masses(of_kind["point mass"])]
-    told = [text for row in rows for text in described(row)]
+    told = [described(row) for row in of_kind["recorded"]]
     parts += [["<details><summary>Set by set</summary>"], told, ["</details>"]] if told else []
     return [text for part in parts if part for text in ("", *part)][1:]
 
@@ -295,18 +295,11 @@ def point_masses(rows: list[Row]) -> list[str]:
     return lines + counted("nobody bad", [row for kind in (*GOOD, *ALL_DIFFER) for row in of_kind[kind]])
 
 
-def described(row: Row) -> list[str]:
-    """A line for each recorded set, and for each other audit with a wrong verdict; of a point mass, with a good one
-    that is called an outlier."""
-    wrong = counts([row])[-1, 1] if row["kind"] == "point mass" else n_wrong(row)
-    if row["kind"] != "recorded" and (not wrong or row["kind"] in ("changes", "people")):
-        return []
-    value, verdicts = (
-        auroc(np.array(row["good"]), np.array(row["log_odds"])),
-        np.count_nonzero(row["verdicts"]),
-    )
-    text = f"AUROC {value:.2f}, {row['finding']}, {verdicts} verdicts, {wrong} wrong"
-    return [" ".join([f"- {row['kind']} {row['name']}: {text}.", *row["doubts"]])]
+def described(row: Row) -> str:
+    """A line for a recorded set."""
+    value, verdicts = auroc(np.array(row["good"]), np.array(row["log_odds"])), np.count_nonzero(row["verdicts"])
+    text = f"AUROC {value:.2f}, {row['finding']}, {verdicts} verdicts, {n_wrong(row)} wrong"
+    return " ".join([f"- {row['name']}: {text}.", *row["doubts"]])
 
 
 if __name__ == "__main__":

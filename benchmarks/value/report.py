@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -31,8 +31,6 @@ def report(rows: Sequence[Row]) -> str:
     for each in groups:
         own = [row for row in rows if group(row) == each]
         parts.append(comparison(own, "{}, {}".format(*each)))
-        parts.append(by_group(own, lambda row: f"{row['n']}, {row['share']:.0%} bad", "by number and share"))
-        parts.append(by_group(own, lambda row: row["task"], "by task"))
     cells = cells_of(rows)
     led = [worst(cells), *cell_tables(cells)] if cells else []
     return "\n\n".join([*led, *parts, never_hurts(rows), commits(rows)])
@@ -111,19 +109,6 @@ def commits(rows: Sequence[Row]) -> str:
         for (commit, dirty), count in said.items()
     ]
     return f"*Cells by commit: {', '.join(names)}.*"
-
-
-def by_group(rows: Sequence[Row], place: Callable[[Row], str], title: str) -> str:
-    """Mean success of each rule in each group."""
-    found: dict[tuple[str, str], list[float]] = defaultdict(list)
-    for row in rows:
-        found[row["rule"], place(row)].append(row["success"])
-    groups = list(dict.fromkeys(place(row) for row in sorted(rows, key=lambda row: (row["n"], row["share"]))))
-    cells = [
-        [name, *(percent(np.mean(found[name, each])) if found[name, each] else "" for each in groups)]
-        for name in rules_of(rows)
-    ]
-    return f"Success {title}\n\n{table(['rule', *groups], cells)}"
 
 
 def rules_of(rows: Iterable[Row]) -> list[str]:

@@ -111,8 +111,7 @@ def test_words_are_counted_by_kind():
         "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
         in lines
     )
-    assert "- recorded reversed: AUROC 0.00, outliers, 3 verdicts, 3 wrong." in lines
-    assert not any("- changes" in text for text in lines)
+    assert "- reversed: AUROC 0.00, outliers, 3 verdicts, 3 wrong." in lines
 
 
 def test_a_row_for_each_kind_of_operator():
@@ -121,8 +120,7 @@ def test_a_row_for_each_kind_of_operator():
     lines = point_masses(rows)
     assert "| stuck | 1 | 1, 0 of 2 good | 1, 0 | 0 | 0.67 (standard error nan) |" in lines
     assert "| nobody bad | 1 | 0, 1 of 3 good | 0, 0 | 1 | 0.33 (standard error nan) |" in lines
-    said = [text for text in report(rows) if text.startswith("- ")]
-    assert said == ["- point mass calm, discrete, 1 of 3, 0: AUROC nan, outliers, 1 verdicts, 1 wrong."]
+    assert not any(text.startswith("- ") for text in report(rows))  # only recorded sets have a line each
 
 
 def test_what_an_audit_says_of_p_is_in_the_results():
