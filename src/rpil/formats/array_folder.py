@@ -178,9 +178,9 @@ def _opened(file: Path, fills: bool) -> Iterator[tuple[str, Mapping[str, StoredA
     """What to call a file in messages, its arrays by name, and notes on it."""
     if file.suffix.lower() != _NPZ_FILE:
         with hdf5.opened(file) as stored:
-            contents = hdf5.contents(stored, fills)
+            arrays = hdf5.Arrays(stored, fills)
             notes = ("Recorded in a simulation.",) if np.any(stored.attrs.get("sim", False)) else ()
-            yield file.name, contents.arrays, (*notes, *contents.notes)
+            yield file.name, arrays, (*notes, *arrays.notes)
         return
     where = f"{file.parent.name}/{file.name}"
     with opened_npz(file, where, "write it again, or take it out of the folder") as npz:

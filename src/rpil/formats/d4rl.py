@@ -28,10 +28,10 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that have a value for each action, and split them into demonstrations."""
     with hdf5.opened(path) as file:
-        found = hdf5.contents(file, options.fill_missing)
-        stacked = array_layout.is_stacked(found.arrays)
+        found = hdf5.Arrays(file, options.fill_missing)
+        stacked = array_layout.is_stacked(found)
         name = "HDF5, a first index for each demonstration" if stacked else "D4RL HDF5"
-        return array_layout.read_arrays(found.arrays, path.name, name, options, found.notes)
+        return array_layout.read_arrays(found, path.name, name, options, found.notes)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
@@ -40,10 +40,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
     Where it has no timeouts they are added, so that each demonstration ends where it does here.
     """
     with hdf5.copying(path, output) as (source, new):
-        found = hdf5.contents(source, options.fill_missing)
-        arrays, layout = found.arrays, array_layout.layout_of(found.arrays, path.name)
+        arrays = hdf5.Arrays(source, options.fill_missing)
+        layout = array_layout.layout_of(arrays, path.name)
         kept = kept_of(layout.names, ids, path)
-        hdf5.copy_arrays(source, found, new, lambda name, array: layout.kept_rows(name, array, kept, cuts))
+        hdf5.copy_arrays(arrays, new, lambda name, array: layout.kept_rows(name, array, kept, cuts))
         for name in arrays:
             layout.cut_stacked(name, new[name], kept, cuts)
         for name, values in layout.new_arrays(arrays, kept, cuts, path.name).items():

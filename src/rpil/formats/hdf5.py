@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -87,18 +86,16 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
         new.attrs[name] = value
 
 
-def copy_arrays(
-    source: h5py.Group, found: Contents, new: h5py.Group, rows_of: Callable[[str, h5py.Dataset], Array | None]
-) -> None:
+def copy_arrays(found: Arrays, new: h5py.Group, rows_of: Callable[[str, h5py.Dataset], Array | None]) -> None:
     """Copy what is `found` in a group, of its arrays only the rows that `rows_of` gives; where it gives None, all."""
-    for name, group in found.groups.items():
+    for name, group in found.groups().items():
         copy_attributes(group, new.create_group(name))
-    for name, array in found.arrays.items():
+    for name, array in found.items():
         if (rows := rows_of(name, array)) is not None:
             # Rewards may be left out as zeros.
-            _copy_rows(source[name] if is_outcome(name) else array, new, name, rows)
+            _copy_rows(found.group[name] if is_outcome(name) else array, new, name, rows)
         else:
-            source.copy(array, new, name)
+            found.group.copy(array, new, name)
 
 
 def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> None:
@@ -118,7 +115,7 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
 def copy_cut(source: h5py.Group, new: h5py.Group, cut: Cut, fills: bool) -> None:
     """Copy the group of a demonstration, of which some steps are cut."""
     copy_attributes(source, new)
-    copy_arrays(source, contents(source, fills), new, lambda name, array: cut.rows_of(name, array.shape))
+    copy_arrays(Arrays(source, fills), new, lambda name, array: cut.rows_of(name, array.shape))
     for name in _COUNTS & new.attrs.keys():
         new.attrs[name] = cut.n_steps
 
@@ -155,7 +152,10 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
 
 
 class Arrays(Mapping[str, Any]):
-    """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups."""
+    """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups.
+
+    No link is followed, and each group is visited once, in whatever circles they lie. See `_array_class` for `fills`.
+    """
 
     def __init__(self, group: h5py.Group, fills: bool = False) -> None:
         self.group, self._fills = group, fills
@@ -170,7 +170,16 @@ class Arrays(Mapping[str, Any]):
             kinds[path.decode("utf-8", "surrogateescape")] = link.type
 
         self.group.id.links.visit(add, info=True)
-        return kinds
+        return {path: kinds[path] for path in sorted(kinds, key=natural_key)}
+
+    def _opened(self, path: str) -> object:
+        """What a hard link leads to; None where the link is of another kind, or there is none."""
+        import h5py
+
+        if path not in self._found:
+            is_hard = self._links.get(path) == h5py.h5l.TYPE_HARD
+            self._found[path] = _opened_at(self.group, path, self._fills) if is_hard else None
+        return self._found[path]
 
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
         """Give a `view` of an array from now on, where there is one."""
@@ -180,66 +189,38 @@ class Arrays(Mapping[str, Any]):
     def __getitem__(self, path: str) -> h5py.Dataset:
         import h5py
 
-        if path not in self._found:
-            is_hard = self._links.get(path) == h5py.h5l.TYPE_HARD
-            one = _opened_at(self.group, path, self._fills) if is_hard else None
-            self._found[path] = one if isinstance(one, h5py.Dataset) and not _is_elsewhere(one) else None
-        if self._found[path] is None:
+        one = self._opened(path)
+        is_elsewhere = (
+            isinstance(one, h5py.Dataset) and one.id.get_offset() is None and (one.is_virtual or one.external)
+        )
+        if one is None or isinstance(one, h5py.Group | h5py.Datatype) or is_elsewhere:
             raise KeyError(path)
-        return self._found[path]
+        return one
+
+    def __iter__(self) -> Iterator[str]:
+        return (path for path in self._links if path in self)
+
+    def __len__(self) -> int:
+        return sum(path in self for path in self._links)
 
     def paths(self) -> set[str]:
         """The paths of all that is no group with something in it; nothing is opened."""
         return {*self._links} - {path.rpartition("/")[0] for path in self._links}
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(contents(self.group).arrays)
+    def groups(self) -> dict[str, h5py.Group]:
+        """The groups in the group, by path."""
+        import h5py
 
-    def __len__(self) -> int:
-        return len(contents(self.group).arrays)
-
-
-@dataclass(frozen=True, eq=False)
-class Contents:
-    """The arrays in a group, and the groups in it, by path, and the paths of what lies in other files."""
-
-    arrays: dict[str, h5py.Dataset]
-    groups: dict[str, h5py.Group]
-    links: tuple[str, ...]
+        return {path: one for path in self._links if isinstance(one := self._opened(path), h5py.Group)}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """That links were not followed, in words."""
-        return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
+        """That what lies in other files, or behind a link, is not read, in words."""
+        import h5py
 
-
-def contents(group: h5py.Group, fills: bool = False) -> Contents:
-    """All arrays in a group; each group is visited once, in whatever circles they lie. See `_array_class`."""
-    import h5py
-
-    arrays: dict[str, h5py.Dataset] = {}
-    inside: dict[str, h5py.Group] = {}
-    links: list[str] = []
-    waiting, seen = [("", group)], set()
-    while waiting:
-        prefix, group = waiting.pop()
-        found = members(group)
-        links += [prefix + name for name in group if name not in found]
-        for name, one in found.items():
-            if isinstance(one, h5py.Dataset) and _is_elsewhere(one):
-                links.append(prefix + name)
-            elif isinstance(one, h5py.Dataset):
-                arrays[prefix + name] = _array_class(fills)(one.id)
-            elif isinstance(one, h5py.Group) and (address := h5py.h5o.get_info(one.id).addr) not in seen:
-                seen.add(address)
-                inside[prefix + name] = one
-                waiting.append((f"{prefix}{name}/", one))
-    return Contents({name: arrays[name] for name in sorted(arrays, key=natural_key)}, inside, tuple(links))
-
-
-def _is_elsewhere(array: h5py.Dataset) -> bool:
-    """Whether the values of an array are in another file."""
-    return array.id.get_offset() is None and bool(array.is_virtual or array.external)
+        others = (path for path in self._links if not isinstance(self._opened(path), h5py.Group | h5py.Datatype))
+        links = [path for path in others if path not in self]
+        return (f"Not read, because they are links: {commas(links)}.",) if links else ()
 
 
 @cache

@@ -53,7 +53,7 @@ def _fitting(path: Path) -> Iterator[Hdf5Layout]:
     with hdf5.opened(path) as file:
         layout = next((one for one in HDF5_LAYOUTS if one.fits(file)), None)
         if layout is None:
-            found = hdf5.contents(file).arrays
+            found = hdf5.Arrays(file)
             arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
             raise DataError(
                 f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); "

@@ -113,7 +113,7 @@ def _groups(file: h5py.File) -> dict[int, h5py.Group]:
 def _part(episode: h5py.Group, number: int, fills: bool = False) -> Part:
     arrays = {
         name.replace("/_index_", "/"): array
-        for name, array in hdf5.contents(episode, fills).arrays.items()
+        for name, array in hdf5.Arrays(episode, fills).items()
         if not name.startswith(f"{_INFOS}/")
     }
     actions = (array for name, array in arrays.items() if name.partition("/")[0] == "actions" and array.shape)

@@ -42,7 +42,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
         found, settings = dict(_with_actions(file, options.fill_missing)), _settings(file)
-        contents = hdf5.contents(next(iter(found.values())).group, options.fill_missing)
+        in_first = next(iter(found.values()))
         parts = [
             Part(n_actions(arrays), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
             for name, arrays in found.items()
@@ -50,11 +50,11 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         in_data = _parent(file) != file
         first_paths, *more = (arrays.paths() for arrays in found.values())
         ignored = dict.fromkeys(sorted(set().union(*more) - first_paths, key=natural_key), NOT_IN_FIRST)
-        notes, names = contents.notes, {}
-        if "states" in contents.arrays and not options.observations and not any(map(is_observation, contents.arrays)):
+        notes, names = in_first.notes, {}
+        if "states" in in_first and not options.observations and not any(map(is_observation, in_first)):
             notes = (*notes, _STATES)
-            if _begins_with_time(contents.arrays["states"]):
-                names = {"states": tuple(map(str, range(1, contents.arrays["states"].shape[1])))}
+            if _begins_with_time(states := in_first["states"]):
+                names = {"states": tuple(map(str, range(1, states.shape[1])))}
                 ignored["states.0"] = "simulation time"
                 for arrays in found.values():
                     arrays.replace("states", _without_time)
