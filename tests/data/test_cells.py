@@ -10,9 +10,9 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
+from rpil.formats.columns_file import write_weights
 from rpil.formats.csv import write_tables
 from rpil.formats.registry import find
-from rpil.formats.weights import write_weights
 from rpil.results.choice import read_verdicts
 
 FORMULAS = ["=cmd|'/C calc'!A0", "+1+1", "-2+3", "@SUM(A1)", "\t=1", "＝1", "-", "'=1"]

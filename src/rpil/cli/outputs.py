@@ -35,8 +35,8 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
     if not any(paths.values()):  # what follows imports the report
         return
+    from rpil.formats.columns_file import write_weights
     from rpil.formats.registry import find
-    from rpil.formats.weights import write_weights
     from rpil.results.html.page import Article, write_page
     from rpil.results.saved import write_audit
     from rpil.results.step_weights import why_equal

@@ -30,10 +30,10 @@ from rpil.data.persons import Label
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
+from rpil.formats.columns_file import write_weights
 from rpil.formats.description import Description
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
-from rpil.formats.weights import write_weights
 
 __all__ = [
     "ColumnOptions",

@@ -123,8 +123,7 @@ class Dataset(DemonstrationSet):
 
     def _shard(self, bounds: Sequence[int]) -> Shard:
         offsets = self.offsets[bounds[0] : bounds[-1] + 1]
-        rows = self.rows.between(int(offsets[0]), int(offsets[-1]))
-        return Shard(rows, self.layout, tuple(bounds), offsets, self.ids[bounds[0] : bounds[-1]])
+        return Shard(self.rows, self.layout, tuple(bounds), offsets, self.ids[bounds[0] : bounds[-1]])
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""

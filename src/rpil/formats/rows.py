@@ -28,9 +28,6 @@ class Rows(Protocol):
     def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
         """The rows ``begin:end`` of each of the `runs`, which are in order, numbered anew from 0."""
 
-    def between(self, first: int, last: int) -> Rows:
-        """The same without what is not needed to read the rows ``first:last``; these keep their numbers."""
-
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
@@ -74,9 +71,6 @@ class TableRows:
             return self
         rows = np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()])
         return replace(self, place=rows if self.place is None else self.place[rows])
-
-    def between(self, first: int, last: int) -> TableRows:
-        return self
 
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
@@ -129,10 +123,6 @@ class ChosenRows:
         heads = np.flatnonzero(np.diff(there, prepend=-2) != 1)
         ends = there[np.append(heads[1:], len(there)) - 1] + 1
         return self.rows.chosen(np.stack([there[heads], ends], axis=1))
-
-    def between(self, first: int, last: int) -> ChosenRows:
-        begin, end = self._there(np.array([first, last - 1])).tolist()
-        return replace(self, rows=self.rows.between(begin, end + 1))
 
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""

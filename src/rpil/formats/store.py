@@ -75,9 +75,6 @@ class ParquetRows:
         there = [np.searchsorted(ends, g.first, "right") < np.searchsorted(begins, g.last) for g in self.groups]
         return ChosenRows(replace(self, groups=tuple(itertools.compress(self.groups, there))), runs)
 
-    def between(self, first: int, last: int) -> ParquetRows:
-        return replace(self, groups=tuple(g for g in self.groups if g.first < last and first < g.last))
-
     def numbers(self, steps: slice) -> None:
         return None
 
@@ -92,7 +89,8 @@ class ParquetRows:
     ) -> Iterator[tuple[int, pa.Table, Place]]:
         import pyarrow as pa
 
-        for path, groups in itertools.groupby(self.between(first, last).groups, key=lambda group: group.path):
+        there = (g for g in self.groups if g.first < last and first < g.last)
+        for path, groups in itertools.groupby(there, key=lambda group: group.path):
             changed = f"{PurePosixPath(path).name}: it has changed since the data set was opened; open it again."
             with opened(self.filesystem, path) as file:
                 if path in self.stamps and _stamp(path) != self.stamps[path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import beside, check_extension, new_folder, replacing
 from rpil.data.memory import MIB
 from rpil.data.names import is_outcome
-from rpil.formats import umi
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, kept_of
@@ -31,6 +31,13 @@ from rpil.numerics.types import Array
 _ENDS = "meta/episode_ends"
 _ATTRIBUTES = ".zattrs"
 _COPIED_BYTES = 64 * MIB  # at a time
+
+
+_NOTE = "There is no array action: an action is the move of pose and gripper to the next step, none at the last step."
+_WHOLE = re.compile(r"robot\d+_demo_(?:start|end)_pose")
+"""Arrays that describe a demonstration as a whole."""
+
+_POSE = re.compile(r"robot\d+_(?:eef_pos|eef_rot_axis_angle|gripper_width)")
 
 
 def claims(path: Path) -> bool:
@@ -65,15 +72,41 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
                 f"{path.name}: {_ENDS} tells of {len(ends):,} demonstrations and {ends[-1]:,} steps, but no array that "
                 f"can be read is in data ({commas(closed) or 'nothing is there'}); copy the data as well."
             )
-        whole = {name: "describes a demonstration as a whole" for name in arrays if umi.WHOLE.fullmatch(name)}
+        whole = {name: "describes a demonstration as a whole" for name in arrays if _WHOLE.fullmatch(name)}
         steps: dict[str, StoredArray] = {name: arrays[name] for name in arrays if name not in (*whole, *closed)}
-        actions = umi.moves(steps, ends) if "action" not in steps and not options.action else {}
+        actions = _moves(steps, ends) if "action" not in steps and not options.action else {}
         lengths = np.diff(ends, prepend=0)
-        notes = (*([umi.NOTE] if actions else []), *without_steps(np.flatnonzero(lengths == 0).tolist()))
+        notes = (*([_NOTE] if actions else []), *without_steps(np.flatnonzero(lengths == 0).tolist()))
         numbers = np.repeat(np.arange(len(ends)), lengths)
         parts = [Part(len(numbers), {NUMBERED: numbers, **steps, **actions})]
         tables = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
     return tables.with_ignored({**whole, **dict.fromkeys(closed, "images of the package imagecodecs")})
+
+
+def _moves(arrays: Mapping[str, StoredArray], ends: Array) -> dict[str, Array]:
+    """The action (N, K) by name, of each array (N, K) of poses, as those of UMI's gripper are.
+
+    ``ends`` (M,) are where demonstrations end. A position and a width move by their difference, in the units of the
+    file; an orientation, as a rotation vector, by the rotation from one to the next in radians, in the axes of the
+    gripper. Where there are no poses there is nothing.
+    """
+    poses = {name: array for name, array in arrays.items() if _POSE.fullmatch(name) and len(array.shape) == 2}
+    found = {}
+    for name, array in poses.items():
+        now = np.asarray(array[: int(ends[-1])])
+        now = now if now.dtype.kind == "f" else now.astype(np.float64)  # differences of whole numbers may not be whole
+        then = np.concatenate([now[1:], now[-1:]])
+        then[ends[ends > 0] - 1] = now[ends[ends > 0] - 1]
+        found[f"action.{name}"] = _turn(now, then) if name.endswith("axis_angle") else then - now
+    return found
+
+
+def _turn(now: Array, then: Array) -> Array:
+    """The rotation from one orientation (N, 3) to another as a rotation vector."""
+    from scipy.spatial.transform import Rotation
+
+    turn: Array = (Rotation.from_rotvec(now).inv() * Rotation.from_rotvec(then)).as_rotvec()
+    return turn.astype(now.dtype)
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:

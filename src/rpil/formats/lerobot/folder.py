@@ -22,10 +22,9 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.annotated import annotate
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
-from rpil.formats.lerobot.kept import Kept
+from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
 from rpil.formats.places import Cuts

@@ -15,6 +15,8 @@ import numpy as np
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
+from rpil.data.files import new_folder
+from rpil.data.folders import check_inside, copy_folder
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
@@ -245,3 +247,24 @@ def _write_table(
 
 def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
     place.write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")
+
+
+def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
+    """Copy the data, the videos and ``meta``, and add `columns`, by name, with a value for each episode's number as
+    text; null where there is none. Columns of these names that are there already are replaced."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for entry in (path / "videos").rglob("*"):
+        check_inside(entry, path)
+    with new_folder(output) as new:
+        for name in ("data", "meta", "videos"):
+            if (path / name).is_dir():
+                copy_folder(path / name, new / name)
+        for place in (new / "meta" / "episodes").rglob("*.parquet"):
+            table = read_table(place)
+            episodes = [*map(str, table["episode_index"].to_pylist())]
+            table = table.drop_columns([name for name in columns if name in table.column_names])
+            for name, values in columns.items():
+                table = table.append_column(name, pa.array([values.get(episode) for episode in episodes]))
+            pq.write_table(table, place)
