@@ -237,7 +237,6 @@ class Demonstrations(DemonstrationSet):
         observation_names: Iterable[object] = (),
         source: str = SOURCE,
         action_kind: ActionKind = "auto",
-        allows_missing: bool = False,
     ) -> Demonstrations:
         """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
 
@@ -260,7 +259,7 @@ class Demonstrations(DemonstrationSet):
             X, y = X[rows], y[rows]
         names = arrays.as_names(observation_names, source)
         ids = tuple(values[chosen].tolist())
-        return cls(X, y, offsets, ids, names, source, action_kind, allows_missing=allows_missing)
+        return cls(X, y, offsets, ids, names, source, action_kind)
 
     @property
     def n_actions(self) -> int:

@@ -172,7 +172,15 @@ def remove_abandoned(path: Path) -> str:
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
     mark = f".{stem}.{zlib.crc32(_process_space().encode()):08x}-"
-    _remove_abandoned(path.parent, mark, path.suffix)
+    name = re.compile(rf"{re.escape(mark)}(\d+)-[0-9a-f]{{8}}{re.escape(path.suffix)}")
+    # Elsewhere os.kill would end the process instead of asking for it.
+    for found in filter(None, map(name.fullmatch, os.listdir(path.parent) if os.name == "posix" else ())):
+        try:
+            os.kill(int(found[1]), 0)
+        except ProcessLookupError:
+            _remove(path.parent / found[0])
+        except (OSError, OverflowError):
+            pass  # the process of another user, which lives
     return mark
 
 
@@ -184,21 +192,6 @@ def _process_space() -> str:
     with suppress(OSError):
         parts.append(Path("/etc/machine-id").read_text())
     return " ".join(parts)
-
-
-def _remove_abandoned(folder: Path, mark: str, suffix: str) -> None:
-    """Remove the temporary files and folders of one output whose process has ended."""
-    if os.name != "posix":  # elsewhere os.kill would end the process instead of asking for it
-        return
-    name = re.compile(rf"{re.escape(mark)}(\d+)-[0-9a-f]{{8}}{re.escape(suffix)}")
-    for file in os.listdir(folder):
-        if found := name.fullmatch(file):
-            try:
-                os.kill(int(found[1]), 0)
-            except ProcessLookupError:
-                _remove(folder / file)
-            except (OSError, OverflowError):
-                pass  # the process of another user, which lives
 
 
 def _remove(path: Path) -> None:

@@ -47,11 +47,6 @@ _MAX_BLOCK_BYTES = (1 << 31) - 1
 _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
 
 
-def claims(path: Path) -> bool:
-    """Whether `path` is a file whose name is that of a text table, which may be compressed."""
-    return path.is_file() and path.name.lower().endswith(TEXT_SUFFIXES)
-
-
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     file = find_dialect(path, options)
@@ -327,7 +322,6 @@ def _cut_lines(rows: Sequence[tuple[str, list[str]]], cut: Cut, file: TextTable)
 
 FORMAT = Format(
     name="CSV",
-    claims=claims,
     read=read,
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,

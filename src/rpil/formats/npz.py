@@ -28,11 +28,6 @@ from rpil.numerics.types import Array
 _OPTIONAL = "observation_names"
 
 
-def claims(path: Path) -> bool:
-    """Whether `path` is a file that ends in .npz."""
-    return path.is_file() and path.suffix.lower() == ".npz"
-
-
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays as those of HDF5 are, and ``observation_names`` where they are there."""
     source = path.name
@@ -109,4 +104,4 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     return {*map(str, kept)}
 
 
-FORMAT = Format(name="NPZ", claims=claims, read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)
+FORMAT = Format(name="NPZ", read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)

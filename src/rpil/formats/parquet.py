@@ -37,11 +37,6 @@ _NESTED_ROWS = 1000  # read at a time where there are images
 Change = Callable[["pa.Table"], "pa.Table"]
 
 
-def claims(path: Path) -> bool:
-    """Whether `path` is a file that ends in .parquet."""
-    return path.is_file() and path.suffix.lower() == ".parquet"
-
-
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     from pyarrow import fs
@@ -151,7 +146,6 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
 
 FORMAT = Format(
     name="Parquet",
-    claims=claims,
     read=read,
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),

@@ -55,12 +55,12 @@ class StepTables:
         return {**facts, "stamps": stamps}
 
 
-def from_facts(facts: Parsed, tables: Iterable[pa.Table] = ()) -> StepTables:
-    """The tables with what `StepTables.as_json` says of them."""
+def from_facts(facts: Parsed) -> StepTables:
+    """What `StepTables.as_json` says of tables, without these."""
     lengths = {name: int(length) for name, length in facts["lengths"]}
     metadata = Metadata(**_tuples(facts["origin"]["metadata"]) | {"lengths": lengths})
     origin = Origin(**_tuples(facts["origin"]) | {"metadata": metadata})
-    return StepTables(tables, Columns(**_tuples(facts["columns"])), origin, facts["sizes"])
+    return StepTables((), Columns(**_tuples(facts["columns"])), origin, facts["sizes"])
 
 
 def _tuples(value: Parsed) -> Parsed:

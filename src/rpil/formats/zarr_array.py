@@ -154,7 +154,7 @@ class ZarrArray:
 
     def __getitem__(self, rows: slice) -> Array:
         first, stop, _ = rows.indices(self.shape[0])
-        self.check(first, stop)
+        self._check(range(first // self.chunks[0], -(-stop // self.chunks[0])))
         with guarded(self.where, *_DAMAGED_CHUNK):
             return np.asarray(self.stored[first:stop])
 
@@ -163,11 +163,6 @@ class ZarrArray:
         self._check({*(rows // self.chunks[0]).tolist()})
         with guarded(self.where, *_DAMAGED_CHUNK):
             return np.asarray(self.stored.oindex[rows])
-
-    def check(self, first: int = 0, stop: int | None = None) -> None:
-        """A `DataError` where a chunk of the rows from `first` to `stop` is missing, found without a list of rows."""
-        last = self.shape[0] if stop is None else stop
-        self._check(range(first // self.chunks[0], -(-last // self.chunks[0])))
 
     def _check(self, numbers: Collection[int]) -> None:
         """A `DataError` where a chunk with one of these `numbers` along the first axis is missing."""
