@@ -23,7 +23,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, without_suffix
-from rpil.formats.format import Format, keep_one_file
+from rpil.formats.format import Format, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import spool
@@ -322,6 +322,7 @@ def _cut_lines(rows: Sequence[tuple[str, list[str]]], cut: Cut, file: TextTable)
 
 FORMAT = Format(
     name="CSV",
+    claims=called(*TEXT_SUFFIXES),
     read=read,
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,

@@ -25,6 +25,11 @@ Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions, Cuts], None]
 that are cut, the steps that are kept."""
 
 
+def called(*suffixes: str) -> Callable[[Path], bool]:
+    """Whether a path is a file whose name ends so."""
+    return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
+
+
 def check_same_kind(path: Path, output: Path, trim: bool = False) -> None:
     """A `DataError` where the data are a file and `output` has another extension, or a folder and it is a list."""
     if path.is_dir() and output.suffix.lower() == ".json":
@@ -67,13 +72,13 @@ class Format:
     ----------
     name : str
         In messages.
+    claims : function of a path
+        Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
+        search.
     read : function of a path and the options for columns
         Its `StepTables`; a `DataError` where it cannot be read.
     keep : Keep
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
-    claims : function of a path
-        Whether the file or folder there has this format, by default whether it is a file with one of the `suffixes`.
-        Return False if unsure; raise `DataError` only to stop the search.
     has_own_ids : bool
         Whether demonstrations are kept by ids of their own, and not by those of a column.
     suffixes : tuple of str
@@ -100,9 +105,9 @@ class Format:
     """
 
     name: str
+    claims: Callable[[Path], bool]
     read: Callable[[Path, ColumnOptions], StepTables]
     keep: Keep
-    claims: Callable[[Path], bool] | None = None
     has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None

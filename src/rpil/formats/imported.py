@@ -20,7 +20,7 @@ from rpil.data.json_files import Parsed
 from rpil.data.memory import MIB
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.import_process import in_child
-from rpil.formats.parquet_file import read_table
+from rpil.formats.parquet_file import input_file, read_table
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import TableRows
 from rpil.formats.spool import fill, new_copy
@@ -47,6 +47,8 @@ def imported(read: Callable[[], StepTables], path: StrPath, options: ColumnOptio
 
     pyarrow.array([])  # which imports pandas; all of it once, for both processes
     stays = options.on_disk and is_parquet
+    if stays:
+        _hold_files(path)
     copy = new_copy(Path(path).name) if options.on_disk and not stays else None
     file = os.memfd_create("steps")
 
@@ -74,6 +76,17 @@ def imported(read: Callable[[], StepTables], path: StrPath, options: ColumnOptio
     if copy is not None:
         return from_rows(copied_rows(copy, found.sizes), found)
     return from_rows(TableRows(rows, found.origin.source, sizes=found.sizes), found)
+
+
+def _hold_files(folder: StrPath) -> None:
+    """Open the Parquet files of a folder before the fork, so that both processes read what was opened once."""
+    from pyarrow import fs
+
+    for top, _, names in os.walk(os.path.abspath(folder)):
+        for place in (Path(top, name) for name in sorted(names) if name.endswith(".parquet")):
+            if not place.is_symlink():
+                with input_file(fs.LocalFileSystem(), place):
+                    pass
 
 
 def imported_table(path: Path) -> pa.Table:

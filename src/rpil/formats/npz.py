@@ -18,7 +18,7 @@ from rpil.data.names import quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, first, is_stacked, layout_of, n_actions, read_arrays
 from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.format import Format, keep_one_file
+from rpil.formats.format import Format, called, keep_one_file
 from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import Closed, read_once
@@ -104,4 +104,6 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     return {*map(str, kept)}
 
 
-FORMAT = Format(name="NPZ", read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write)
+FORMAT = Format(
+    name="NPZ", claims=called(".npz"), read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import chain
@@ -17,7 +16,7 @@ from rpil.data.memory import check_memory
 from rpil.data.names import MARK, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, keep_one_file
+from rpil.formats.format import Format, called, keep_one_file
 from rpil.formats.made_columns import with_facts
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups
@@ -58,10 +57,7 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     if named := [name for name in columns.made if name in metadata.facts]:
         tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
-    sizes = Counter[str]()
-    for group, name in zip(rows.groups, rows.files(np.array([group.first for group in rows.groups])), strict=True):
-        sizes[name] += group.last - group.first
-    return StepTables(tables, columns, origin, sizes)
+    return StepTables(tables, columns, origin, rows.sizes)
 
 
 def _format_name(metadata: Metadata, n_files: int) -> str:
@@ -146,6 +142,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
 
 FORMAT = Format(
     name="Parquet",
+    claims=called(".parquet"),
     read=read,
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),

@@ -237,8 +237,6 @@ def suffixes() -> list[str]:
 def _claims(one: Format, path: Path) -> bool:
     """Whether `path` has the format `one`: not so where it is too damaged to tell."""
     try:
-        if one.claims is None:
-            return path.is_file() and path.name.lower().endswith(one.suffixes)
         return one.claims(path)
     except (DataError, MissingExtraError):
         raise

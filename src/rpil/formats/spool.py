@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
 from rpil.data.files import temporary_path
+from rpil.formats.rows import BATCH_ROWS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -72,17 +73,21 @@ def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
     assert first is not None
     with _writing(name):
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
+    group: list[pa.Table] = []  # of rows, which are written together
     for table in chain([first], waiting):  # whose errors are those of the data
         try:
-            table = table.cast(first.schema)
+            group.append(table.cast(first.schema))
         except (pa.ArrowInvalid, ValueError) as error:
             raise DataError(
                 f"{name}: a column holds values of other types further on; read it into memory with <option>.",
                 "no_stream",
             ) from error
-        with _writing(name):
-            writer.write_table(table)
+        if sum(map(len, group)) >= BATCH_ROWS:
+            with _writing(name):
+                writer.write_table(pa.concat_tables(group))
+            group = []
     with _writing(name):
+        writer.write_table(pa.concat_tables(group or [first.slice(0, 0)]))
         writer.close()
 
 

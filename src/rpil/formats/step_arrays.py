@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -94,15 +93,6 @@ class Part:
         return bool(shape) and shape[0] - self.n_steps in (0, 1) and math.prod(shape[1:]) > 0
 
 
-@dataclass(frozen=True)
-class Piece:
-    """The steps ``first:last`` of a part."""
-
-    part: Part
-    first: int
-    last: int
-
-
 def from_parts(
     parts: Sequence[Part],
     id_column: str,
@@ -137,11 +127,14 @@ def from_parts(
         arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
         check_memory(n_bytes, source, options.memory)
-    types = {name: None if name in whole else _type_of_all(parts, name) for name in columns.all}
-    batches = _batches(parts, BATCH_ROWS if options.on_disk else sum(part.n_steps for part in parts))
+    types = {name: _type_of_all(parts, name) for name in steps}
     tables = (
-        pa.table({name: _column(pieces, name, source, dtype, name in whole) for name, dtype in types.items()})
-        for pieces in batches
+        pa.table(
+            {m: _column(part, rows, m, source, types[m]) for m in steps}
+            | {m: pa.repeat(part.about[m], rows.stop - rows.start) for m in whole}
+        )
+        for part in parts
+        for rows in (slice(k, min(k + BATCH_ROWS, part.n_steps)) for k in range(0, part.n_steps, BATCH_ROWS))
     )
     shapes = [(name, part.arrays[name].shape, part) for name in steps for part in parts]
     longer = list(dict.fromkeys(name for name, shape, part in shapes if shape[0] > part.n_steps))
@@ -202,15 +195,6 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each step; exclude it.")
 
 
-def _batches(parts: Sequence[Part], size: int) -> Iterator[list[Piece]]:
-    """Pieces of parts in their order, `size` steps together."""
-    begins = np.cumsum([0, *(part.n_steps for part in parts)]).tolist()
-    for first in range(0, begins[-1], size):
-        last = min(first + size, begins[-1])
-        among = range(bisect_right(begins, first) - 1, bisect_left(begins, last))
-        yield [Piece(parts[k], max(first - begins[k], 0), min(last - begins[k], parts[k].n_steps)) for k in among]
-
-
 def _type_of_all(parts: Sequence[Part], name: str) -> np.dtype[np.generic] | None:
     """The type that holds a column of all parts; None for texts."""
     if is_text(parts[0].arrays[name].dtype):
@@ -218,26 +202,15 @@ def _type_of_all(parts: Sequence[Part], name: str) -> np.dtype[np.generic] | Non
     return np.result_type(*{_native_type(part.arrays[name].dtype) for part in parts})
 
 
-def _column(
-    pieces: Sequence[Piece], name: str, source: str, dtype: np.dtype[np.generic] | None, is_whole: bool
-) -> pa.Array:
-    """One column of some steps, lists of numbers where it has several a step; what `is_whole` holds for a part."""
+def _column(part: Part, rows: slice, name: str, source: str, dtype: np.dtype[np.generic] | None) -> pa.Array:
+    """One column of some steps: texts where there is no type, and lists of numbers where it has several a step."""
     import pyarrow as pa
 
-    if is_whole:
-        return pa.concat_arrays([pa.repeat(piece.part.about[name], piece.last - piece.first) for piece in pieces])
+    values = np.asarray(part.arrays[name][rows])
     if dtype is None:
-        texts = (np.asarray(piece.part.arrays[name][piece.first : piece.last]).tolist() for piece in pieces)
-        return pa.array([_text(value, name, source) for values in texts for value in values], pa.string())
-    shape = pieces[0].part.arrays[name].shape[1:]
-    values = np.empty((sum(piece.last - piece.first for piece in pieces), *shape), dtype)
-    row = 0
-    for piece in pieces:
-        after = row + piece.last - piece.first
-        values[row:after] = piece.part.arrays[name][piece.first : piece.last]
-        row = after
-    column = pa.array(values.reshape(-1))
-    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(shape))
+        return pa.array([_text(value, name, source) for value in values.tolist()], pa.string())
+    column = pa.array(np.ascontiguousarray(values, dtype).reshape(-1))
+    return column if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(column, math.prod(values.shape[1:]))
 
 
 def _text(value: object, name: str, source: str) -> str:

@@ -62,8 +62,8 @@ class ParquetRows:
     """Of all columns that are read, decoded, at most."""
     keeper: object = None
     """What keeps a copy for as long as its rows are needed."""
-    sizes: Mapping[str, int] | None = None
-    """The numbers of rows from each file of which the rows are a copy; None where they are in their own files."""
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    """The numbers of rows from each file."""
     stamps: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Size and time of each local file of others, when it was opened."""
 
@@ -79,10 +79,7 @@ class ParquetRows:
         return None
 
     def files(self, rows: Array) -> list[str]:
-        if self.sizes is not None:
-            return names_at(self.sizes, rows)
-        names, ends = file_names(group.path for group in self.groups), [group.last for group in self.groups]
-        return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()]
+        return names_at(self.sizes, rows)
 
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
@@ -298,6 +295,7 @@ def open_rows(
     from rpil.formats.meta_folder import read_metadata
 
     groups: list[RowGroup] = []
+    sizes: list[int] = []
     columns, layout, metadata, first, begins, n_bytes = None, None, Metadata(), PurePosixPath(paths[0]).name, 0, 0
     for path in paths:
         name = PurePosixPath(path).name
@@ -310,6 +308,7 @@ def open_rows(
                 groups.append(RowGroup(path, number, begins + row, begins + row + n_rows, row))
                 row += n_rows
             begins += row
+            sizes.append(row)
             columns = columns or columns_of_file(file, name, options, metadata.facts)
             check_columns(file, columns, name, first)
             n_bytes += 0 if options.on_disk else sum(bytes_of_groups(file, {*columns.all, *columns.outcomes}))
@@ -326,7 +325,8 @@ def open_rows(
     if columns is None or layout is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
     stamps = {path: _stamp(path) for path in paths} if isinstance(filesystem, fs.LocalFileSystem) else {}
-    return ParquetRows(filesystem, tuple(groups), n_bytes, stamps=stamps), columns, layout, metadata
+    named = dict(zip(file_names(paths), sizes, strict=True))
+    return ParquetRows(filesystem, tuple(groups), n_bytes, sizes=named, stamps=stamps), columns, layout, metadata
 
 
 def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:
