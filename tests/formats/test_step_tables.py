@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 
 from rpil.formats.columns import Columns
+from rpil.formats.format import StepTables, from_facts
 from rpil.formats.metadata import Metadata
-from rpil.formats.step_tables import StepTables, from_facts
 from rpil.formats.table_facts import Origin
 
 

@@ -9,8 +9,7 @@ import pytest
 import rpil
 from rpil.data.errors import DataError
 from rpil.formats.registry import find
-from rpil.formats.zarr_array import Store, ZarrArray
-from rpil.formats.zarr_header import check_header, has_images
+from rpil.formats.zarr_array import Store, ZarrArray, check_header, has_images
 
 TOOLS = Path(__file__).parents[2] / "tools"
 FORMAT_2 = {

@@ -25,11 +25,10 @@ from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, kept_of
+from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.npz import arrays_of
 from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
-from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py

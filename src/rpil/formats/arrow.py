@@ -13,10 +13,10 @@ from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_names
+from rpil.formats.format import StepTables
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.made_columns import split_at_gaps
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
 
 if TYPE_CHECKING:

@@ -44,11 +44,6 @@ def _finite(value: object) -> object:
     return value if not isinstance(value, float) or math.isfinite(value) else None
 
 
-def check_weights(path: StrPath) -> Path:
-    """`path`, or a `DataError` naming the known extensions where it has none of them."""
-    return check_extension(path, _WRITERS, "weights")
-
-
 def write_weights(
     path: StrPath,
     ids: Sequence[object],
@@ -70,7 +65,7 @@ def write_weights(
     DataError
         Where the path ends in neither .parquet nor .csv, or cannot be written.
     """
-    writer = _WRITERS[check_weights(path).suffix.lower()]
+    writer = _WRITERS[check_extension(path, _WRITERS, "weights").suffix.lower()]
     import pyarrow as pa
 
     metadata = {RUN_KEY: run_id(ids, offsets, log_odds)}

@@ -23,11 +23,10 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, without_suffix
-from rpil.formats.format import Format, called, keep_one_file
+from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import spool
-from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array

@@ -13,9 +13,8 @@ from rpil.data.names import EPISODE
 from rpil.formats import array_folder, array_layout, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, Keep, kept_of
+from rpil.formats.format import Format, Keep, StepTables, kept_of
 from rpil.formats.places import Cuts
-from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py

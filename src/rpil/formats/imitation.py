@@ -22,10 +22,9 @@ from rpil.data.json_files import read_json
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, kept_of
+from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Part, from_parts
-from rpil.formats.step_tables import StepTables
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

@@ -19,12 +19,12 @@ from rpil.data.held import holding
 from rpil.data.json_files import Parsed
 from rpil.data.memory import MIB
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import StepTables, from_facts
 from rpil.formats.import_process import in_child
 from rpil.formats.parquet_file import input_file, read_table
 from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import TableRows
 from rpil.formats.spool import fill, new_copy
-from rpil.formats.step_tables import StepTables, from_facts
 from rpil.formats.store import copied_rows, size_of
 
 if TYPE_CHECKING:

@@ -19,9 +19,8 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import end_to_end, from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.format import Format, check_same_kind, keep_one_file
+from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
 from rpil.formats.places import Cuts, kept_rows
-from rpil.formats.step_tables import StepTables
 from rpil.formats.store import has_tables
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from rpil.numerics.types import Array, Float
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rpil.formats.step_tables import StepTables
+    from rpil.formats.format import StepTables
 
 _TIMESTAMP = "timestamp"
 """The column of the seconds in texts."""

@@ -18,10 +18,9 @@ from rpil.formats import hdf5
 from rpil.formats.arrow import end_to_end, from_arrow
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, kept_of
+from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import MAX_MATRIX, NUMBERED, Part, from_parts, without_steps
-from rpil.formats.step_tables import StepTables
 
 if TYPE_CHECKING:
     import h5py

@@ -20,14 +20,13 @@ from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options
-from rpil.formats.format import Defect
+from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
 from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
-from rpil.formats.step_tables import StepTables
 from rpil.formats.store import copied_rows
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of

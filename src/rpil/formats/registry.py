@@ -28,14 +28,13 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, not_a_folder
+from rpil.formats.format import Format, StepTables, not_a_folder
 from rpil.formats.hub import downloaded
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported
 from rpil.formats.made_columns import split_at_gaps
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.step_tables import StepTables
 from rpil.formats.store import may_be_many_files, size_of
 
 

@@ -18,9 +18,9 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import commas
+from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.step_tables import StepTables
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 

@@ -12,9 +12,8 @@ from rpil.data.files import StrPath, new_folder
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import without_suffix
-from rpil.formats.format import Format, check_found
+from rpil.formats.format import Format, StepTables, check_found
 from rpil.formats.places import Cuts
-from rpil.formats.step_tables import StepTables
 from rpil.formats.store import find_files, has_parquet
 
 

@@ -20,12 +20,10 @@ from rpil.data.memory import MIB
 from rpil.data.names import is_outcome
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, kept_of
+from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
-from rpil.formats.step_tables import StepTables
-from rpil.formats.zarr_array import ZIP, Store, ZarrArray, is_zip, opened
-from rpil.formats.zarr_header import HEADERS, ArrayHeader
+from rpil.formats.zarr_array import HEADERS, ZIP, ArrayHeader, Store, ZarrArray, is_zip, opened
 from rpil.numerics.types import Array
 
 _ENDS = "meta/episode_ends"
