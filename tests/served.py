@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -68,13 +71,14 @@ class Client:
         return self.post("/api/answer", version=version, key=key, demonstrations=list(demonstrations))
 
 
-def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None):
+def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None, data=None):
     """What a server shows of an audit, without answers from before."""
     return Review(
         session=Session(replace(audit, fps=10.0), labels, None, None),
         about=About("Review of d.parquet", "d.parquet", command="rpil audit d.parquet"),
         videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
-        finish=finish or (lambda audit, agreed: {"lines": []}),
+        data=data,
+        finish=finish or (lambda given: {"kept": len(audit.ids), "rejected": {}, "reason": ""}),
         page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )
 
@@ -97,3 +101,23 @@ def serving(review):
         finally:
             server.should_exit = True
             thread.join()
+
+
+@contextmanager
+def reviewing(*arguments):
+    """A process of ``rpil review``, and a client of it."""
+    code = "from rpil.cli.entry import main; main()"
+    command = [sys.executable, "-c", code, "review", "--no-browser", "-q", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        said = ""
+        while (found := re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", said)) is None:
+            line = process.stdout.readline()
+            assert line, process.stderr.read()
+            said += line
+        yield process, Client(Gate(int(found[1]), found[2]))
+    finally:
+        process.kill()
+        process.wait(30)
+        process.stdout.close()
+        process.stderr.close()

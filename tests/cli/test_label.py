@@ -58,7 +58,6 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
     assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
     assert "Now: 20 similar, 0 good, 0 open, 4 outliers, 0 bad.\nNo verdict changed.\n" in out
     assert "One answer alone does not" in out
-    assert re.search(r"Places of 24 that changed most: \d+ from \d+ to \d+, ", out)
     assert out.splitlines()[-2:] == [
         "2 answers of this run in labels.csv.",
         f"Then run: rpil audit {data} --observations x,v --labels labels.csv",

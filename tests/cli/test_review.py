@@ -6,9 +6,7 @@ import http.client
 import json
 import re
 import signal
-import subprocess
 import sys
-from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
@@ -21,7 +19,7 @@ from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil.cli.questions.security import Gate
 from rpil.data.id_values import read_answers
-from served import Client, need_server
+from served import need_server, reviewing
 
 need_server()
 
@@ -29,26 +27,6 @@ need_server()
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     return write(tmp_path_factory.mktemp("review") / "d.parquet")
-
-
-@contextmanager
-def reviewing(*arguments):
-    """A process of ``rpil review``, and a client of it."""
-    code = "from rpil.cli.entry import main; main()"
-    command = [sys.executable, "-c", code, "review", "--no-browser", "-q", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        said = ""
-        while (found := re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", said)) is None:
-            line = process.stdout.readline()
-            assert line, process.stderr.read()
-            said += line
-        yield process, Client(Gate(int(found[1]), found[2]))
-    finally:
-        process.kill()
-        process.wait(30)
-        process.stdout.close()
-        process.stderr.close()
 
 
 @pytest.mark.slow
@@ -69,19 +47,16 @@ def test_what_was_answered_outlives_the_server(data):
         assert (state["version"], state["n_answers"]) == (0, 0)
         assert client.answer(0, "g", 11)[0] == 200
         assert client.answer(1, "g", 3)[0] == 200, "another label for one of the first run"
-        status, finished = client.post("/api/finish", version=2)
-        assert status == 200
+        status, seen = client.post("/api/finish", version=2)
+        assert (status, Path("labels-keep.json").exists()) == (200, False), "nothing is written before it is seen"
+        finished = client.post("/api/finish", version=2, write=True)[1]
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
-        again, keep, counted, *_ = finished["lines"]
-        assert again.endswith(command)
-        assert keep == "Keep: labels-keep.json"
+        assert finished["files"]["keep"] == "labels-keep.json"
         good = client.get("/api/view")["view"]["demonstrations"]["verdict"]
         kept = json.loads(Path("labels-keep.json").read_text())["episodes"]
         assert kept == [m for m, word in enumerate(good) if word != "bad"]
-        n_labelled = len(BAD - {3})
-        said = f"Rejected: {n_labelled} by your labels"
-        said += f", {24 - len(kept) - n_labelled} by inference from your answers" * (24 - len(kept) > n_labelled)
-        assert counted == f"{len(kept)} of 24 kept. {said}."
+        assert (seen["kept"], seen["rejected"]["labels"]) == (len(kept), sorted(BAD - {3}))
+        assert {*range(24)} - {*kept} == {m for rejected in seen["rejected"].values() for m in rejected}
         assert len(Path("labels-verdicts.csv").read_text().splitlines()) == 25
         assert pq.read_table("labels-weights.parquet").num_rows == 24 * N_STEPS
         process.send_signal(signal.SIGINT)
@@ -110,37 +85,39 @@ def test_nothing_that_is_finished_joins_the_data(tmp_path):
     folder.mkdir()
     write(folder / "d.parquet")
     with reviewing(str(folder), "--observations", "x,v", "--labels", str(folder / "labels.json")) as (_, client):
-        status, answer = client.post("/api/finish", version=0)
+        status, answer = client.post("/api/finish", version=0, write=True)
         assert status == 400
         assert "would join the data" in answer["error"]
     assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
-FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]
+FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet", "mine-supplier.html"]
 
 
 @pytest.mark.slow
 def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
-    others = ["keep.json", "verdicts.csv", "weights.parquet", *FINISHED[1:]]
+    others = ["keep.json", "verdicts.csv", "weights.parquet", *FINISHED[1:3]]
     for name in others:
         Path(name).write_text("MINE")
     with reviewing(data, "--labels", "mine.json") as (_, client):
         assert client.answer(0, "b", 3)[0] == 200
-        status, answer = client.post("/api/finish", version=1)
+        status, answer = client.post("/api/finish", version=1, write=True)
         sentence = "Replace mine-verdicts.csv and mine-weights.parquet? This run did not write them."
-        assert (status, answer["lines"], answer["exists"]) == (200, [sentence], FINISHED[1:])
+        assert (status, answer["lines"], answer["exists"]) == (200, [sentence], FINISHED[1:3])
         for wrong in (True, FINISHED[1:2], FINISHED):
-            assert client.post("/api/finish", version=1, replace=wrong)[1]["lines"] == [sentence]
+            assert client.post("/api/finish", version=1, write=True, replace=wrong)[1]["lines"] == [sentence]
         assert {Path(name).read_text() for name in others} == {"MINE"}
         assert not Path("mine-keep.json").exists()
-        written = client.post("/api/finish", version=1, replace=answer["exists"])[1]["lines"]
-        assert written[1] == "Keep: mine-keep.json"
+        written = client.post("/api/finish", version=1, write=True, replace=answer["exists"])[1]["files"]
+        assert [*written.values()] == FINISHED
         assert client.answer(1, "g", 4)[0] == 200
-        again = client.post("/api/finish", version=2)[1]["lines"]
-        assert again[:2] == written[:2], "its own files need no second word"
+        again = client.post("/api/finish", version=2, write=True)[1]["files"]
+        assert again == written, "its own files need no second word"
         assert pq.read_table("mine-weights.parquet").num_rows == 24 * N_STEPS
         Path("mine-keep.json").write_text("MINE")
-        assert client.post("/api/finish", version=2)[1]["exists"] == ["mine-keep.json"], "another changed it"
+        assert client.post("/api/finish", version=2, write=True)[1]["exists"] == ["mine-keep.json"], (
+            "another changed it"
+        )
     assert {Path(name).read_text() for name in (*others[:3], "mine-keep.json")} == {"MINE"}
     assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.json"})
 
@@ -154,7 +131,7 @@ def test_no_link_is_written_through(data, tmp_path):
                 precious.write_text("MINE")
             Path(name).symlink_to(precious)
             for agreed in (None, [name], FINISHED):
-                status, answer = client.post("/api/finish", version=0, replace=agreed)
+                status, answer = client.post("/api/finish", version=0, write=True, replace=agreed)
                 assert (status, answer["error"][: len(name) + 14]) == (400, f"{name}: it is a link")
             assert precious.exists() == is_there
             assert Path(name).is_symlink()

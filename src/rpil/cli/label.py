@@ -106,7 +106,7 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
 
 def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import Why, choices, contradiction_lines, count_asked, fact_lines, question_sentence
+    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
 
     click.echo("Ranks: 0 is the least of all, 1 the most. To say why, write it after the key, as: b #drop slips at 3 s")
     terminal.print_lines(contradiction_lines((), session.audit))
@@ -123,7 +123,7 @@ def ask(session: Session) -> None:
         if key not in "us":
             tell_if_interrupted(f"the answers so far are in {session.path}")
         try:
-            lines = session.undo() if key == "z" else session.answer(question, key, Why(*why, session.by))
+            lines = session.undo() if key == "z" else session.answer(question, key, (*why, session.by))
         except DataError as error:  # such as two labels that contradict each other: the question comes again
             if not session.is_as_written:
                 raise

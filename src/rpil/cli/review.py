@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
 import threading
 import webbrowser
+from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,19 +17,27 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import AuditRun, check_paths, look_for_faults
-from rpil.cli.label import audit_with_answers, by_option, command_with_labels, last_lines
-from rpil.cli.options import LABEL_OPTIONS, Value, with_options
-from rpil.cli.outputs import OUTPUTS, about, lines_after_output, write_outputs
+from rpil.cli.label import WITHOUT, audit_with_answers, by_option, command_with_labels, last_lines
+from rpil.cli.options import LABEL_OPTIONS, Value, command_words, with_options
+from rpil.cli.outputs import OUTPUTS, about, write_outputs
 from rpil.cli.progress import show_stages
+from rpil.cli.supplier import write_supplier_page
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
+    from rpil.data.json_files import Parsed
+    from rpil.results.choice import Asked
     from rpil.results.view import View
 
-BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
-"""Outputs of an audit where a review is finished: beside labels.csv they are labels-keep.json and so on."""
+BESIDE = {
+    "keep": "keep.json",
+    "verdicts": "verdicts.csv",
+    "weights": "weights.parquet",
+    "supplier": "supplier.html",
+}
+"""Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
 
 
 @click.command()
@@ -85,31 +95,53 @@ def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) ->
         session=session,
         about=about(run),
         videos=videos,
-        finish=lambda answered, agreed: _finish(ctx, replace(run, audit=answered), session.path, written, agreed),
+        finish=lambda given: _finish(ctx, run, session, written, given),
+        data=run.recording.demonstrations,
         page=page_of,
     )
 
 
-def _finish(ctx: click.Context, run: AuditRun, answers: str, written: dict[str, object], agreed: object) -> View:
-    """Write what to keep, verdicts and weights beside the file of `answers`; see `rpil.cli.questions.server.Review`.
+def _finish(
+    ctx: click.Context, run: AuditRun, session: Session, written: dict[str, object], given: Mapping[str, Parsed]
+) -> View:
+    """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
+    `BESIDE` that of the answers.
 
-    `written` are the digests of what this run wrote before.
+    The page gives the ids that are "spared", the "rules" of faults that reject, and whether a supplier is told "names".
+    `written` are the digests of what this run wrote before: where other files would be replaced, they are returned as
+    "exists", and given back as "replace" where a user agrees.
     """
     from rpil.data.text import listed
     from rpil.results.provenance import digest
 
-    beside = {title: f"{Path(answers).with_suffix('')}-{name}" for title, name in BESIDE.items()}
+    run = replace(run, audit=session.audit, asked=_asked(run, given))
+    if not given.get("write"):
+        places = {name: m for m, name in enumerate(run.audit.ids)}
+        rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}
+        return {"kept": len(run.choice.kept), "rejected": rejected, "reason": run.choice.reason}
+    beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((run.source, answers, ctx.params["operator"]), *beside.values())
+    check_paths((run.source, session.path, ctx.params["operator"]), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
-    if others and others != agreed:
+    if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
-        write_outputs(dict.fromkeys(OUTPUTS) | beside, run, 0.0, lambda _: None)
+        of_audit = {title: path for title, path in beside.items() if title in OUTPUTS}
+        write_outputs(dict.fromkeys(OUTPUTS) | of_audit, run, 0.0, lambda _: None)
+    write_supplier_page(beside["supplier"], run, session.said, bool(given.get("names")))
     written |= {path: digest(path) for path in beside.values()}
-    lines = [run.choice.reason] * bool(run.choice.undecided)
-    lines += [f"To judge again with these answers: {command_with_labels(ctx, answers)}"]
-    for title, path in beside.items():
-        lines += [f"{title.capitalize()}: {path}", *lines_after_output(title, path, run)]
-    return {"lines": lines}
+    new = f"{Path(run.source).stem}-kept{Path(run.source).suffix}"
+    command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
+    return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
+
+
+def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
+    """What a page says of demonstrations that are kept all the same, and of faults that reject."""
+    from rpil.results.choice import Asked
+
+    spared, rules = (
+        {*map(str, one)} if isinstance(one, list) else set() for one in map(given.get, ("spared", "rules"))
+    )
+    faulty = {str(fault.id) for fault in run.faults.findings if fault.rule in rules} if run.faults else set()
+    return Asked(faulty=faulty, spared=spared)

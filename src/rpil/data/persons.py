@@ -49,20 +49,16 @@ def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
 
 def agreement_lines(given: Given) -> Iterator[str]:
     """How far two persons agree, one sentence for each two who answered the same, and where nothing is learned."""
-    questions = _by_question(given)
-    shared = {
-        two: [(answers[two[0]], answers[two[1]]) for answers in questions.values() if answers.keys() >= {*two}]
-        for two in combinations(given, 2)
-    }
-    for two, both in sorted(shared.items(), key=lambda item: -len(item[1]))[:MAX_IDS]:
-        if both:
-            first, second = (printable(name) if name else "a person without a name" for name in two)
-            same = sum(one == other for one, other in both)
-            yield (
-                f"{first} and {second} answered the same {counted(len(both), 'question')}, and agree on {same:,} "
-                f"({same / len(both):.0%}{_kappa(both)})."
-            )
-    if tied := [" or ".join(sorted(ids)) for ids, answers in questions.items() if len(_most_said(answers)) > 1]:
+    shared: dict[tuple[str, str], list[tuple[Said, Said]]] = {}
+    tied = []
+    for ids, answers in _by_question(given).items():
+        for two in combinations(sorted(answers), 2):
+            shared.setdefault(two, []).append((answers[two[0]], answers[two[1]]))
+        tied += [" or ".join(sorted(ids))] * (len(_most_said(answers)) > 1)
+    for two, both in list(shared.items())[:MAX_IDS]:
+        names = " and ".join(printable(name) or "a person without a name" for name in two)
+        yield f"{names} answered the same {counted(len(both), 'question')}, and agree on {_agreement(both)}."
+    if tied:
         yield f"Nothing is learned from answers in which persons disagree: {listed(tied, MAX_IDS)}."
 
 
@@ -82,15 +78,12 @@ def _most_said(answers: Mapping[str, Said]) -> list[Said]:
     return [said for said, n in counts.items() if n == max(counts.values())]
 
 
-def _kappa(both: Sequence[tuple[Said, Said]]) -> str:
-    """Cohen's kappa of the answers of two persons, as text; nothing where chance alone would make all the same.
-
-    Answers that agree by chance are those to labels and those to pairs, each with its own shares.
-    """
-    kinds = Counter(len(ids) for (ids, _), _ in both)
-    first, second = (
-        Counter((len(ids), word, ids == (*sorted(ids),)) for ids, word in own) for own in zip(*both, strict=True)
-    )
-    by_chance = sum(n * second[kind] / kinds[kind[0]] for kind, n in first.items())
-    same = sum(one == other for one, other in both)
-    return f", Cohen's kappa {(same - by_chance) / (len(both) - by_chance):.2f}" if by_chance < len(both) else ""
+def _agreement(both: Sequence[tuple[Said, Said]]) -> str:
+    """How many answers of two persons are the same, their share, and Cohen's kappa unless chance alone makes all the
+    same. Chance agrees in labels and in pairs, by the shares of each."""
+    n, same, kinds = len(both), sum(one == other for one, other in both), Counter(len(one[0]) for one, _ in both)
+    sorts = [[(len(ids), word, ids == (*sorted(ids),)) for ids, word in own] for own in zip(*both, strict=True)]
+    first, second = map(Counter, sorts)
+    by_chance = sum(first[sort] * second[sort] / kinds[sort[0]] for sort in first)
+    kappa = f", Cohen's kappa {(same - by_chance) / (n - by_chance):.2f}" if by_chance < n else ""
+    return f"{same:,} ({same / n:.0%}{kappa})"

@@ -12,7 +12,7 @@ import io
 from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class Asked:
     """Rules that reject nobody: labels, or some of `RULES_OF_VERDICTS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
+    spared: Set[str] = frozenset()
+    """Ids, as text, of those that are kept whatever speaks against them."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,8 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
     rules = []
     for name, label, rule in zip(ids, labels, inferred, strict=True):
         by_label = label == "bad" and "labels" not in asked.ignored
-        rules.append("labels" if by_label else "faults" if str(name) in asked.faulty else rule)
+        by_person = "labels" if by_label else "faults" if str(name) in asked.faulty else rule
+        rules.append("" if str(name) in asked.spared else by_person)
     of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
     undecided = of_rule.pop("outlier") if reason else ()
     kept = tuple(name for name, rule in zip(ids, rules, strict=True) if not rule or (reason and rule == "outlier"))
@@ -133,7 +136,8 @@ def rows_of(table: Table, ids: Set[str]) -> Table:
 
 
 def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
-    """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts.
+    """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts, or of
+    the demonstrations to keep that an audit or a review wrote, with the rules that reject the others.
 
     Raises
     ------
@@ -148,9 +152,10 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
         else:
             text = read_text(path, LARGEST_TABLE, "utf-8-sig")
             is_csv = path.suffix.lower() == ".csv"
-            rows = list(
-                csv.DictReader(io.StringIO(text, newline="")) if is_csv else parse(text, path.name, LARGEST_TABLE)
-            )
+            found = csv.DictReader(io.StringIO(text, newline="")) if is_csv else parse(text, path.name, LARGEST_TABLE)
+            if isinstance(found, dict) and isinstance(found.get("rejected"), dict):
+                return _table_of_kept(found)
+            rows = list(found)
             columns = {name: [row[name] for row in rows] for name in rows[0]} if isinstance(rows[0], dict) else {}
             if is_csv and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
@@ -158,6 +163,14 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
         return columns
     labels = read_labels(path, ids)
     return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
+
+
+def _table_of_kept(kept: Mapping[str, Any]) -> Table:
+    """A table of what `Choice.to_dict` gave."""
+    rules = dict.fromkeys(kept["episodes"], "")
+    rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
+    n = len(rules)
+    return {"id": [*rules], "verdict": ["open"] * n, "rejected_by": [*rules.values()], "max_outliers": [1.0] * n}
 
 
 def _by_threshold(table: Table, asked: Asked) -> list[str]:
@@ -172,6 +185,8 @@ def _by_threshold(table: Table, asked: Asked) -> list[str]:
 
 def _by_verdicts(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
     """The rule by which its verdict rejects each demonstration, or nothing: a label stands above what is inferred."""
+    if "rejected_by" in table:
+        return [*map(str, table["rejected_by"])]
     verdicts = [*map(str, table["verdict"])]
     for name, verdict in zip(table["id"], verdicts, strict=True):
         if verdict not in SIDES:

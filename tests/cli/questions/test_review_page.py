@@ -131,11 +131,7 @@ def test_the_private_page_of_a_browser_leads_to_the_question(audit, browser, tmp
 @needs_chromium
 @pytest.mark.slow
 def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser):
-    given = []
-    review = review_of(
-        audit, page=page_of, finish=lambda found, _: given.append(found) or {"lines": ["keep.json: 20 <b>of</b> 24."]}
-    )
-    with serving(review) as client:
+    with serving(review_of(audit, page=page_of)) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
         browser.evaluate(LISTENED)
@@ -153,9 +149,6 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
         browser.click("[data-mark=good]")
         browser.wait("document.querySelector('[data-role=said]').innerText.includes('Another tab')")
         assert read_answers("labels.csv")[0] == {"3": "bad", "5": "bad"}
-        browser.click(".ask [data-role=finish]")
-        browser.wait("document.querySelector('[data-role=said]').innerText.includes('keep.json: 20 <b>of</b> 24.')")
-        assert given[0].answers.count == 2
         browser.errors = [error for error in browser.errors if "409" not in error]
     browser.press("g")
     browser.wait("document.querySelector('[data-role=said]').innerText.includes('The server has ended')")
@@ -167,28 +160,34 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
 def test_files_that_would_be_replaced_are_asked_about(audit, browser):
     agreed = []
 
-    def finish(found, answer):
-        agreed.append(answer)
+    def finish(given):
+        if "write" not in given:
+            return {"kept": 20, "rejected": {}, "reason": ""}
+        agreed.append(given.get("replace"))
         question = {"lines": ["Replace <b>-keep.json?"], "exists": ["<b>-keep.json"]}
-        return question if answer is None else {"lines": ["Keep: <b>-keep.json"]}
+        done = {"files": {"keep": "<b>-keep.json"}, "command": "rpil keep <b>", "lost": []}
+        return question if agreed[-1] is None else done
 
-    said = "document.querySelector('[data-role=said]').innerText"
+    said = "document.querySelector('[data-role=written]').innerText"
     with serving(review_of(audit, page=page_of, finish=finish)) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
         browser.click(".ask [data-role=finish]")
+        browser.wait("document.querySelector('dialog.finish')?.open")
+        browser.click("[data-role=write]")
         browser.wait(f"{said}.includes('Replace <b>-keep.json?')")
         assert agreed == [None]
-        assert browser.text("[data-role=said] button") == "Replace"
-        after(browser, 1, "s")  # another question comes, and what was asked is gone
-        assert browser.evaluate("document.querySelector('[data-role=said] button')") is None
-        assert agreed == [None]
+        browser.press("Escape")
+        after(browser, 1, "s")
         browser.click(".ask [data-role=finish]")
-        browser.wait("document.querySelector('[data-role=said] button') !== null")
-        browser.click("[data-role=said] button")
-        browser.wait(f"{said}.includes('Keep: <b>-keep.json')")
+        browser.wait("document.querySelector('dialog.finish').open")
+        browser.wait(f"{said} === ''")  # what was asked is gone
+        browser.click("[data-role=write]")
+        browser.wait("document.querySelector('[data-role=replace]') !== null")
+        browser.click("[data-role=replace]")
+        browser.wait(f"{said}.includes('<b>-keep.json') && !{said}.includes('Replace')")
         assert agreed == [None, None, ["<b>-keep.json"]]
-        assert browser.evaluate("document.querySelector('[data-role=said] button')") is None
+        assert browser.text("[data-role=keep-command]") == "rpil keep <b>"
 
 
 @needs_chromium

@@ -13,7 +13,6 @@ import pytest
 from asked import BAD
 from rpil.cli.questions.session import (
     Session,
-    Why,
     change_lines,
     contradiction_lines,
     fact_lines,
@@ -49,7 +48,11 @@ def test_keys_as_answers(key, answer):
 
 def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(audit):
     def asked(now, n, most=8, pair=False):
-        given = [(audit.pair, "u", Why())] * pair + [((1,), "s", Why())] + [((2,), "g", Why())] * (n - pair)
+        given = (
+            [(audit.pair, "u", ("", "", ""))] * pair
+            + [((1,), "s", ("", "", ""))]
+            + [((2,), "g", ("", "", ""))] * (n - pair)
+        )
         return next_question(audit, now, given, most)
 
     assert asked(audit, 3) == audit.pair

@@ -31,26 +31,30 @@ const live = (() => {
     begin();
     parts[0] = start(made, "", { ...kept, chosen: wasAsked && asked.length ? asked[0] : kept.chosen });
     parts[0].show();
+    sweep.refresh();
     if (focus) made.querySelector(`[data-role="${focus}"]`)?.focus({ preventScroll: true });
   };
-  // One after the other, so that a quick reader's keys all count.
+  // One after the other, so that a quick reader's keys all count; what went wrong, or null.
   const post = (path, given) => {
     last = last.then(async () => {
       try {
-        const { lines, exists } = await ask(path, given), agree = () => post(path, { replace: exists });
-        if (path === "/api/finish") say(...lines);
-        else await refresh();
-        if (exists) panel().querySelector('[data-role="said"]').append(el("button", { type: "button", onclick: agree }, "Replace"));
+        await ask(path, given);
+        await refresh();
+        return null;
       } catch (error) {
+        if (given.key) notes.put({ tag: given.tag, note: given.note });
         if (error.isStale) await refresh().catch(() => {});
         say(error.message);
+        return error.message;
       }
     });
+    return last;
   };
+  const answer = (demonstrations, key) => post("/api/answer", { demonstrations, key, ...notes.take() });
   const press = (key, m) => {
     const isPair = asked.length === 2, ofPair = "12345".includes(key) || ("us".includes(key) && asked.includes(m));
-    if (isPair && ofPair) post("/api/answer", { demonstrations: asked, key });
-    else if (!"12345".includes(key) && m !== null) post("/api/answer", { demonstrations: [m], key });
+    if (isPair && ofPair) answer(asked, key);
+    else if (!"12345".includes(key) && m !== null) answer([m], key);
   };
   const undo = () => post("/api/undo", {});
 
@@ -63,9 +67,14 @@ const live = (() => {
       if (button?.dataset.key) press(button.dataset.key, asked[0]);
       if (button?.dataset.show) parts[0].choose(Number(button.dataset.show));
       if (button?.dataset.role === "take-back") undo();
-      if (button?.dataset.role === "finish") post("/api/finish", {});
+      if (button?.dataset.role === "finish") finish.open().catch((error) => say(error.message));
+      if (button?.dataset.role === "sweep") look();
     });
   };
+
+  const notes = makeNotes(), part = () => parts[0];
+  const sweep = makeSweep({ ask, part, answer, undo, why: notes.put }), finish = makeFinish({ ask, part });
+  const look = () => sweep.open().catch((error) => say(error.message));
 
   // Drawings and videos of a demonstration come when it is first shown.
   const load = async (view, m, then) => {
@@ -122,11 +131,15 @@ const live = (() => {
     }
   }, POLL);
   // The marks of the page are the labels that were given.
-  const store = (view) => ({
+  const marks = (view) => ({
     lasts: true,
     read: () => Object.fromEntries(view.answers.filter(([, word]) => word in KEYS).map(([m, word]) => [view.demonstrations.id[m], word])),
     write: () => {},
   });
+  const store = (view) => {
+    notes.draw(panel(), view);
+    return marks(view);
+  };
   begin();
-  return { first: () => asked[0] ?? null, store, load, media, passing, undo, press, mark: (word, m) => press(KEYS[word], m) };
+  return { note: notes.focus, said: notes.said, sweep: look, first: () => asked[0] ?? null, store, load, media, passing, undo, press, mark: (word, m) => press(KEYS[word], m) };
 })();

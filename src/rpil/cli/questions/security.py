@@ -7,8 +7,9 @@ from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
 from secrets import token_urlsafe
 
-MAX_BODY = 4096
-"""Bytes of what is posted: ids, a key and a version; and of an address, in which Python reads no longer number."""
+MAX_BODY, MAX_ADDRESS = 65_536, 4096
+"""Bytes of what is posted: numbers, a key, a note and a version; and of an address, in which Python reads no longer
+number."""
 
 TOKEN_HEADER = "x-rpil-token"
 
@@ -98,7 +99,7 @@ def guarded_by(gate: Gate, application: Application) -> Application:
             respond.set_cookie(gate.cookie, gate.token, httponly=True, samesite="strict")
         elif refused := gate.refusal(request.method, request.headers, request.cookies.get(gate.cookie, "")):
             respond = JSONResponse({"error": refused[1]}, refused[0], {"connection": "close"})
-        elif len(request.url.path) > MAX_BODY:
+        elif len(request.url.path) > MAX_ADDRESS:
             respond = JSONResponse({"error": "There is no such address."}, 404)
         await respond(scope, receive, send_with_headers)
 

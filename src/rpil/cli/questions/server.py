@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from rpil.cli.questions.glance import column_curves, column_names
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import Session, choices, fact_lines, question_sentence
 from rpil.cli.questions.videos import EpisodeVideos
+from rpil.data.arrays import check_text
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
 from rpil.results.html.page import Article, html_environment, render_page
@@ -24,27 +26,39 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
-    from rpil.results.record import Audit
+    from rpil.data.demonstrations import Demonstrations
+    from rpil.formats.dataset import Dataset
+
 
 WHY_PAIR = "Nothing is labelled yet; we ask about these two because the answer helps most."
 WHY_ONE = "We ask about this one because the answer helps most."
 """Why a question is asked, about two demonstrations or one."""
 
 
+SCRIPTS = "notes", "sweep", "finish", "review"
+"""Of the page, in the order in which they stand in it."""
+
+MAX_WHY = 500
+"""Characters of a note, a tag or a name."""
+
+PageChange = Callable[[Mapping[str, Parsed]], View]
+"""Changes what is known, as a page says it; "lines" are sentences on what that did."""
+
+
 @dataclass(eq=False)
 class Review:
     """What the server shows and changes.
 
-    `finish` writes files for what follows and returns sentences on them as "lines"; where it would replace files that
-    this run did not write, it asks instead, and returns them as "exists": it takes them as its second argument where a
-    user agrees. `page` is the page of a `state` and a `view`.
+    `finish` says which demonstrations are kept, or writes files for what follows; see `rpil.cli.review`. `page` is the
+    page of a `state` and a `view`.
     """
 
     session: Session
     about: About
     videos: EpisodeVideos
-    finish: Callable[[Audit, object], View]
+    finish: PageChange
     page: Callable[[View, View], str]
+    data: Demonstrations | Dataset
     lock: Lock = field(default_factory=Lock)
     _drawn: tuple[int, View] | None = None
 
@@ -52,6 +66,7 @@ class Review:
         """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has."""
         if self._drawn is None or self._drawn[0] != self.session.version:
             view = make_view(self.session.audit, self.about, 0) | {"question": "", "pair": [], "look_at": []}
+            view |= {"said": self.said(), "by": self.session.by, "agreement": self.session.agreement()}
             self._drawn = self.session.version, view
         return self._drawn[1]
 
@@ -73,6 +88,11 @@ class Review:
             "path": session.path,
         }
 
+    def said(self) -> list[list[object]]:
+        """The answers in the file: the number of a demonstration, the label, the note, the tag and the person."""
+        numbers = {str(name): m for m, name in enumerate(self.session.audit.ids)}
+        return [[numbers[row.id], str(row.label), *row[2:]] for row in self.session.said]
+
     def demonstration(self, m: int) -> View:
         """What is drawn and played of one demonstration."""
         audit = self.session.audit
@@ -86,18 +106,20 @@ class Review:
         }
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
-        """Answer as a page says it: the numbers of the demonstrations, and a key."""
+        """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note, a tag and a name."""
         named, ids = given.get("demonstrations"), self.session.audit.ids
         numbers = named if isinstance(named, list) else []
         known = all(type(m) is int and 0 <= m < len(ids) for m in numbers) and len({*numbers}) == len(numbers)
         question = tuple(ids[m] for m in numbers) if known else ()
-        if len(question) not in (1, 2) or given.get("key") not in [*choices(question)]:
+        if not question or given.get("key") not in ("g", "b", *(choices(question) if len(question) < 3 else ())):
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
-        return {"lines": self.session.answer(question, given["key"])}
-
-
-PageChange = Callable[[Mapping[str, Parsed]], View]
-"""Changes what is known, as a page says it; "lines" are sentences on what that did."""
+        why = [given.get(name, "") for name in ("note", "tag")] + [given.get("by", self.session.by)]
+        if not all(isinstance(text, str) and len(text) <= MAX_WHY for text in why):
+            raise DataError(f"A note, a tag or a name is no text of {MAX_WHY} characters at most; shorten it.")
+        note, tag, self.session.by = (text.strip() for text in why)
+        for text in filter(None, (note, tag, self.session.by)):
+            check_text(text, "what is written beside it", "the answer")
+        return {"lines": self.session.answer(question, given["key"], (note, tag, self.session.by))}
 
 
 def application(review: Review, gate: Gate) -> Application:
@@ -138,9 +160,11 @@ def application(review: Review, gate: Gate) -> Application:
         get(
             "/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, "image/jpeg")
         ),
+        get("/api/columns", lambda: JSONResponse(column_names(review.data))),
+        get("/api/column/{k:int}", lambda k: JSONResponse(column_curves(review.data, k))),
         post("/api/answer", review.answer),
         post("/api/undo", lambda given: {"lines": session.undo()}),
-        post("/api/finish", lambda given: review.finish(session.audit, given.get("replace"))),
+        post("/api/finish", review.finish),
     ]
     gone = {ClientDisconnect: lambda request, error: Response(status_code=400)}  # nobody waits for an answer
     return guarded_by(gate, Starlette(routes=routes, exception_handlers=gone))
@@ -168,8 +192,9 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
 def page_of(state: View, view: View) -> str:
     """The page of the report with the question of a `state` above its table."""
     question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
-    script = files("rpil.cli.questions").joinpath("review.js").read_text(encoding="utf-8")
-    return render_page([Article(view, top=Markup(question))], live=script)
+    folder = files("rpil.cli.questions")
+    scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    return render_page([Article(view, top=Markup(question))], live="\n".join(scripts))
 
 
 def load_server() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
@@ -29,20 +29,12 @@ if TYPE_CHECKING:
 MIN_QUESTIONS = 4
 """From this one on a run ends where the answers make every demonstration good or bad."""
 
-N_MOVED = 3
-"""Demonstrations of which it is said how far an answer moved them."""
-
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
 
-class Why(NamedTuple):
-    """What a person adds to an answer; see `AnswerRow`."""
-
-    note: str = ""
-    tag: str = ""
-    by: str = ""
-
+Why = tuple[str, str, str]
+"""The note, the tag and the person of an answer; see `AnswerRow`."""
 
 Reply = tuple[Question, str, Why]
 """A question, the key that was given as its answer, one of its `choices`, and why."""
@@ -79,13 +71,13 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     return tuple(name for name in suggested if name not in passed)[:1]
 
 
-def rows_of(question: Question, key: str, why: Why = Why()) -> list[AnswerRow]:
+def rows_of(question: Question, key: str, why: Why = ("", "", "")) -> list[AnswerRow]:
     """The answer that a key gives to a question; "cannot tell" is one where a note or a tag says more."""
     ids = [str(name) for name in question]
     if key in ("1", "2", "5"):
         first, second = ids[::-1] if key == "2" else ids
         return [AnswerRow(first, f"{'same as' if key == '5' else 'better than'} {second}", *why)]
-    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if why.note or why.tag else {})
+    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if any(why[:2]) else {})
     return [AnswerRow(name, words[key], *why) for name in ids] if key in words else []
 
 
@@ -122,7 +114,7 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        return self._go_to((*self.given, (question, key, why or Why(by=self.by))))
+        return self._go_to((*self.given, (question, key, why or ("", "", self.by))))
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
@@ -134,7 +126,7 @@ class Session:
 
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
         by_question: dict[tuple[frozenset[str], str], AnswerRow] = {}
-        for row in (row for reply in given for row in rows_of(*reply)):
+        for row in (row._replace(by=row.by or self.by) for reply in given for row in rows_of(*reply)):
             question = same_question(row.id, row.label), row.by
             by_question.pop(question, None)  # a later answer replaces an earlier one
             by_question[question] = row
@@ -178,7 +170,7 @@ def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
 
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """What an answer changed: the number of each verdict, which demonstrations have another, and who moved most."""
+    """What an answer changed: the number of each verdict, and which demonstrations have another."""
     counts = ", ".join(numbered(count, word) for word, count in new.verdict_counts().items())
     yield f"Now: {counts}."
     moved: dict[str, list[Hashable]] = {}
@@ -187,10 +179,6 @@ def change_lines(old: Audit, new: Audit) -> Iterator[str]:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No verdict changed."
-    distance = abs(new.ranks - old.ranks)
-    most = distance.argsort(kind="stable")[::-1][:N_MOVED].tolist()
-    far = (f"{printable(new.ids[m])} from {old.ranks[m]:,} to {new.ranks[m]:,}" for m in most)
-    yield f"Places of {len(new.ids):,} that changed most: {', '.join(far)}."
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

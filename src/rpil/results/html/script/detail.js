@@ -63,6 +63,7 @@ const makeDetail = (model, place, act) => {
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
       live ? live.media(model, m) : "",
+      live ? live.said(model, m) : "",
       el("p", {}, d.reason[m] && printable(d.reason[m])),
       view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",

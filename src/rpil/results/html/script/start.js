@@ -127,8 +127,9 @@ const start = (article, prefix, before = null) => {
     "/": () => search.focus(),
     Escape: () => { filters.clear(); changed(); table.focus(); },
   };
+  if (live) Object.assign(keys, { n: live.note, v: live.sweep });
   if (live) for (const key of "us12345") keys[key] = () => live.press(key, chosen);
-  return { show, choose, kept: () => ({ chosen, state, look: view.demonstrations.look, n_review: view.n_review }), press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
+  return { show, choose, model, shown: () => table.shown(), kept: () => ({ chosen, state, look: view.demonstrations.look, n_review: view.n_review }), press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
 };
 
 const articles = [...document.querySelectorAll("main > article")];
@@ -144,6 +145,7 @@ const turnTo = (k) => {
 const turnToHash = () => turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash)));
 addEventListener("hashchange", turnToHash);
 addEventListener("keydown", (event) => {
+  if (document.querySelector("dialog[open]")) return; // it has keys of its own
   const typing = event.target.matches?.("input, select, textarea");
   if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape") || !parts[current].knows(event.key)) return;
   event.preventDefault();
