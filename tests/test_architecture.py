@@ -197,7 +197,6 @@ WITHOUT_TESTS = {
     "formats/lerobot/video_motion.py": "as video_faults.py",
     "formats/places.py": "as dialect.py",
     "formats/recording.py": "as csv.py",
-    "formats/metadata.py": "tests/formats/test_meta_folder.py",
     "formats/description.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",

@@ -6,8 +6,7 @@ import json
 
 from rpil.formats.columns import Columns
 from rpil.formats.format import StepTables, from_facts
-from rpil.formats.metadata import Metadata
-from rpil.formats.table_facts import Origin
+from rpil.formats.table_facts import Metadata, Origin
 
 
 def test_all_but_the_tables_is_json():

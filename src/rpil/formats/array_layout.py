@@ -18,9 +18,9 @@ from rpil.data.errors import DataError
 from rpil.data.names import EPISODE, may_be_outcome
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import StepTables
-from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
+from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
 ACTIONS = ("actions", "action", "acts", "expert_actions")

@@ -16,10 +16,9 @@ from rpil.data.json_files import Parsed
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.layout import Layout
-from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts
 from rpil.formats.store import ParquetRows
-from rpil.formats.table_facts import Origin
+from rpil.formats.table_facts import Metadata, Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

@@ -176,10 +176,7 @@ class Arrays(Mapping[str, Any]):
         """What a hard link leads to; None where the link is of another kind, or there is none."""
         import h5py
 
-        if path not in self._found:
-            is_hard = self._links.get(path) == h5py.h5l.TYPE_HARD
-            self._found[path] = _opened_at(self.group, path, self._fills) if is_hard else None
-        return self._found[path]
+        return _opened_at(self.group, path, self._fills) if self._links.get(path) == h5py.h5l.TYPE_HARD else None
 
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
         """Give a `view` of an array from now on, where there is one."""
@@ -189,13 +186,14 @@ class Arrays(Mapping[str, Any]):
     def __getitem__(self, path: str) -> h5py.Dataset:
         import h5py
 
-        one = self._opened(path)
-        is_elsewhere = (
-            isinstance(one, h5py.Dataset) and one.id.get_offset() is None and (one.is_virtual or one.external)
-        )
-        if one is None or isinstance(one, h5py.Group | h5py.Datatype) or is_elsewhere:
+        if path not in self._found:
+            one = self._opened(path)
+            array = one if isinstance(one, h5py.Dataset) else None
+            is_elsewhere = array and array.id.get_offset() is None and (array.is_virtual or array.external)
+            self._found[path] = None if is_elsewhere else array
+        if self._found[path] is None:
             raise KeyError(path)
-        return one
+        return self._found[path]
 
     def __iter__(self) -> Iterator[str]:
         return (path for path in self._links if path in self)
@@ -218,8 +216,8 @@ class Arrays(Mapping[str, Any]):
         """That what lies in other files, or behind a link, is not read, in words."""
         import h5py
 
-        others = (path for path in self._links if not isinstance(self._opened(path), h5py.Group | h5py.Datatype))
-        links = [path for path in others if path not in self]
+        others = (path for path in self._links if path not in self)
+        links = [path for path in others if not isinstance(self._opened(path), h5py.Group | h5py.Datatype)]
         return (f"Not read, because they are links: {commas(links)}.",) if links else ()
 
 

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.held import holding
@@ -22,7 +21,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import StepTables, from_facts
 from rpil.formats.import_process import in_child
 from rpil.formats.parquet_file import input_file, read_table
-from rpil.formats.recording import Recording, from_rows, from_tables
+from rpil.formats.recording import Recording, from_rows, from_tables, one_table
 from rpil.formats.rows import TableRows
 from rpil.formats.spool import fill, new_copy
 from rpil.formats.store import copied_rows, size_of
@@ -57,7 +56,7 @@ def imported(read: Callable[[], StepTables], path: StrPath, options: ColumnOptio
         if copy is not None:
             fill(copy, found.tables, found.origin.source)
         else:
-            n_bytes = max(table.nbytes for table in found.tables) if stays else _write(found, file)
+            n_bytes = max(table.nbytes for table in found.tables) if stays else _write(one_table(found), file)
             if is_parquet and _peak() - before > 4 * n_bytes + _LARGEST_PAGE:
                 fault = "to decode a part of it takes far more memory than its rows"
                 raise DataError(f"{found.origin.source}: {fault}; it is damaged, or write it with smaller pages.")
@@ -95,7 +94,7 @@ def imported_table(path: Path) -> pa.Table:
         return read_table(path)
     file = os.memfd_create("rows")
     try:
-        in_child(lambda: _write_table(read_table(path), file), str(path), size_of(path))
+        in_child(lambda: _write(read_table(path), file), str(path), size_of(path))
         return _mapped(file)
     finally:
         os.close(file)
@@ -109,22 +108,13 @@ def _peak() -> int:
     return 1024 * kilobytes
 
 
-def _write(found: StepTables, file: int) -> int:
-    """Write all tables as one to an open file; its bytes."""
-    import pyarrow as pa
-
-    whole = list(found.tables)
-    check_any(len(whole), found.origin.source)
-    table = pa.concat_tables(whole, promote_options="permissive")
-    _write_table(table, file)
-    return int(table.nbytes)
-
-
-def _write_table(table: pa.Table, file: int) -> None:
+def _write(table: pa.Table, file: int) -> int:
+    """Write a table to an open file; its bytes."""
     import pyarrow as pa
 
     with os.fdopen(os.dup(file), "wb") as stream, pa.ipc.new_stream(stream, table.schema) as writer:
         writer.write_table(table)
+    return int(table.nbytes)
 
 
 def _mapped(file: int) -> pa.Table:

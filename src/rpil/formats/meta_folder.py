@@ -16,8 +16,8 @@ from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
-from rpil.formats.metadata import SIZES, Metadata
 from rpil.formats.parquet_file import input_file, read_table
+from rpil.formats.table_facts import SIZES, Metadata
 
 if TYPE_CHECKING:
     from pyarrow import fs

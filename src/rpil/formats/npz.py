@@ -19,9 +19,9 @@ from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, first, is_stacked, layout_of, n_actions, read_arrays
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import Closed, read_once
+from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
 _OPTIONAL = "observation_names"

@@ -18,12 +18,11 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.made_columns import with_facts
-from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.store import columns_of_file, open_rows, opened
-from rpil.formats.table_facts import Origin
+from rpil.formats.table_facts import Metadata, Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

@@ -22,14 +22,13 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
-from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows
 from rpil.formats.table import numbers_or_missing
-from rpil.formats.table_facts import Origin, different, fact_columns, find_facts, tasks_of
+from rpil.formats.table_facts import Metadata, Origin, different, fact_columns, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
@@ -176,16 +175,20 @@ class Recording:
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables; `on_disk` they never are in memory all."""
-    import pyarrow as pa
-
     if found.in_place is not None:
         return from_rows(found.in_place, found)
     if on_disk:
         return from_rows(copied_rows(spool(found.tables, found.origin.source), found.sizes), found)
+    return from_rows(TableRows(one_table(found), found.origin.source, sizes=found.sizes), found)
+
+
+def one_table(found: StepTables) -> pa.Table:
+    """All tables as one; a `DataError` where there is none."""
+    import pyarrow as pa
+
     whole = list(found.tables)
     check_any(len(whole), found.origin.source)
-    table = pa.concat_tables(whole, promote_options="permissive")
-    return from_rows(TableRows(table, found.origin.source, sizes=found.sizes), found)
+    return pa.concat_tables(whole, promote_options="permissive")
 
 
 def from_rows(rows: Rows, found: StepTables) -> Recording:

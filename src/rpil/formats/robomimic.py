@@ -17,9 +17,9 @@ from rpil.formats.array_layout import ACTIONS, first, n_actions
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables, kept_of
-from rpil.formats.metadata import Metadata
 from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import NOT_IN_FIRST, Closed, Part, StoredArray, from_parts
+from rpil.formats.table_facts import Metadata
 
 if TYPE_CHECKING:
     import h5py

@@ -24,12 +24,11 @@ from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
-from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_table, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
-from rpil.formats.table_facts import file_names
+from rpil.formats.table_facts import Metadata, file_names
 from rpil.numerics.types import Array, Int
 
 if TYPE_CHECKING:

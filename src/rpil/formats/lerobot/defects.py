@@ -140,7 +140,7 @@ def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
     left_out = {*cameras(folder.info, "image", "video")}  # of whose pictures rpil computes none
     left_out |= {"timestamp"} if any(rows.off for rows in folder.data.values()) else set()
     said = {name: one for name, one in read_json(place).items() if name not in left_out}
-    for name, found in stats.moments_of_data(folder.path / "data", said).items():
+    for name, found in stats.of_data(folder.path / "data", dict.fromkeys(said, stats.MOMENTS)).items():
         names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
         largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
         for what in names:
