@@ -59,7 +59,7 @@ def test_other_answers_are_not_executed(answer):
 
 
 def test_a_box_clips_and_takes_the_precision_of_its_bounds():
-    box = Box.single([-1, 0], [1, 10])
+    box = Box(np.float32([-1, 0]), np.float32([1, 10]))
     actions = box.executed(np.array([[-3.0, 4.0], [0.25, 1e300]]), 2)
     assert actions.dtype == np.float32
     np.testing.assert_array_equal(actions, [[-1, 4], [0.25, 10]])
@@ -74,11 +74,11 @@ def test_a_box_clips_and_takes_the_precision_of_its_bounds():
     "answer", [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
 )
 def test_a_box_takes_one_row_of_finite_numbers_per_step(answer):
-    assert Box.single([-1, 0], [1, 10]).executed(np.asarray(answer), 1) is None
+    assert Box(np.float32([-1, 0]), np.float32([1, 10])).executed(np.asarray(answer), 1) is None
 
 
 def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
-    box = Box.single([-0.1, 3], [0.3, 1000])
+    box = Box(np.float32([-0.1, 3]), np.float32([0.3, 1000]))
     actions = box.draw(5000, np.random.default_rng(1))
     for turn in (box.flip, box.shift):
         turned = turn(actions)
@@ -91,4 +91,4 @@ def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
 
 def test_no_uniform_draw_without_bounds():
     with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
-        Box.single([-1], [np.inf]).draw(3, np.random.default_rng(0))
+        Box(np.float32([-1]), np.float32([np.inf])).draw(3, np.random.default_rng(0))

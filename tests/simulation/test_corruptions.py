@@ -11,7 +11,7 @@ from rpil.simulation.simulate import CORRUPTIONS, KINDS, RANDOM
 N, D, K = 2001, 3, 4
 NUMBERED = Discrete(K)
 # One range around zero and one far from it.
-BOX = Box.single([-2, 10], [2, 11])
+BOX = Box(np.float32([-2, 10]), np.float32([2, 11]))
 
 
 @pytest.fixture

@@ -117,7 +117,7 @@ def test_random_policy_is_uniform_and_seeded():
 
 
 def test_random_policy_of_a_box_is_uniform_and_seeded():
-    box = Box.single([-1, 0], [1, 10])
+    box = Box(np.float32([-1, 0]), np.float32([1, 10]))
     draws = RandomPolicy(box, 0).predict(np.zeros((40_000, 2)))
     assert draws.shape == (40_000, 2)
     np.testing.assert_array_equal(draws, RandomPolicy(box, 0).predict(np.zeros((40_000, 2))))
@@ -157,7 +157,11 @@ def test_recording_nothing_gives_nothing():
         (Always(0), "no_such_module:Thing-v0", "no environment 'no_such_module:Thing-v0'"),
         (SimpleNamespace(n_features_in_=4), "Pendulum-v1", r"Pendulum-v1 has .* shape \(3,\) .* shape \(4,\)"),
         (RandomPolicy(Discrete(2), 0), "Pendulum-v1", r"has .* continuous actions \(-2 to 2\), .* actions \[0, 1\]"),
-        (RandomPolicy(Box.single([-2], [2]), 0), "CartPole-v1", "has .* the actions 0 to 1, .* actions of a box"),
+        (
+            RandomPolicy(Box(np.float32([-2]), np.float32([2])), 0),
+            "CartPole-v1",
+            "has .* the actions 0 to 1, .* actions of a box",
+        ),
         (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
         (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite number for each"),
         (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return 2 finite numbers for each"),

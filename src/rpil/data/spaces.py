@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.errors import DataError
@@ -92,11 +91,6 @@ class Box:
         low, high = actions.min(axis=0), actions.max(axis=0)
         constant = high <= low
         return cls(np.where(constant, low - 0.5, low), np.where(constant, high + 0.5, high))
-
-    @classmethod
-    def single(cls, low: ArrayLike, high: ArrayLike) -> Box:
-        """A box in single precision, as Gymnasium's are."""
-        return cls(np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32))
 
     @property
     def n_parts(self) -> int:
