@@ -117,7 +117,7 @@ def from_parts(
     more = dict.fromkeys((name for names in named for name in names if name not in kinds), NOT_IN_FIRST)
     ignored, is_chosen = {**columns.ignored, **without, **more}, options.id is not None
     columns = replace(columns, ignored=ignored, id_chosen=is_chosen)
-    whole = {name for name in columns.all if all(name in part.about for part in parts)}
+    whole = [name for name in columns.all if all(name in part.about for part in parts)]
     steps = [name for name in columns.all if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
         place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
