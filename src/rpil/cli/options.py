@@ -261,5 +261,5 @@ def command_words(ctx: click.Context, name: str, without: Collection[str] = ("la
                 words += param.opts[:1] if value else param.secondary_opts[:1]
             else:
                 for one in value if isinstance(value, tuple) else (value,):
-                    words += [param.opts[0], str(one)]
+                    words += [param.opts[0], f"{one:g}" if isinstance(one, float) else str(one)]
     return words

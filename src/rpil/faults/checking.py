@@ -103,7 +103,7 @@ def _check_files(
         return [], {}
     unseen = [] if video or not recording.origin.metadata.videos else [rule.name for rule in BY_LOOKING]
     found = find_beside(recording.find_defects(video), demonstrations)
-    return found, dict.fromkeys(unseen, "videos are not looked at, which --video, or video=True, does")
+    return found, dict.fromkeys(unseen, "videos are looked at with --video, or video=True")
 
 
 def _check_steps(

@@ -119,7 +119,8 @@ def find_frame_times(
             time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
             texts = {"lost": _of_frames(lost, "is", "are"), "n": _of_frames(len(wrong), "comes", "come")}
             at = moment(step, usual)
-            said = f"{what.format(**texts)}: {time:.4g} ms pass before {at}"
+            passed = f"{time:.4g}" if time < 1e4 else f"{time:,.0f}"
+            said = f"{what.format(**texts)}: {passed} ms pass before {at}"
             said = f"the time at {at} is missing" if np.isnan(time) else said
             sentence = f"{said} (usual: {1e3 * usual:.4g} ms)"
             yield Fault(

@@ -101,10 +101,9 @@ class ClaimedPath:
                 from rpil.formats.embeddings import with_embeddings
 
                 recording = with_embeddings(recording, options.embeddings)
-            description = recording.description
             return replace(
                 recording,
-                description=replace(description, source=self.name or description.source),
+                description=replace(recording.description, source=self.name or recording.description.source),
                 options=options,
                 write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts),
                 find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),

@@ -54,8 +54,8 @@ class Metadata:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
         found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        n, only = self.n_cameras, "what only they show" if self.n_cameras > 1 else "what only it shows"
-        unseen = f"Pictures are not used ({counted(n, 'camera')}): {only}, as where an object lies, is not known here."
+        n, are = self.n_cameras, "are" if self.n_cameras > 1 else "is"
+        unseen = f"{counted(n, 'camera')} {are} not used: what only pictures show is not known here."
         strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
         values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
         facts = [f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1]

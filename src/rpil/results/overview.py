@@ -19,26 +19,22 @@ N_LOWEST_ROWS = 10
 MAX_NAME = 40
 """Characters of an id in the text."""
 
+ACTING = {"outliers": "differently from the rest", "mixture": "like the adversary that was named"}
+
 
 def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
     """The finding in one sentence, with numbers and up to `most` names, the lowest score first."""
-    n, counts = len(audit.ids), audit.verdict_counts()
-    lower = [m for m in audit.ranking()[::-1].tolist() if SIDES[audit.verdicts[m]] == "lower"]
-
-    def names_of(verdict: str = "") -> str:
-        own = [named(audit.ids[m]) for m in lower if audit.verdicts[m] == verdict or not verdict]
-        return listed(own, most, ", ")
-
-    if audit.finding == "outliers" and lower:
-        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} differently from the rest: {names_of()}."
+    counts, ranked = audit.verdict_counts(), audit.ranking()[::-1].tolist()
+    below = [one for one, size in counts.items() if size and SIDES[one] == "lower"]
+    lists = ([named(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
+    names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True)}
     if audit.finding == "answered":
-        said = (
-            numbered(size, one) + f" ({names_of(one)})" * (SIDES[one] == "lower" and size > 0)
-            for one, size in counts.items()
-        )
+        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in counts.items())
         return f"By your answers: {', '.join(said)}."
-    if audit.finding == "mixture" and lower:
-        return f"{len(lower):,} of {n:,} act{'s' * (len(lower) == 1)} like the adversary that was named: {names_of()}."
+    if audit.finding in ACTING and below:
+        n = counts[below[0]]
+        some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
+        return f"{some}: {names[below[0]]}."
     sentence = FINDINGS[audit.finding]
     if audit.finding == "two groups" and audit.groups:
         sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())

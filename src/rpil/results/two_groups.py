@@ -39,17 +39,16 @@ def groups_differ(
     contrast: Contrast | None,
     data: FitData,
 ) -> tuple[str, ...]:
-    """Up to two sentences about the groups A and B: size, facts, and parts of the action; `columns` as in an audit."""
+    """Up to two sentences about the groups A and B: facts, and parts of the action; `columns` as in an audit."""
     if contrast is None:
         return ()
     facts = list(_facts(groups, columns, contrast))
-    sizes = f"A has {len(groups[0]):,} demonstrations and B {len(groups[1]):,}"
-    found = f"; B {listed(facts)}" if facts else "; in length, pauses, smoothness and path they hardly differ"
+    found = f"B {listed(facts)}" if facts else "in length, pauses, smoothness and path they hardly differ"
     parts = list(_parts(contrast, data))
     what = "where they take action" if isinstance(data.space, Discrete) else f"in part{'s' * (len(parts) > 1)}"
     whose = "" if isinstance(data.space, Discrete) else " of the action"
     policies = (f"{TWO_GROUPS}they differ most {what} {listed(parts)}{whose}.",) if parts else ()
-    return (f"{TWO_GROUPS}{sizes}{found}.", *policies)
+    return (f"{TWO_GROUPS}{found}.", *policies)
 
 
 def _facts(groups: tuple[Array, Array], columns: Array, contrast: Contrast) -> Iterator[str]:
