@@ -34,8 +34,8 @@ def judged(request):
 
 
 def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
-    data, judgement, kept, (log_prob, log_ratio) = judged
-    measure = log_ratio if data.space.kind == "discrete" else log_prob
+    data, judgement, kept, (log_prob, log_ratio, measure) = judged
+    assert measure is (log_ratio if data.space.kind == "discrete" else log_prob)
     score, _ = kept.score(data, measure, SETTINGS)
     np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
     again = kept.log_odds(data, measure, SETTINGS)
@@ -60,7 +60,7 @@ def test_log_odds_by_hand():
 
 
 def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(judged):
-    data, _, kept, (log_prob, _) = judged
+    data, _, kept, (log_prob, *_) = judged
     if data.space.kind == "discrete":
         assert kept.typical_own is None
         return

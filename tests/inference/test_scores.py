@@ -13,7 +13,7 @@ from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
-from rpil.inference.held_out import held_out_model
+from rpil.inference.held_out import held_out_model, indicators
 from rpil.inference.parts import ActionScale
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
@@ -35,7 +35,7 @@ def test_scores_by_hand(discrete):
     space = Discrete(2) if discrete else Box.around(actions)
     data = FitData(np.ones((n, 1)), actions, offsets, space, np.zeros(3, dtype=int))
     log_q = rng.normal(size=n)
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, log_q if discrete else 0)
     group, log_prob = np.array([True, False, True]), rng.normal(size=n)
     found = scoring.score(TrimmedFit(log_prob, group, 0.1, np.zeros(1)))
     log_ratio = log_prob - log_q if discrete else log_prob
@@ -91,13 +91,12 @@ def test_other_folds_are_dealt_by_policies_that_have_some():
 
 def test_indicators_are_the_actions_as_the_policy_sees_them():
     problem = fit_data_of(make("random", 0))
-    scoring = Scoring(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS, 0.1, np.zeros(1))
-    found = scoring.indicators()
+    found = indicators(problem)
     np.testing.assert_array_equal(found.argmax(axis=1), problem.actions)
     assert found.shape == (len(problem.actions), 3)
     assert set(found.ravel()) == {0.0, 1.0}
     continuous = fit_data_of(make_continuous("random", 0))
-    scaled = replace(scoring, data=continuous).indicators()
+    scaled = indicators(continuous)
     np.testing.assert_array_equal(scaled, ActionScale.of(continuous)(continuous.actions))
 
 
@@ -106,7 +105,7 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     weak = problem.per_step(np.arange(problem.n_demonstrations) == 2)
     problem = replace(problem, actions=np.where(weak[:, None], 1e-3 * problem.actions, problem.actions))
     scoring = Scoring.of(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS)
-    own = own_log_prob(problem, scoring.indicators(), SETTINGS.held_out.errors)
+    own = own_log_prob(problem, indicators(problem), SETTINGS.held_out.errors)
     assert scoring.typical_own == pytest.approx(np.median(own))
     np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)
     scores = scoring.score(

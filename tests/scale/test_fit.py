@@ -39,7 +39,7 @@ def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
     log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
     kind, of_others = type(model.judge_.ratio), problem.per_step((~group).astype(float))
     others = kind.fit(problem, of_others, 1e-3, settings.held_out)
-    log_prob, expected = model.judge_.ratio.step_ratios(problem.features, problem.actions, settings.held_out)
+    log_prob, expected, _ = model.judge_.ratio.step_ratios(problem.features, problem.actions, settings.held_out)
     against = log_prob - others.step_ratios(problem.features, problem.actions, settings.held_out)[0]
     np.testing.assert_array_equal(log_ratio, expected)
     np.testing.assert_array_equal(share, step_shares(problem, against, settings, 0.6))

@@ -62,11 +62,13 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     with show_stages(run.quiet) as progress:
         recording, _ = commands.read_data(file, run, progress)
         progress(LOADING)
+        from rpil.data.spaces import policy_space
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
         model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=ctx.obj, progress=progress)
         model.fit(recording, labels=run.labels, demonstrators=run.operator)
+        policy_space(model.space_)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])

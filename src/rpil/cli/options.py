@@ -162,7 +162,7 @@ COLUMN_OPTIONS = (
         type=click.Choice(("auto", "discrete", "continuous")),
         default="auto",
         show_default=True,
-        help="Whether one column of whole numbers holds classes or amounts.",
+        help="Whether columns of whole numbers hold classes or amounts.",
     ),
     click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),

@@ -1,4 +1,4 @@
-"""Spaces of actions: one of n numbered actions, or any point of a box of A numbers.
+"""Spaces of actions: one of n numbered actions, any point of a box of A numbers, or a product of such parts.
 
 A space tells the model how many numbers an action has and what may be done, and tells the simulator how to draw an
 action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which answers of a policy it accepts.
@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from rpil.data.archive import NOT_STORED, stored
+from rpil.data.arrays import PartClasses
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -24,6 +25,8 @@ class Discrete:
     n: int
     start: int = field(default=0, metadata=NOT_STORED)
     kind: Literal["discrete"] = "discrete"
+
+    has_density = False  # whether a policy gives a density of numbers
 
     @property
     def n_parts(self) -> int:
@@ -84,6 +87,7 @@ class Box:
     low: Array
     high: Array
     kind: Literal["continuous"] = "continuous"
+    has_density = True
 
     @classmethod
     def around(cls, actions: Array) -> Box:
@@ -149,3 +153,55 @@ class Box:
 
 
 Space = Discrete | Box
+
+MAX_COLUMNS = 400  # from which numbers that depend on classes are explained
+
+
+@stored()
+@dataclass(frozen=True, eq=False)
+class Product:
+    """Actions of A parts of which the first are classes, as a skill, and the others numbers, as its parameters.
+
+    The probability of an action is the product of that of each class, and of the density of all numbers given the
+    classes. The judge takes such actions; policies do not.
+    """
+
+    part_classes: PartClasses
+    numbers: Box | None
+    kind: Literal["product"] = "product"
+
+    @property
+    def has_density(self) -> bool:
+        """Whether some parts are numbers."""
+        return self.numbers is not None
+
+    @property
+    def n_parts(self) -> int:
+        """A."""
+        return len(self.part_classes)
+
+    @property
+    def sizes(self) -> list[int]:
+        """The number of classes of each part that is not a number."""
+        return [len(classes) for classes in self.part_classes if classes]
+
+    def given(self, features: Array, actions: Array) -> Array:
+        """The features (N, D) for the numbers given the classes: those within each class, or one constant where they
+        would be too many, and then those of all."""
+        classes = np.hstack([actions[:, [j]] == np.arange(size) for j, size in enumerate(self.sizes)])
+        is_small = features.shape[1] * (classes.shape[1] + 1) <= MAX_COLUMNS
+        within = classes.astype(features.dtype)[:, :, None] * (features if is_small else features[:, -1:])[:, None]
+        return np.hstack([within.reshape(len(features), -1), features])
+
+
+ActionSpace = Space | Product
+
+
+def policy_space(space: ActionSpace) -> Space:
+    """The space, for a policy; a `DataError` where it is a `Product`, which no policy takes."""
+    if isinstance(space, Product):
+        raise DataError(
+            "No policy is fitted to actions of several parts, of which some are classes; judge them with RPIL() or "
+            "rpil audit, and train a policy of your own by the weights."
+        )
+    return space

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.spaces import Space
+from rpil.data.spaces import ActionSpace, policy_space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each, source_of
 from rpil.numerics.types import Array
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Predictions of an estimator with `space_`, `classes_`, `features_` and `policy_`."""
 
-    space_: Space
+    space_: ActionSpace
     classes_: Array
     features_: Features
     policy_: FinalPolicy
@@ -41,7 +41,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     def predict(self, X: ArrayLike) -> Array:
         """The most likely action in each observation, (N,), or the mean action within the box, (N, A)."""
         outputs = self._outputs(X)
-        action = self.space_.act(outputs)
+        action = policy_space(self.space_).act(outputs)
         return self.classes_[action] if len(self.classes_) else action
 
     def predict_proba(self, X: ArrayLike) -> Array:
@@ -74,10 +74,12 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         DataError
             Where an action is not among `classes_`.
         """
-        return self.policy_.log_prob(self._outputs(X), encode_actions(self.classes_, np.asarray(y), "the steps"))
+        outputs = self._outputs(X)
+        return self.policy_.log_prob(outputs, encode_actions(self.classes_, np.asarray(y), "the steps"))
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
+        policy_space(self.space_)
         return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
 
     def _linear(self) -> tuple[FeatureMap, Array]:
@@ -152,5 +154,5 @@ class BehavioralCloning(PolicyEstimator):
         codes = encode_actions(self.classes_, rows.actions, rows.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
-            self.features_, self.policy_ = spec.fit(rows, codes, weight, self.space_)
+            self.features_, self.policy_ = spec.fit(rows, codes, weight, policy_space(self.space_))
         return self

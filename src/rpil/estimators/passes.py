@@ -10,8 +10,9 @@ import numpy as np
 
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import policy_space
 from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
-from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
+from rpil.inference.fitted_judge import FittedJudge, ProductRatio, Ratio, SoftmaxRatio
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
@@ -75,18 +76,18 @@ class SampledFit(FullFit):
         assert posed.blocks is not None
         sample = _sample(posed, decided.judgement, decided.judge)
         weights = StepWeights.of(decided.audit, sample, options.settings.judge)
-        if not self.keeps_policy:
+        if not self.keeps_policy or task.space.kind == "product":
             return replace(decided, audit=self._weigh(posed, decided, posed.blocks.then(weights))[0])
-        weight = weights.steps(data, sample.indices)[-1]
-        choice = options.linear.choice(posed.demonstrations, data.actions, weight, task.space)
+        weight, space = weights.steps(data, sample.indices)[-1], policy_space(task.space)
+        choice = options.linear.choice(posed.demonstrations, data.actions, weight, space)
         observations = posed.demonstrations.observations
         features = options.linear.feature_map(choice, observations, weight)
         weights = replace(weights, final=DesignMap(features, task.space, task.classes))
         data = replace(data, features=features.design(observations, single=True))
         blocks = posed.blocks.then(weights).kept(int(task.source.offsets[-1]))
         audit, total = self._weigh(posed, decided, blocks)
-        ridge, final_ridge = (ridge_of(features, options.C, float(n), task.space) for n in (weight.sum(), total))
-        first, _ = linear_policy(task.space, ridge, weight.sum()).fit(data, weight)
+        ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
+        first, _ = linear_policy(space, ridge, weight.sum()).fit(data, weight)
         assert isinstance(first, AdditivePolicy)
         start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
         policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
@@ -112,16 +113,19 @@ class SampledFit(FullFit):
 
 def by_policy_of_sample(
     judgement: Judgement,
-    ratio: SoftmaxRatio | StudentRatio,
+    ratio: Ratio,
     data: FitData,
     members: Int[Array, " K"],
     settings: HeldOutSettings,
 ) -> StepEvidence:
     """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
-    if isinstance(ratio, SoftmaxRatio):
-        expected = ratio.step_ratios(data.features, data.actions, settings)[0]
-    else:
-        expected = ratio.scaling.back(linear(data.features, ratio.weights))
+    pairs = ratio.of(data.features, data.actions) if isinstance(ratio, ProductRatio) else [(ratio, data)]
+    expected = [
+        one.step_ratios(own.features, own.actions, settings)[0]
+        if isinstance(one, SoftmaxRatio)
+        else one.scaling.back(linear(own.features, one.weights))
+        for one, own in pairs
+    ]
     return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 

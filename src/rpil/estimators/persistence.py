@@ -24,6 +24,7 @@ from rpil.data.archive import (
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
+from rpil.data.spaces import Product
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
@@ -68,7 +69,7 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
-    if stored_name(estimator.policy_) is None:
+    if estimator.policy_ is not None and stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
             f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
@@ -174,10 +175,13 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
 def _try_out(estimator: SavedEstimator) -> None:
     """Use the estimator on one step, so that parts of different shapes fail here and not later."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
-    outputs = estimator.policy_.outputs(estimator.features_.design(observation))
-    action = estimator.space_.act(outputs)
+    space = estimator.space_
+    outputs = action = np.zeros((1, space.n_parts))
+    if not isinstance(space, Product):
+        outputs = estimator.policy_.outputs(estimator.features_.design(observation))
+        action = space.act(outputs)
     sound = np.isfinite(outputs).all() and (classes[:-1] < classes[1:]).all()
-    sound &= len(classes) == getattr(estimator.space_, "n", 0)
+    sound &= len(classes) == getattr(space, "n", 0)
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
@@ -185,7 +189,9 @@ def _try_out(estimator: SavedEstimator) -> None:
         check_sound(estimator.audit_)
         sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
         if state is not None or judge is not None:
-            one_step = Demonstrations(observation, classes[action] if len(classes) else action, np.array([0, 1]))
+            taken = classes[action] if len(classes) else action
+            parts = getattr(space, "part_classes", ())
+            one_step = Demonstrations(observation, taken, np.array([0, 1]), part_classes=parts)
             sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
     if not sound:
         raise ValueError("values out of range")

@@ -19,7 +19,7 @@ from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Space
+from rpil.data.spaces import ActionSpace, policy_space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
@@ -73,11 +73,11 @@ class FitOptions:
             self.features, self.C, settings.ascent.tol, settings.selection, settings.min_feature_weight
         )
 
-    def cross_fitted(self, space: Space, n_steps: int) -> CrossFittedPolicy:
+    def cross_fitted(self, space: ActionSpace, n_steps: int) -> CrossFittedPolicy:
         """The user's policy before it is fitted."""
         from rpil.policies.cross_fitted import cross_fitted_policy
 
-        return cross_fitted_policy(self.policy, space, n_steps, self.settings.cross_fit)
+        return cross_fitted_policy(self.policy, policy_space(space), n_steps, self.settings.cross_fit)
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
@@ -114,9 +114,9 @@ class FitOptions:
 
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
-        if self.policy is not None or data.space.kind == "discrete":
+        if self.policy is not None or not data.space.has_density:
             return data
-        return replace(data, judged=judged_parts(data.actions, data.offsets))
+        return replace(data, judged=judged_parts(data.factors[-1].actions, data.offsets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,8 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
 
     data, settings, n_steps = posed.data, options.settings, len(posed.data.actions)
     assert isinstance(posed.features, FeatureMap)
-    start = linear_policy(data.space, ridge_of(posed.features, options.C, n_steps, data.space), n_steps)
+    space = policy_space(data.space)
+    start = linear_policy(space, ridge_of(posed.features, options.C, n_steps, space), n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
@@ -237,7 +238,7 @@ class FullFit:
         judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept))
         settings_of_audit = replace(settings.audit, judge=settings.judge)  # an audit answers like the judge
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
-        notes = (*audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence)
+        notes = (*audit.notes, *parts_not_judged(posed.data.factors[-1]), "" if copies is None else copies.sentence)
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
         decided = FitResult(audit, posed.features, posed.features, judge=judge, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
@@ -286,14 +287,15 @@ class FullFit:
             evidence = by_held_out_policies(judgement, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
-        features, policy = final_policy() if self.keeps_policy else (posed.features, None)
+        is_kept = self.keeps_policy and data.space.kind != "product"
+        features, policy = final_policy() if is_kept else (posed.features, None)
         audit = replace(audit, deviations=phrases, traces=drawn)
         return replace(decided, audit=audit, features=features, policy=policy)
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
         data = posed.data
         if self.options.policy is None:
-            return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
+            return self.options.linear.fit(posed.demonstrations, data.actions, weight, policy_space(data.space))
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
         start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
         return posed.features, start.fit_all(data, weight)

@@ -123,8 +123,8 @@ class TrainedPolicy(HeldOutModel):
 
     def _with_lapses(self, log_prob: Array) -> Array:
         """log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`."""
-        if not self.data.is_discrete:  # densities of actions in spreads, like the reference
-            log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
+        if self.fit_data.space.has_density:  # densities of actions in spreads, like the reference
+            log_prob = log_prob + np.log(ActionScale.of(self.fit_data.factors[-1]).spread).sum()
         lapse = self.options.judge.held_out.lapse
         q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
         return np.asarray(np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q))
@@ -168,7 +168,7 @@ class TrainedPolicy(HeldOutModel):
                 f"{self.data.source}, demonstration {self.data.ids[m]!r}: log_prob returned {log_prob[wrong[0]]} at "
                 f"step {step - self.data.offsets[m]}; look at the loss, or lower the learning rate."
             )
-        if self.data.is_discrete and log_prob.max() > 1e-4:
+        if not self.fit_data.space.has_density and log_prob.max() > 1e-4:
             above = f"{log_prob.max():.3g} for a discrete action"
             raise DataError(f"log_prob returned {above}, more than log 1; take logarithms.")
         bounded: Array = np.maximum(log_prob, -700.0)  # the exponential of -700 is still positive

@@ -29,6 +29,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import policy_space
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.task import Task
@@ -210,17 +211,17 @@ class RMEnt(PolicyEstimator):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         task = Task.of(demonstrations)
-        self.space_, self.classes_ = task.space, task.classes
+        space, self.space_, self.classes_ = policy_space(task.space), task.space, task.classes
         n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
             spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
             codes = task.codes(demonstrations)
-            choice = spec.choice(demonstrations, codes, np.ones(len(codes)), self.space_)
+            choice = spec.choice(demonstrations, codes, np.ones(len(codes)), space)
             self.features_ = spec.feature_map(choice, demonstrations.observations, equal)
             data = task.data(demonstrations, self.features_)
             weight = n_trusted * demonstrations.lengths.mean()
-            policy = linear_policy(self.space_, ridge_of(self.features_, self.C, weight, self.space_), weight)
+            policy = linear_policy(space, ridge_of(self.features_, self.C, weight, space), weight)
             rng = np.random.default_rng(self.random_state)
             subsets = starts(len(demonstrations), n_trusted, max(1, self.n_starts), rng)
             selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter)

@@ -229,9 +229,9 @@ class RPIL(PolicyEstimator):
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
-        assert fitted.policy is not None
         self.space_, self.classes_ = task.space, task.classes
-        self.features_, self.policy_, self.judge_features_ = fitted.features, fitted.policy, fitted.judge_features
+        self.features_, self.judge_features_ = fitted.features, fitted.judge_features
+        self.policy_ = fitted.policy  # type: ignore[assignment]  # none for actions of several parts
         self.judge_, self.state_, self.audit_ = fitted.judge, fitted.state, fitted.audit
         self.n_iter_, self.lower_bound_, self.converged_ = fitted.n_iter, fitted.lower_bound, fitted.converged
         return self
@@ -262,7 +262,7 @@ class RPIL(PolicyEstimator):
         if self.judge_ is None and self.state_ is None:
             raise DataError("This RPIL judged several tasks, each by itself, and no task is given here; fit one task.")
         demonstrations = as_demonstrations(self, X, y, groups, reset=False)
-        codes = encode_demonstrations(self.classes_, self.space_.n_parts, demonstrations)
+        codes = encode_demonstrations(self.classes_, self.space_, demonstrations)
         design = self.judge_features_.design(demonstrations.observations)
         data = FitData(design, codes, demonstrations.offsets, self.space_)
         if self.judge_ is None:
@@ -270,8 +270,8 @@ class RPIL(PolicyEstimator):
             return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
         settings = (self.settings or Settings()).judge
         if self.judge_.ratio is not None:
-            log_prob, log_ratio = self.judge_.ratio.step_ratios(design, codes, settings.held_out)
-            return self.judge_.log_odds(data, log_ratio if self.space_.kind == "discrete" else log_prob, settings)
+            scored = self.judge_.ratio.step_ratios(design, codes, settings.held_out)[2]
+            return self.judge_.log_odds(data, scored, settings)
         assert isinstance(self.policy_, CrossFittedPolicy)
         outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
         return self.judge_.log_odds(data, self.judge_.step_ratios_of(self.policy_, outputs, codes, settings), settings)

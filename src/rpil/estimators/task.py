@@ -20,7 +20,7 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, match_pairs, parse_labels, read_answers
 from rpil.data.recorded_facts import Outcome, given_order, given_outcome, tells
-from rpil.data.spaces import Space
+from rpil.data.spaces import ActionSpace
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
@@ -66,7 +66,7 @@ class Task:
     """The demonstrations of a fit, checked, and what is known of them."""
 
     source: Demonstrations | Dataset
-    space: Space
+    space: ActionSpace
     classes: Array
     """The discrete actions, or an empty array."""
     answers: Answers

@@ -99,7 +99,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     split_gap : float
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
     action_kind : {"auto", "discrete", "continuous"}
-        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+        Whether columns of whole numbers hold classes; "auto" decides by how many there are.
     embeddings : path
         A Parquet or NPZ file with more observations of each step, joined on the column ``index``.
     only, without : str, int or sequence of these

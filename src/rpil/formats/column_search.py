@@ -195,9 +195,9 @@ class _Search:
                     min(found, key=lambda name: (self.plain[name] not in spellings.ACTION, self.kinds[name] == "text"))
                 ], True
             parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
-            numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in _NUMBERS]
+            numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
             if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
-                return found, False
+                return found, len(found) == 1 and self.kinds[found[0]] == "text"
         guess = guess_actions(name for name, _ in free if self.options.guess and self.kinds[name] in _NUMBERS)
         if guess:
             self.guessed["action"] = ",".join(guess)

@@ -52,7 +52,7 @@ class ColumnOptions:
     guess : bool
         Whether the id and the action may be guessed from values where no name says them.
     action_kind : {"auto", "discrete", "continuous"}
-        Whether one column of whole numbers holds classes; "auto" decides by how many there are.
+        Whether columns of whole numbers hold classes; "auto" decides by how many there are.
     embeddings : str
         A Parquet or NPZ file with more observations of each step, by its ``index``.
     only, without : str, int or sequence of these

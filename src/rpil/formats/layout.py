@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from rpil.data.arrays import PartClasses
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.names import quoted, short_name
@@ -37,13 +38,15 @@ class Layout:
         Of the D numbers of an observation, and of the numbers of an action.
     observation, action : dtype
     n_parts : int
-        Numbers of a continuous action; 0 where actions are discrete, and where a single number may yet be.
+        Parts of an action; 0 where actions are discrete, and where a single number may yet be.
     masks : mapping of str to array
         Which numbers of a column are read, where not all are.
     left_out : mapping of str to str
         Names of those that are not, and why.
     allows_missing : bool
         Whether numbers may be NaN or infinite.
+    part_classes : tuple of tuples
+        The classes of each part, as in `Demonstrations`; also of one text, where rare ones are one class.
     """
 
     observations: Widths
@@ -56,6 +59,7 @@ class Layout:
     masks: Mapping[str, Array] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     allows_missing: bool = False
+    part_classes: PartClasses = ()
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -67,7 +71,7 @@ class Layout:
         if not observations or not actions:
             what = "action" if observations else "observations"
             raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
-        types = [_value_type(table[name].type) for name in actions]
+        types = [value_type(table[name].type) for name in actions]
         action, n_parts = _stacked(types), sum(actions.values())
         column = next(iter(actions))
         is_one = columns.one_action and n_parts == 1 and column not in chosen.masks
@@ -75,7 +79,7 @@ class Layout:
             n_parts, action = 0, action if types[0].kind == "f" else types[0]
         return cls(
             *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
-            *(_stacked([_value_type(table[name].type) for name in observations]), action, n_parts),
+            *(_stacked([value_type(table[name].type) for name in observations]), action, n_parts),
             *(chosen.masks, chosen.left_out, columns.allows_missing),
         )
 
@@ -118,21 +122,31 @@ class Layout:
         """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(at(0)):
             self._fill(observations, table, self.observations, at)
-            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+            self._fill(actions.reshape(len(actions), -1), table, self.actions, at, self.part_classes)
 
-    def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place) -> None:
+    def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place, part_classes: PartClasses = ()) -> None:
         start = 0
         for name, width in widths:
             block = flat.column_values(table, name, at, self.allows_missing)
-            if block.dtype.kind == "U" and out.dtype.kind != "U":
+            classes = part_classes[start : start + width]
+            if block.dtype.kind == "U" and out.dtype.kind != "U" and not any(classes):
                 raise flat.no_numbers(block, name, at)
             block = block.reshape(len(block), -1)
             mask = self.masks.get(name, np.ones(width, dtype=bool))
             if block.shape[1] != len(mask):
                 fault = f"holds {block.shape[1]} numbers, not {len(mask)} as elsewhere"
                 raise DataError(f"{at(0)}: column {name!r} {fault}.")
-            out[:, start : start + width] = block[:, mask] if name in self.masks else block
+            block = block[:, mask] if name in self.masks else block
+            out[:, start : start + width] = self._coded(block, classes) if any(classes) else block
             start += width
+
+    def _coded(self, block: Array, part_classes: PartClasses) -> Array:
+        """Parts of the action with the codes of their classes, or the classes themselves of an action of one part."""
+        parts = []
+        for part, own in zip(block.T, part_classes, strict=True):
+            known = np.where(np.isin(part, own), part, flat.RARE) if flat.RARE in own else part
+            parts.append(np.searchsorted(own, known) if own and self.n_parts else known)
+        return np.stack(parts, axis=1)
 
 
 class _Chosen:
@@ -197,7 +211,7 @@ def _width(column: pa.ChunkedArray) -> int:
     return 1 if first is None else len(first)
 
 
-def _value_type(kind: pa.DataType) -> np.dtype[np.generic]:
+def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     """The type of NumPy of the values of a column: float32 or float64, int64 for whole numbers, or text."""
     import pyarrow as pa
 

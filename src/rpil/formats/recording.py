@@ -267,6 +267,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ranges=ranges,
         outcomes=outcome_options(columns.outcomes),
         notes=(
+            *filter(None, [found.actions.note]),
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *origin.notes,
             *metadata.notes(len(places.ids), n_steps),

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from itertools import islice
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count, number_reason
+from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count, number_reason
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.layout import Layout
+from rpil.formats.description import commas
+from rpil.formats.layout import Layout, value_type
 from rpil.formats.places import Places
 from rpil.formats.rows import Rows
 from rpil.formats.table import Place
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class ScannedActions:
-    """The distinct actions of one column of numbers or texts, collected table by table.
+    """The distinct actions of one column of numbers or texts, collected table by table, or of each of several.
 
     Attributes
     ----------
@@ -35,6 +39,8 @@ class ScannedActions:
         The first value that cannot be an action.
     kind, reason : str
         "discrete", "continuous" or, where they cannot be what is wanted, "refused"; and why.
+    note : str
+        A sentence about texts that are rare, where there are such.
     """
 
     layout: Layout
@@ -43,8 +49,11 @@ class ScannedActions:
     fault: DataError | None = None
     kind: str = "continuous"
     reason: str = ""
+    note: str = ""
+    _parts: list[ScannedActions] = field(default_factory=list)
     _n_steps: int = 0
     _whole: bool = True
+    _counts: Counter[str] = field(default_factory=Counter)
 
     @property
     def _is_text(self) -> bool:
@@ -52,14 +61,21 @@ class ScannedActions:
 
     def add(self, table: pa.Table, at: Place) -> None:
         """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
-        name = self.layout.actions[0][0]
-        self._n_steps += len(table)
+        if self.layout.n_parts > 1:
+            self._add_parts(table, at)
+        elif not self.layout.n_parts:
+            self._n_steps += len(table)
+            for values in self._values(table, self.layout.actions[0][0], at):
+                self._add(values, at)
+
+    def _values(self, table: pa.Table, name: str, at: Place) -> Iterator[Array]:
+        """The values of a column; where some cannot be actions, those that are not missing."""
         try:
-            self._add(flat.column_values(table, name, at, self.layout.allows_missing), at)
+            yield flat.column_values(table, name, at, self.layout.allows_missing)
         except DataError as error:
             self.fault = self.fault or error
             if table[name].null_count < len(table):
-                self._add(flat.column_values(table.select([name]).drop_null(), name, at), at)
+                yield flat.column_values(table.select([name]).drop_null(), name, at)
 
     def _add(self, values: Array, at: Place) -> None:
         values = values.reshape(-1)
@@ -71,15 +87,17 @@ class ScannedActions:
             values = values[~np.isnan(values)]
             self._whole = self._whole and are_whole(values)
         if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
-            classes = np.unique(as_actions(values, at(0), "discrete"))
+            classes, counts = np.unique(as_actions(values, at(0), "discrete"), return_counts=True)
+            if self._is_text:
+                self._counts.update(dict(zip(classes.tolist(), counts.tolist(), strict=True)))
             self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
 
     def finish(self, source: str) -> Layout:
         """Decide what the actions are; the layout with their type."""
         layout = self.layout
         if layout.n_parts:
-            self.reason = number_reason(layout.n_parts)
-            return layout
+            return self._with_classes(source)
+        self._pool()
         try:
             count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
             self.kind, self.reason = kind_by_count(*count, "")
@@ -88,9 +106,63 @@ class ScannedActions:
             self.fault = self.fault or DataError(f"{source}{error}")
             return layout
         if self.kind == "discrete":
-            return replace(layout, action=self.classes.dtype)
+            classes = (tuple(self.classes.tolist()),) if self.note else ()
+            return replace(layout, action=self.classes.dtype, part_classes=classes)
         self.classes = np.empty(0)
         return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
+
+    def _add_parts(self, table: pa.Table, at: Place) -> None:
+        layout, begin = self.layout, 0
+        kinds = {name: value_type(table[name].type) for name, _ in layout.actions}
+        if not self._parts:
+            own = (((part, 1), kinds[name]) for name in kinds for part in layout.names[name])
+            layouts = (replace(layout, actions=(part,), action=kind, n_parts=0) for part, kind in own)
+            self._parts = [ScannedActions(each, self.wanted) for each in layouts]
+        for name, width in layout.actions:
+            parts, mask, begin = self._parts[begin : begin + width], layout.masks.get(name), begin + width
+            if width > 1 and kinds[name].kind == "f" and self.wanted != "discrete":  # lists of floats are numbers
+                parts[0]._whole = False
+                continue
+            for values in parts[0]._values(table, name, at):
+                block = values.reshape(len(values), -1)
+                block = block if mask is None or len(mask) != block.shape[1] else block[:, mask]
+                for part, column in zip(parts, block.T, strict=False):
+                    part._n_steps += len(column)
+                    part._add(column, at)
+
+    def _pool(self) -> None:
+        """Make one class of the rare ones among many texts."""
+        n_texts, n_steps = len(self._counts), self._n_steps
+        frequent = [text for text, n in self._counts.most_common(MAX_CLASSES - 1) if n > 1]
+        if frequent and n_texts > (MAX_CLASSES if n_steps >= 2 * n_texts else FEW_CLASSES):
+            self.classes = np.unique([*frequent, flat.RARE])
+            share = 1 - sum(self._counts[text] for text in frequent) / n_steps
+            kept = f"the {len(frequent)} most frequent of {n_texts:,} texts are classes"
+            self.note = f"{self.layout.actions[0][0]}: {kept}, all others ({share:.0%} of the steps) one, {flat.RARE}."
+
+    def _with_classes(self, source: str) -> Layout:
+        """The layout with the classes of texts, and of few whole numbers where all parts are whole; they come first."""
+        layout, parts, wanted = self.layout, self._parts, self.wanted
+        for part in parts:
+            part.finish(source)
+        self.reason, self.note = number_reason(layout.n_parts), " ".join(part.note for part in parts if part.note)
+        most = inf if wanted == "discrete" else FEW_CLASSES if all(part._whole for part in parts) else 0
+        chosen = {part for part in parts if part.kind == "discrete" and (part._is_text or len(part.classes) <= most)}
+        each = iter(parts)
+        columns = [(column, [*islice(each, column[1])]) for column in layout.actions if parts]
+        columns.sort(key=lambda column: not chosen.issuperset(column[1]))
+        classes = [tuple(p.classes.tolist()) for _, own in columns if chosen.issuperset(own) for p in own]
+        asked = parts if wanted == "discrete" and not classes else [part for part in parts if part._is_text]
+        for part in (part for part in asked if part.fault):
+            self.fault, self.kind, self.reason = part.fault, part.kind, part.reason
+        if not classes or self.kind == "refused":
+            return layout
+        self.kind = "discrete and continuous" if len(classes) < len(parts) else "discrete"
+        names = [part.layout.actions[0][0] for _, own in columns for part in own]
+        named = (f"{name} ({len(own)})" for name, own in zip(names, classes, strict=False))
+        self.reason = f"{len(classes)} of its {len(parts)} parts are classes, {commas(named)}"
+        actions, classes = tuple(column for column, _ in columns), [*classes, *[()] * (len(parts) - len(classes))]
+        return replace(layout, actions=actions, action_names=tuple(names), part_classes=tuple(classes))
 
 
 _CHANGES = 10
@@ -236,8 +308,7 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
-        if not layout.n_parts:
-            actions.add(table, at)
+        actions.add(table, at)
         statistics.add(table, places.begins(row, len(table)))
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
 
+RARE = "(rare)"  # the class of the rare ones among many texts
+
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
@@ -78,7 +80,7 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
         columns["action"] = demonstrations.actions
     else:
         names = action_columns(demonstrations.action_names, demonstrations.n_actions)
-        columns |= zip(names, demonstrations.actions.T, strict=True)
+        columns |= zip(names, demonstrations.action_values, strict=True)
     return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
 
 

@@ -165,7 +165,7 @@ def by_chance(scoring: Scoring, scores: Scores, again: Scores | None) -> Split |
     """
     limits, upper = scoring.settings.claims, scores.score > 0
     no_groups = scores.groups.p_two < limits.min_p_two_of_noise
-    if scoring.data.space.kind != "discrete" or no_groups or not limits.min_group <= upper.sum() < len(upper):
+    if scoring.data.space.has_density or no_groups or not limits.min_group <= upper.sum() < len(upper):
         return None
     lower = look_below(scoring.data, scoring.model, upper, scores.fit, scoring.settings)
     if lower.gain_upper <= 0 or not lower.is_noise:
@@ -221,7 +221,7 @@ def doubts_of(scoring: Scoring, scores: Scores, split: Split, order: Float[Array
         doubts.append(Doubt("More than half score low, at many levels: no limit between two groups is clear."))
     means = data.mean_steps(log_prob), data.mean_steps(log_prob - scoring.log_q)
     agreement = np.corrcoef([mean_ranks(mean) for mean in means])[0, 1]  # Spearman's
-    if data.space.kind != "discrete" and agreement < limits.min_agreement:
+    if data.space.has_density and agreement < limits.min_agreement:
         sentence = "Two ways of scoring disagree about the order (rank correlation"
         doubts.append(Doubt(f"{sentence} {agreement:.2f}), so the low scores may be an artefact."))
     if order is not None and outlier.any() and runs_p(outlier[np.argsort(order, kind="stable")]) < limits.max_runs_p:

@@ -8,6 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete, Product
 from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
@@ -25,8 +26,8 @@ from rpil.numerics.regression import (
 from rpil.numerics.types import Array, Float, Int, Shaped
 from rpil.policies.protocol import CrossFittedPolicy
 
-StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
-"""Of each step, nats: log pi, and log pi - log q."""
+StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
+"""Of each step, nats: log pi, log pi - log q, and what scores are means of."""
 
 
 @stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
@@ -50,7 +51,8 @@ class SoftmaxRatio:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse)
-        return log_prob, log_prob - np.log(self.frequency)[actions]
+        log_ratio = log_prob - np.log(self.frequency)[actions]
+        return log_prob, log_ratio, log_ratio
 
     def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
         """Indicators of the actions."""
@@ -90,11 +92,57 @@ class StudentRatio:
         """Log-ratios of the actions taken."""
         scaled = self.scaling(actions)
         log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
-        return log_prob, log_prob - student_log_density(scaled - self.center, self.width, settings.errors)
+        log_q = student_log_density(scaled - self.center, self.width, settings.errors)
+        return log_prob, log_prob - log_q, log_prob
 
     def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
         """The actions, scaled."""
         return self.scaling(actions)
+
+
+@stored(renews=("A", "F", "K"))
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """The log-ratio of one factor of a product, of sizes of its own."""
+
+    model: SoftmaxRatio | StudentRatio
+
+
+@stored()
+@dataclass(frozen=True, eq=False)
+class ProductRatio:
+    """The log-ratios of an action of several parts: the sum of those of its factors."""
+
+    space: Product
+    factors: tuple[Factor, ...]
+
+    def step_ratios(
+        self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
+    ) -> StepRatios:
+        """Log-ratios of the actions taken."""
+        own = (ratio.step_ratios(each.features, each.actions, settings) for ratio, each in self.of(features, actions))
+        log_prob, log_ratio, scored = (np.asarray(sum(terms)) for terms in zip(*own, strict=True))
+        return log_prob, log_ratio, scored
+
+    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
+        """Indicators of the classes, and the numbers, scaled."""
+        own = self.of(np.empty((len(actions), 0)), actions)
+        return np.hstack([ratio.indicators(each.actions) for ratio, each in own])
+
+    def of(self, features: Array, actions: Array) -> list[tuple[SoftmaxRatio | StudentRatio, FitData]]:
+        """The ratio of each factor, and the data of that factor."""
+        factors = FitData.from_steps(features, actions, self.space).factors
+        return [(factor.model, each) for factor, each in zip(self.factors, factors, strict=True)]
+
+
+Ratio = SoftmaxRatio | StudentRatio | ProductRatio
+
+
+def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> Ratio:
+    """The ratio for the actions of the data, whose policies are fitted to weighted steps, with a `ridge` a step."""
+    kinds = ((SoftmaxRatio if isinstance(own.space, Discrete) else StudentRatio, own) for own in data.factors)
+    fitted: list[SoftmaxRatio | StudentRatio] = [kind.fit(own, weight, ridge, settings) for kind, own in kinds]
+    return ProductRatio(data.space, tuple(map(Factor, fitted))) if isinstance(data.space, Product) else fitted[0]
 
 
 @stored()
@@ -102,7 +150,7 @@ class StudentRatio:
 class FittedJudge:
     """What is needed to judge demonstrations that were not fitted."""
 
-    ratio: SoftmaxRatio | StudentRatio | None
+    ratio: Ratio | None
     """Gives the log-ratios of steps; None where the user's policy gives them."""
     groups: Groups
     step_variance: float
@@ -121,9 +169,8 @@ class FittedJudge:
         if user_policy:
             reference = frequencies(data) if discrete else ActionScale.of(data).spread
             return cls(None, scores.groups, scores.step_variance, judgement.states, reference, similar)
-        kind: type[SoftmaxRatio | StudentRatio] = SoftmaxRatio if discrete else StudentRatio
         weight = data.per_step(judgement.training_group.astype(float))
-        ratio = kind.fit(data, weight, scores.fit.ridge, settings.held_out)
+        ratio = fit_ratio(data, weight, scores.fit.ridge, settings.held_out)
         return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, similar)
 
     def step_ratios_of(
@@ -149,8 +196,9 @@ class FittedJudge:
         squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
         if self.typical_own is None:
             return mean, squares
+        numbers = data.factors[-1]
         actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
-        own = own_log_prob(data, actions, settings.held_out.errors)
+        own = own_log_prob(numbers, actions[:, -numbers.space.n_parts :], settings.held_out.errors)
         return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
 
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:

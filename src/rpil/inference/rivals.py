@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
+from rpil.data.spaces import Box, Discrete, Product
 from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
@@ -138,7 +138,7 @@ class SecondWay:
         features = FeatureMap.fit("nystroem", few.features, offsets=few.offsets, settings=FeatureSettings())
         few = replace(few, features=features.design(few.features, single=few.features.dtype == np.float32))
         # Few folds: the columns are many, and a softmax policy keeps a matrix of their squares for each fold.
-        several = 2 if isinstance(few.space, Discrete) else settings.held_out.max_folds
+        several = settings.held_out.max_folds if isinstance(few.space, Box) else 2
         model = held_out_model(few, 0, replace(settings.held_out, max_folds=several, max_left_out=0))
         ridge_a, ridge_b = (choose_ridge(few, model.cold_copy(), group) for group in (~is_lower, is_lower))
 
@@ -248,6 +248,8 @@ def contrast(scoring: Scoring, lower: Lower, ridge: float) -> Contrast:
         use = [np.median(data.actions[steps], axis=0) for steps in inside]
         away = [np.abs(data.actions[steps] - middle) for steps, middle in zip(inside, use, strict=True)]
         spread = np.median(np.concatenate(away), axis=0)
+        if isinstance(data.space, Product):
+            spread[: len(data.space.sizes)] = np.inf  # codes of classes have no distance
     means = data.sum_steps(log_pi_b - log_pi_a) / data.lengths[:, None]
     nats = np.maximum(np.median(means[lower.rival], axis=0) - np.median(means[lower.upper], axis=0), 0.0)
     length = np.array([np.median(data.lengths[group]) for group in groups])

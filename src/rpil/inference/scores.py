@@ -2,6 +2,7 @@
 
     discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
     continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
+    product       the sum of these over the factors of pi
 
 o_m is the mean log-density of the actions of demonstration m by their own distribution, whatever the state. To hold
 still, or to do little, is easy to predict by any policy with wide errors; so actions that are easier to predict without
@@ -15,11 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.groups import Groups, fit_groups
-from rpil.inference.held_out import HeldOutModel, log_reference
-from rpil.inference.parts import ActionScale
+from rpil.inference.held_out import HeldOutModel, indicators, log_reference
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Float, Int
@@ -60,9 +59,11 @@ class Scoring:
     """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
+    log_q_of_classes: Float[Array, " N"] | float = 0.0
+    """The part of it that is of probabilities, and that scores have less."""
     typical_own: float | None = None
     """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
-    None where actions are discrete."""
+    None where actions are classes alone."""
     monotony: Float[Array, " M"] | float = 0.0
     """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
 
@@ -72,18 +73,14 @@ class Scoring:
         group = np.ones(data.n_demonstrations, dtype=bool)
         log_q = log_reference(data, group, settings.held_out)
         ridge = choose_ridge(data, model, group)
-        if data.space.kind == "discrete":
-            return cls(data, model, settings, ridge, log_q)
-        own = own_log_prob(data, ActionScale.of(data)(data.actions), settings.held_out.errors)
+        numbers = data.factors[-1]
+        if not data.space.has_density:
+            return cls(data, model, settings, ridge, log_q, log_q)
+        of_classes = 0.0 if numbers is data else log_q - log_reference(numbers, group, settings.held_out)
+        own = own_log_prob(numbers, indicators(numbers), settings.held_out.errors)
         similar = float(np.median(own))
         excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, similar, excess)
-
-    def indicators(self) -> Float[Array, "N A"]:
-        """The actions as the policy sees them: scaled, or indicators of discrete actions."""
-        if isinstance(self.data.space, Discrete):
-            return np.eye(self.data.space.n)[self.data.actions]
-        return ActionScale.of(self.data)(self.data.actions)
+        return cls(data, model, settings, ridge, log_q, of_classes, similar, excess)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
@@ -91,7 +88,7 @@ class Scoring:
         The reference of a density is uniform over the box of the actions: a constant, which is left out.
         """
         data, settings = self.data, self.settings
-        log_ratio = fit.log_prob - (self.log_q if data.space.kind == "discrete" else 0)
+        log_ratio = fit.log_prob - self.log_q_of_classes
         score = data.mean_steps(log_ratio)
         squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
         score = score - self.monotony
@@ -99,7 +96,7 @@ class Scoring:
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q)[fit.group]))
-        entropy = -float(self.log_q.mean()) if data.space.kind == "discrete" else 1.0  # the most that can be gained
+        entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)
 

@@ -15,7 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.answered import columns_of
 from rpil.inference.channels import StateScale, channels, components, summaries
 from rpil.inference.claims import Claims, claim, telling_pair
-from rpil.inference.held_out import HeldOutModel
+from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.rivals import do_steps_tell
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
@@ -90,7 +90,7 @@ def judge(
     progress("what the scores support")
     claims = claim(scoring, scores, again, order)
     log_ratio = scores.fit.log_prob - scoring.log_q
-    seen = components(summaries(data, scoring.indicators()), settings.channels)
+    seen = components(summaries(data, indicators(data)), settings.channels)
     states, columns = described(scoring, scores, seen)
     against = np.zeros(len(log_ratio))
     if claims.finding != "nothing could be learned" and do_steps_tell(data, scores.fit, settings):
@@ -118,7 +118,7 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     trimmed = fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter, scoring.monotony)
     first = scoring.score(trimmed)
     upper = first.groups.upper(first.score, first.variance)
-    if data.space.kind == "discrete":
+    if not data.space.has_density:
         upper &= first.score > 0
     if not settings.claims.min_group <= upper.sum() < first.fit.group.sum():
         return first
@@ -130,7 +130,7 @@ def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tu
     them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
     states = StateScale.of(data, settings.channels)
-    values = channels(data, log_prob, log_prob - scoring.log_q, scoring.indicators(), states, settings.held_out.errors)
+    values = channels(data, log_prob, log_prob - scoring.log_q, indicators(data), states, settings.held_out.errors)
     values[:, 0] = scores.score  # agreement
     return states, columns_of(values, seen, scores.log_odds, settings.answers)
 

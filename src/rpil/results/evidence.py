@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
+from rpil.data.spaces import Discrete, Product
 from rpil.data.text import printable
 from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
@@ -72,18 +72,26 @@ class StepEvidence:
         cls,
         data: FitData,
         members: Int[Array, " K"],
-        expected: Float[Array, "N ..."],
+        expected: Sequence[Float[Array, "N ..."]],
         similar: Bool[Array, " K"],
         settings: HeldOutSettings,
         compared_with: Literal["similar", "trusted"] = "similar",
     ) -> StepEvidence:
-        """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,)."""
+        """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,), of
+        each factor of the actions."""
+        if isinstance(data.space, Product):
+            pairs = zip(data.factors, expected, strict=True)
+            own = [cls.of(factor, members, [each], similar, settings, compared_with) for factor, each in pairs]
+            columns = ([getattr(each, name) for each in own] for name in ("value", "low", "high", "nats"))
+            value, low, high, nats = map(np.hstack, columns)
+            return cls(data, members, value, low, high, nats, compared_with)
+        (found,) = expected
         if isinstance(data.space, Discrete):
-            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(expected), 1))
-            value, mean, low, high = np.exp(expected)[:, None], none, none, none + 1
-            log_ratio = (expected - log_reference(data, every, settings))[:, None]
+            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(found), 1))
+            value, mean, low, high = np.exp(found)[:, None], none, none, none + 1
+            log_ratio = (found - log_reference(data, every, settings))[:, None]
         else:
-            value, mean, low, high = data.actions, expected, data.space.low, data.space.high
+            value, mean, low, high = data.actions, found, data.space.low, data.space.high
             # d_j, with the scale of the errors of similar ones
             scaling, errors = ActionScale.of(data), settings.errors
             actions = scaling(value)
@@ -110,12 +118,16 @@ def by_held_out_policies(
     """By the held-out policies of the judge, which read `data`, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
-        expected = fit.log_prob
+        expected = [fit.log_prob]
     else:
-        model = held_out_model(data, seed, settings)
-        assert isinstance(model, HeldOutRidge)
-        errors = model.errors(data.per_step(judgement.training_group.astype(float)), fit.ridge)
-        expected = ActionScale.of(data).back(model.actions - errors)
+        weight = data.per_step(judgement.training_group.astype(float))
+        models = [held_out_model(factor, seed, settings) for factor in data.factors]
+        expected = [
+            ActionScale.of(model.data).back(model.actions - model.errors(weight, fit.ridge))
+            if isinstance(model, HeldOutRidge)
+            else model.evaluate(weight, fit.ridge)
+            for model in models
+        ]
     return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 
@@ -128,7 +140,7 @@ def by_final_policy(
     expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
     trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
     similar = trusted | ~trusted.any() if judgement is None else similar_members(judgement, members)
-    return StepEvidence.of(data, members, expected, similar, settings, "trusted")
+    return StepEvidence.of(data, members, [expected], similar, settings, "trusted")
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
@@ -165,7 +177,7 @@ def _traces(evidence: StepEvidence, place: int) -> Traces:
     parts = tuple(
         TracedPart(part_name(data, j), share, float(nats[j]), *means[j]) for j, share in evidence_by_part(nats)
     )
-    if data.space.kind == "continuous":
+    if data.space.kind != "discrete":
         return Traces(parts, (), evidence.compared_with)
     starts = bin_starts(rows.stop - rows.start)
     least = starts + [int(np.argmin(each)) for each in np.split(evidence.value[rows, 0], starts[1:])]
@@ -189,7 +201,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
         rows = data.offsets[place] + steps
         if not len(steps):
             phrases.append("")
-        elif data.space.kind == "continuous":
+        elif data.space.kind != "discrete":
             phrases.append(_far_part(evidence, rows, steps))
         else:
             likely = outputs(audit.offsets[m] + steps).argmax(axis=1)
@@ -231,10 +243,12 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     own = int(np.argsort(away, kind="stable")[len(away) // 2])
     if away[own] <= 0:
         return ""
+    its = f"at step {steps[own]}: {part_name(evidence.data, j)} is"
+    if isinstance(space := evidence.data.space, Product) and (classes := space.part_classes[j]):
+        return f"{its} {printable(classes[int(evidence.data.actions[rows][own, j])])}, which is rare there"
     is_at, first, last = _digits(value[own], low[own], high[own])
     band = first if first == last else f"{first} to {last}"
-    its = f"at step {steps[own]}: {part_name(evidence.data, j)} is {is_at}"
-    return f"{its}; others there have {band}"
+    return f"{its} {is_at}; others there have {band}"
 
 
 def _digits(value: float, low: float, high: float) -> tuple[str, ...]:

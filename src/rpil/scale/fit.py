@@ -17,11 +17,11 @@ import numpy as np
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Space
+from rpil.data.spaces import ActionSpace
 from rpil.inference.answered import columns_of
 from rpil.inference.channels import channels, components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
-from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio, StudentRatio
+from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
@@ -38,7 +38,7 @@ class DesignMap:
     """A block of demonstrations to the data of a fit without labels, in single precision."""
 
     features: FeatureMap
-    space: Space
+    space: ActionSpace
     classes: Array
     """The discrete actions, or an empty array."""
 
@@ -81,8 +81,7 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     """Score the demonstrations of a block by the policy of the sample."""
     data, ratio = prepared[1], judge.ratio
     assert ratio is not None
-    log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
-    scored = log_ratio if data.space.kind == "discrete" else log_prob
+    log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
     score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
     described = channels(data, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
@@ -144,7 +143,7 @@ class StepWeights:
     """A block to a `WeightedBlock`."""
 
     judge: FittedJudge
-    others: SoftmaxRatio | StudentRatio | None
+    others: Ratio | None
     """The policy of the demonstrations that are not in the training group; None where they are too few."""
     trust: Array
     sign: Array
@@ -158,10 +157,10 @@ class StepWeights:
     @classmethod
     def of(cls, audit: Audit, sample: JudgedSample, settings: JudgeSettings) -> StepWeights:
         """The weights under an audit, by the policies of a sample."""
-        judged, kind, others = sample.judgement, type(sample.judge.ratio), None
-        if judged.claims.do_steps_tell and issubclass(kind, SoftmaxRatio | StudentRatio):
+        judged, others = sample.judgement, None
+        if judged.claims.do_steps_tell:
             weight = sample.data.per_step((~judged.training_group).astype(float))
-            others = kind.fit(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
+            others = fit_ratio(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
         return cls(sample.judge, others, *of_demonstrations(audit), judged.step_trust.whole_from, settings)
 
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
@@ -173,7 +172,7 @@ class StepWeights:
     def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:
         """Log-ratios, shares and weights of the steps, (N,) each, of some of the demonstrations."""
         assert self.judge.ratio is not None
-        log_prob, log_ratio = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
+        log_prob, log_ratio, _ = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
         against = np.zeros(len(log_prob))
         if self.others is not None:
             against = log_prob - self.others.step_ratios(data.features, data.actions, self.settings.held_out)[0]

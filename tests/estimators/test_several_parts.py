@@ -1,0 +1,209 @@
+"""Actions of several parts, of which some are classes: the judge takes them as a product, wherever they are read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.metrics import roc_auc_score
+
+import rpil
+from rpil import RPIL, BehavioralCloning, DataError, Demonstrations, RMEnt, formats
+from rpil.cli.main import main
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box, Product
+from rpil.inference.held_out import held_out_model, log_reference
+from rpil.inference.settings import HeldOutSettings
+from small import small_rpil
+
+N, STEPS = 16, 30
+GOOD = np.arange(N) >= 4
+SKILLS = np.array(["grip", "reach", "turn"])
+
+
+def recorded(seed=0, n=N, good=GOOD):
+    """States, a skill, and a number whose sign depends on the skill; bad ones take the sign of another."""
+    rng = np.random.default_rng(seed)
+    states = rng.uniform(-1, 1, (n * STEPS, 3))
+    skill = (4 * states @ rng.normal(size=(3, 3)) + rng.gumbel(size=(n * STEPS, 3))).argmax(axis=1)
+    followed = np.where(np.repeat(good, STEPS), skill, (skill + rng.integers(1, 3, len(skill))) % 3)
+    number = np.choose(followed, [states[:, 0], -states[:, 0], states[:, 2]]) + 0.2 * rng.normal(size=len(skill))
+    return states, skill, number
+
+
+def frame(states, parts, n=N):
+    columns = {f"state.{d}": column for d, column in enumerate(states.T)}
+    return pa.table({"episode": np.repeat(np.arange(n), STEPS), **columns, **parts})
+
+
+@pytest.fixture(scope="module")
+def table():
+    states, skill, number = recorded()
+    return frame(states, {"action.x": number, "action.skill": SKILLS[skill]})
+
+
+@pytest.fixture(scope="module")
+def demonstrations(table):
+    return rpil.read(table)
+
+
+def test_texts_among_numbers_are_classes_that_come_first(demonstrations):
+    assert demonstrations.part_classes == (tuple(SKILLS), ())
+    assert demonstrations.action_names == ("action.skill", "action.x")
+    np.testing.assert_array_equal(demonstrations.action_values[0], SKILLS[recorded()[1]])
+    again = rpil.read(formats.table.from_demonstrations(demonstrations, {}))
+    assert again.part_classes == demonstrations.part_classes
+    np.testing.assert_array_equal(again.actions, demonstrations.actions)
+
+
+def test_parameters_are_judged_by_the_rule_of_their_skill(table):
+    assert roc_auc_score(GOOD, rpil.audit(table).log_odds) == 1.0
+    numbers_alone = rpil.audit(table, exclude="action.skill").log_odds
+    assert roc_auc_score(GOOD, numbers_alone) < 0.95
+
+
+def test_the_probability_is_the_product_of_that_of_the_classes_and_of_the_numbers_given_them(demonstrations):
+    d = demonstrations
+    space = Product(d.part_classes, Box.around(d.actions[:, 1:]))
+    data = FitData(np.hstack([d.observations, np.ones((d.n_steps, 1))]), d.actions, d.offsets, space)
+    skills, numbers = data.factors
+    np.testing.assert_array_equal(skills.actions, d.actions[:, 0])
+    one_hot = np.eye(3)[skills.actions]
+    within = (one_hot[:, :, None] * data.features[:, None]).reshape(d.n_steps, -1)
+    np.testing.assert_array_equal(numbers.features, np.hstack([within, data.features]))
+    settings, weight = HeldOutSettings(), np.ones(d.n_steps)
+    model = held_out_model(data, 0, settings)
+    own = [each.evaluate(weight, 1e-3) for each in model.models]
+    np.testing.assert_array_equal(model.evaluate(weight, 1e-3), own[0] + own[1])
+    parts = model.log_prob_of_parts(weight, 1e-3)
+    np.testing.assert_allclose(parts.sum(axis=1), own[0] + own[1])
+    every = np.ones(N, dtype=bool)
+    of_factors = [log_reference(each, every, settings) for each in data.factors]
+    np.testing.assert_array_equal(log_reference(data, every, settings), of_factors[0] + of_factors[1])
+
+
+def test_many_features_have_one_constant_within_each_class():
+    space = Product((tuple("abc"), ()), Box(np.zeros(1), np.ones(1)))
+    features, actions = np.arange(400.0).reshape(2, 200), np.array([[2.0, 0.5], [0.0, 0.5]])
+    given = space.given(features, actions)
+    np.testing.assert_array_equal(given[:, 3:], features)
+    np.testing.assert_array_equal(given[:, :3], [[0, 0, features[0, -1]], [features[1, -1], 0, 0]])
+
+
+def test_other_demonstrations_are_judged_by_their_classes_and_not_by_codes(demonstrations, tmp_path):
+    model = RPIL().fit(demonstrations)
+    assert model.policy_ is None
+    rpil.save(model, tmp_path / "model.rpil")
+    again, every = rpil.load(tmp_path / "model.rpil"), model.score_demonstrations(demonstrations)
+    np.testing.assert_array_equal(again.score_demonstrations(demonstrations), every)
+    few = demonstrations.select([5])
+    kept = np.isin(few.action_values[0], ["reach", "turn"])  # codes 1 and 2 are 0 and 1 among them
+    codes = np.column_stack([few.actions[kept, 0] - 1, few.actions[kept, 1]])
+    offsets, names = [0, kept.sum()], demonstrations.observation_names
+    same = Demonstrations(few.observations[kept], few.actions[kept], offsets, part_classes=few.part_classes)
+    other = Demonstrations(few.observations[kept], codes, offsets, part_classes=(("reach", "turn"), ()))
+    assert names == few.observation_names
+    np.testing.assert_array_equal(model.score_demonstrations(same), model.score_demonstrations(other))
+    unknown = Demonstrations(few.observations[kept], codes, offsets, part_classes=(("reach", "wave"), ()))
+    with pytest.raises(DataError, match="'wave' is not among the fitted ones"):
+        model.score_demonstrations(unknown)
+    with pytest.raises(DataError, match="the parts of the action that are classes are not the fitted ones"):
+        model.score_demonstrations(Demonstrations(few.observations, few.actions, [0, STEPS]))
+
+
+@pytest.mark.parametrize(
+    "learn",
+    [
+        lambda data: BehavioralCloning().fit(data),
+        lambda data: RMEnt(n_trusted=0.5).fit(data),
+        lambda data: RPIL(adversary="uniform").fit(data),
+        lambda data: RPIL(policy=HistGradientBoostingClassifier()).fit(data),
+        lambda data: RPIL().fit(data).predict(data.observations),
+        lambda data: RPIL().fit(data).log_prob(data.observations, data.actions),
+    ],
+)
+def test_no_policy_is_fitted_to_several_parts(demonstrations, learn):
+    with pytest.raises(DataError, match="No policy is fitted to actions of several parts"):
+        learn(demonstrations)
+
+
+def test_bounds_are_of_numbers_alone(demonstrations):
+    with pytest.raises(DataError, match="which no action_box fits"):
+        RPIL(action_box=(-1, 1)).fit(demonstrations)
+
+
+def test_the_command_that_learns_a_policy_says_so(table, tmp_path):
+    pq.write_table(table, tmp_path / "a.parquet")
+    run = CliRunner().invoke(main, ["fit", str(tmp_path / "a.parquet"), "-o", str(tmp_path / "policy"), "--quiet"])
+    assert run.exit_code == 2
+    assert "No policy is fitted to actions of several parts" in run.output
+    assert not (tmp_path / "policy").exists()
+
+
+@pytest.mark.parametrize("numbers", [True, False])
+def test_a_sample_of_many_is_judged_and_weighed_alike_on_disk_and_in_memory(tmp_path, numbers):
+    good = np.arange(120) >= 40
+    states, skill, number = recorded(1, 120, good)
+    parts = {"action.skill": SKILLS[skill], "action.x": number if numbers else (number > 0).astype(int)}
+    pq.write_table(frame(states, parts, 120), tmp_path / "a.parquet")
+    data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
+    assert data.part_classes == (tuple(SKILLS), () if numbers else (0, 1))
+    here, there = small_rpil().fit(rpil.read(tmp_path / "a.parquet")), small_rpil().fit(data)
+    for name in ("log_odds", "step_weight", "step_log_ratio"):
+        found, expected = getattr(there.audit_, name), getattr(here.audit_, name)
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+    assert len(there.audit_.step_weight) == 120 * STEPS
+    if numbers:  # classes are taken for independent, given the state
+        assert roc_auc_score(good, there.audit_.log_odds) > 0.95
+
+
+def test_a_class_that_others_hardly_choose_there_is_named():
+    good = np.arange(40) >= 8
+    states, skill, _ = recorded(2, 40, good)
+    bad = np.repeat(~good, STEPS) & (np.arange(40 * STEPS) % 3 > 0)
+    astray = np.where(bad, (skill + 1) % 3, skill)
+    noise = np.random.default_rng(0).normal(size=len(skill))
+    audit = rpil.audit(
+        frame(states, {"action.skill": SKILLS[astray], "action.x": noise}, 40), labels={0: "bad", 20: "good"}
+    )
+    assert roc_auc_score(good, audit.log_odds) > 0.95
+    assert {part.name for part in audit.traces[0].parts} <= {"action.skill", "action.x"}
+    print(audit.finding, audit.deviations)
+    assert any("which is rare there" in phrase for phrase in audit.deviations)
+
+
+def test_demonstrations_that_are_all_good_get_no_verdict():
+    for seed in range(3):
+        states, skill, number = recorded(seed, good=np.ones(N, dtype=bool))
+        audit = rpil.audit(frame(states, {"action.skill": SKILLS[skill], "action.x": number}))
+        assert {*audit.verdicts} == {"open"}
+
+
+class Learner:
+    """A softmax of frequencies for the skill, and a regression within each skill for the number."""
+
+    def __init__(self):
+        self.rule, self.share = np.zeros((3, 4)), np.full(3, 1 / 3)
+
+
+def log_prob(learner, observations, actions):
+    seen = np.column_stack([observations, np.ones(len(observations))])
+    skill = actions[:, 0].astype(int)
+    errors = actions[:, 1] - np.einsum("nd,nd->n", seen, learner.rule[skill])
+    return np.log(learner.share)[skill] - errors**2 / 0.18 - 0.5 * np.log(0.18 * np.pi)
+
+
+def train(learner, observations, actions, weights):
+    seen = np.column_stack([observations, np.ones(len(observations))])
+    for k in range(3):
+        root = np.sqrt(weights * (actions[:, 0] == k))[:, None]
+        learner.rule[k] = np.linalg.lstsq(root * seen, root[:, 0] * actions[:, 1], rcond=None)[0]
+        learner.share[k] = (root.sum() + 1) / (np.sqrt(weights).sum() + 3)
+
+
+def test_the_judge_runs_around_a_policy_of_the_user(demonstrations):
+    found = rpil.reweight(Learner(), demonstrations, log_prob=log_prob, train=train)
+    assert roc_auc_score(GOOD, found.audit.log_odds) > 0.95
