@@ -279,3 +279,27 @@ def test_the_sentence_counts_each_rule():
     assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
     assert choose(table_of(["open"]), SETTINGS).lines() == []
     assert verdict_columns(make_audit(), {})["max_outliers"] == [0.2] * 10
+
+
+def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
+    table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "outlier", "open"], "label": ["bad", "", "", ""]}
+    for asked in (Asked(spared={"1"}, faulty={"4"}), Asked(faulty={"2"}), Asked(spared={"1", "3", "9"})):
+        choice = choose(table | {"max_outliers": [1.0] * 4}, KeepSettings(), asked)
+        path = tmp_path / "keep.json"
+        path.write_text(json.dumps(choice.to_dict()))
+        again = choose(read_verdicts(path, table["id"]), KeepSettings())
+        assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
+        assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
+    assert 1 in choice.kept, "spared, though it is labelled bad"
+
+
+@pytest.mark.parametrize(
+    "content",
+    ['{"rejected": {}}', '{"episodes": 3, "rejected": {}}', '{"episodes": [[1]], "rejected": {}}',
+     '{"episodes": [], "rejected": {"labels": 3}}', '{"episodes": [{}], "rejected": {}}'],
+)  # fmt: skip
+def test_a_list_to_keep_that_is_none_is_refused(tmp_path, content):
+    path = tmp_path / "keep.json"
+    path.write_text(content)
+    with pytest.raises(DataError, match=r"keep\.json"):
+        read_verdicts(path, [1])

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Verdicts that rpil audit wrote, or labels: keep by these, and judge nothing.",
+    help="Verdicts or a list to keep that rpil wrote, or labels: keep by these, and judge nothing.",
 )
 @click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them.")
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)

@@ -31,12 +31,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked
     from rpil.results.view import View
 
-BESIDE = {
-    "keep": "keep.json",
-    "verdicts": "verdicts.csv",
-    "weights": "weights.parquet",
-    "supplier": "supplier.html",
-}
+BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet", "supplier": "supplier.html"}
 """Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
 
 
