@@ -37,7 +37,7 @@ def tiny_state(problem: FitData, which: str, seed: int = 0) -> State:
 
 def likelihoods(problem: FitData, state: State) -> tuple[NDArray, NDArray]:
     """pi and psi of the actions taken, in plain probabilities."""
-    log_proba = state.policy.log_proba(problem.features)
+    log_proba = state.policy.outputs(problem.features)
     pi = np.exp(log_proba[np.arange(len(problem.actions)), problem.actions])
     return pi, np.exp(state.adversary.log_prob(problem.features, log_proba, problem.actions))
 
@@ -48,7 +48,7 @@ def test_e_step_is_enumeration(which, labels):
     problem = tiny(labels=labels).problem()
     state = tiny_state(problem, which)
     pi, psi = likelihoods(problem, state)
-    posterior = e_step(problem, state, state.policy.log_proba(problem.features))
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
     for m in range(problem.n_demonstrations):
         steps = slice(problem.offsets[m], problem.offsets[m + 1])
         expert, bad = 0.3 * np.prod(pi[steps]), 0.7 * np.prod(psi[steps])
@@ -62,7 +62,7 @@ def test_e_step_is_enumeration(which, labels):
 def test_lower_bound_is_likelihood_and_priors():
     problem = tiny().problem()
     state = tiny_state(problem, "confusion")
-    posterior = e_step(problem, state, state.policy.log_proba(problem.features))
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
     prior = np.log(0.3) + np.log(0.7)  # Beta(2, 2)
     own = state.adversary.log_prior() - 0.5 * (state.policy.ridge[:, None] * state.policy.weights**2).sum()
     expected = posterior.log_evidence.sum() + prior + own
@@ -132,7 +132,7 @@ def test_run_ends_at_a_stationary_point(which):
 
     def objective(weights):
         moved = State(SoftmaxPolicy(weights, state.policy.ridge), state.adversary, state.prior)
-        return lower_bound(moved, e_step(problem, moved, moved.policy.log_proba(problem.features)))
+        return lower_bound(moved, e_step(problem, moved, moved.policy.outputs(problem.features)))
 
     for _ in range(5):
         direction = rng.normal(size=state.policy.weights.shape)
@@ -160,7 +160,7 @@ def test_zero_weights_with_more_actions_make_all_adversaries():
     problem = ZOO["random"].problem()
     zero = SoftmaxPolicy.zero(3, ridge(problem))
     trapped = State(zero, Complement(), ExpertPrior())
-    posterior = e_step(problem, trapped, zero.log_proba(problem.features))
+    posterior = e_step(problem, trapped, zero.outputs(problem.features))
     np.testing.assert_allclose(posterior.log_odds, -problem.lengths * np.log(2))
 
 
@@ -168,7 +168,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     """The joint M-step maximises its surrogate; "expert_only" ignores what the adversary intended."""
     problem = tiny().problem()
     state = tiny_state(problem, "complement")
-    posterior = e_step(problem, state, state.policy.log_proba(problem.features))
+    posterior = e_step(problem, state, state.policy.outputs(problem.features))
     r, taken = problem.per_step(posterior.expert), np.eye(3)[problem.actions]
     q = state.adversary.intended_action_proba(posterior.outputs, problem.actions)
     for mode, targets in (
@@ -177,8 +177,8 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     ):
         new, log_proba = m_step(problem, state, posterior, MixtureSettings(m_step=mode, newton_iter=100, cg_iter=100))
         best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem, np.zeros(len(taken)), targets, tol=1e-10)
-        np.testing.assert_allclose(log_proba, best.log_proba(problem.features), atol=1e-3)
-        np.testing.assert_allclose(log_proba, new.policy.log_proba(problem.features), atol=1e-9)
+        np.testing.assert_allclose(log_proba, best.outputs(problem.features), atol=1e-3)
+        np.testing.assert_allclose(log_proba, new.policy.outputs(problem.features), atol=1e-9)
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))
 
 

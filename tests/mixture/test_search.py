@@ -96,7 +96,7 @@ def test_a_fit_is_no_worse_than_em_from_the_pooled_start(fits):
 def test_the_history_never_falls_and_the_last_step_was_an_e_step(fits):
     for name, (problem, result) in fits.items():
         assert np.diff(result.history).min(initial=0.0) >= -1e-10 * np.abs(result.history).max(), name
-        again = e_step(problem, result.state, result.state.policy.log_proba(problem.features))
+        again = e_step(problem, result.state, result.state.policy.outputs(problem.features))
         np.testing.assert_allclose(again.log_odds, result.posterior.log_odds, atol=1e-8)
 
 

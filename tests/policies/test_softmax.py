@@ -21,7 +21,7 @@ def objective(weights, penalty):
 
 def test_the_zero_policy_is_uniform():
     policy = SoftmaxPolicy.zero(4, np.ones(3))
-    np.testing.assert_allclose(np.exp(policy.log_proba(np.random.default_rng(0).normal(size=(5, 3)))), 0.25)
+    np.testing.assert_allclose(np.exp(policy.outputs(np.random.default_rng(0).normal(size=(5, 3)))), 0.25)
     assert policy.penalty() == 0
 
 
@@ -34,7 +34,7 @@ def test_targets_and_log_probabilities_of_the_actions_taken():
 def test_a_fit_is_a_maximum_of_the_penalised_log_likelihood():
     penalty = ridge(PROBLEM)
     policy, log_proba = SoftmaxPolicy.zero(PROBLEM.space.n, penalty).fit(PROBLEM, WEIGHT, tol=1e-10)
-    np.testing.assert_allclose(log_proba, policy.log_proba(PROBLEM.features), atol=1e-9)
+    np.testing.assert_allclose(log_proba, policy.outputs(PROBLEM.features), atol=1e-9)
     best, rng = objective(policy.weights, penalty), np.random.default_rng(0)
     for _ in range(10):
         assert objective(policy.weights + 1e-2 * rng.normal(size=policy.weights.shape), penalty) < best
@@ -55,5 +55,5 @@ def test_statistics_are_the_gradient():
 def test_temperature_multiplies_the_logits():
     policy = SoftmaxPolicy(np.random.default_rng(0).normal(size=(3, 2)), np.ones(3))
     features = PROBLEM.features[:5]
-    ratio = np.diff(policy.with_temperature(3.0).log_proba(features)) / np.diff(policy.log_proba(features))
+    ratio = np.diff(policy.with_temperature(3.0).outputs(features)) / np.diff(policy.log_proba(features))
     np.testing.assert_allclose(ratio, 3.0)

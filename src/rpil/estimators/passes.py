@@ -12,11 +12,10 @@ from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import policy_space
 from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
-from rpil.inference.fitted_judge import FittedJudge, ProductRatio, Ratio, SoftmaxRatio
-from rpil.inference.settings import HeldOutSettings
+from rpil.inference.fitted_judge import FittedJudge, ProductRatio, SoftmaxRatio
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
@@ -108,25 +107,16 @@ class SampledFit(FullFit):
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
         read = np.union1d(sample.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
-        return traces(audit, by_policy_of_sample(sample.judgement, sample.judge.ratio, data, read, settings), drawn)
-
-
-def by_policy_of_sample(
-    judgement: Judgement,
-    ratio: Ratio,
-    data: FitData,
-    members: Int[Array, " K"],
-    settings: HeldOutSettings,
-) -> StepEvidence:
-    """By the policy of a judge that read a sample; its policies are not held out. The `members` were read again."""
-    pairs = ratio.of(data.features, data.actions) if isinstance(ratio, ProductRatio) else [(ratio, data)]
-    expected = [
-        one.step_ratios(own.features, own.actions, settings)[0]
-        if isinstance(one, SoftmaxRatio)
-        else one.scaling.back(linear(own.features, one.weights))
-        for one, own in pairs
-    ]
-    return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
+        ratio = sample.judge.ratio  # of policies that are not held out
+        pairs = ratio.of(data.features, data.actions) if isinstance(ratio, ProductRatio) else [(ratio, data)]
+        expected = [
+            one.step_ratios(own.features, own.actions, settings)[0]
+            if isinstance(one, SoftmaxRatio)
+            else one.scaling.back(linear(own.features, one.weights))
+            for one, own in pairs
+        ]
+        evidence = StepEvidence.of(data, read, expected, similar_members(sample.judgement, read), settings)
+        return traces(audit, evidence, drawn)
 
 
 def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge | None) -> JudgedSample:

@@ -63,8 +63,6 @@ class ClassifierPolicy:
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N K"]:
         """log pi(k|s), where p is the mean over the models."""
-        if not self.models:
-            return np.full((len(features), self.n_actions), -np.log(self.n_actions))
         return self._log_proba(np.mean([self._predict(model, features) for model in self.models], axis=0))
 
     def log_prob(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
@@ -116,8 +114,6 @@ class RegressorPolicy:
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N A"]:
         """The mean over the models."""
-        if not self.models:
-            return np.tile(self.noise.weights[-1], (len(features), 1))
         return np.asarray(np.mean([self._predict(model, features) for model in self.models], axis=0))
 
     def log_prob(self, outputs: Float[Array, "N A"], actions: Float[Array, "N A"]) -> Float[Array, " N"]:

@@ -47,11 +47,9 @@ class SoftmaxPolicy:
         """The uniform policy."""
         return cls(np.zeros((len(ridge), n_actions)), ridge)
 
-    def log_proba(self, features: Float[Array, "N D"]) -> Float[Array, "N K"]:
+    def outputs(self, features: Float[Array, "N D"]) -> Float[Array, "N K"]:
         """log pi(k|s) of all actions."""
         return log_softmax(linear(features, self.weights))
-
-    outputs = log_proba
 
     def log_prob(self, outputs: Float[Array, "N K"], actions: Int[Array, " N"]) -> Float[Array, " N"]:
         """log pi(a_n|s_n) of the actions taken, given the log-probabilities of all."""
@@ -81,7 +79,7 @@ class SoftmaxPolicy:
         self, data: FitData, weight: Float[Array, " N"], ridge: Float[Array, " D"], factor: float
     ) -> tuple[SoftmaxPolicy, Preconditioner]:
         """The policy with this ridge, and the Hessian of data with `factor` times the weight of this sample."""
-        proba = np.exp(self.log_proba(data.features))
+        proba = np.exp(self.outputs(data.features))
         hessian = Preconditioner(data.features, proba, factor * weight, ridge, UNSEEN_CURVATURE * factor)
         return SoftmaxPolicy(self.weights, ridge), hessian
 
