@@ -55,5 +55,5 @@ def test_statistics_are_the_gradient():
 def test_temperature_multiplies_the_logits():
     policy = SoftmaxPolicy(np.random.default_rng(0).normal(size=(3, 2)), np.ones(3))
     features = PROBLEM.features[:5]
-    ratio = np.diff(policy.with_temperature(3.0).outputs(features)) / np.diff(policy.log_proba(features))
+    ratio = np.diff(policy.with_temperature(3.0).outputs(features)) / np.diff(policy.outputs(features))
     np.testing.assert_allclose(ratio, 3.0)
