@@ -84,12 +84,8 @@ class TrainedPolicy(HeldOutModel):
     fold: Array
     options: ReweightOptions
     progress: Callable[[str], None]
-    ridges: tuple[float, ...] = ()
     cache: dict[bytes, tuple[Array, int]] = field(default_factory=dict)
     """By the step weights: the held-out log-probabilities, and the round after which they were largest."""
-
-    def cold_copy(self) -> TrainedPolicy:
-        return self
 
     def evaluate(self, weight: Array, ridge: float) -> Array:
         """Held-out log-probabilities under copies trained with step weights (N,) until they gain nothing more."""
