@@ -63,7 +63,8 @@ def test_words_begin_at_the_log_odds_of_the_limit():
         for min_proba, verdict in ((at - 1e-9, np.sign(log_odds[m])), (at + 1e-9, 0)):
             assert judged(COLUMNS, some, replace(SETTINGS, min_proba=min_proba)).verdicts[m] == verdict
     verdicts = judged(COLUMNS, some, SETTINGS).verdicts
-    np.testing.assert_array_equal(verdicts, (log_odds >= SETTINGS.log_odds) * 1 - (log_odds <= -SETTINGS.log_odds) * 1)
+    least = logit(SETTINGS.min_proba)
+    np.testing.assert_array_equal(verdicts, (log_odds >= least) * 1 - (log_odds <= -least) * 1)
 
 
 def test_a_label_is_the_word_of_its_own_demonstration_and_others_are_judged_by_it():

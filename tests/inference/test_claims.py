@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from hand_made import same_actions, scores_of, scoring_of
 from rpil.inference.claims import Claims, Doubt, by_chance, by_groups, claim, extended, said
@@ -126,7 +127,7 @@ def test_uncertain_demonstrations_are_open():
 
 
 def test_words_begin_at_the_log_odds_of_the_limit_itself():
-    limits, log_odds = ClaimSettings(), ClaimSettings().log_odds
+    limits, log_odds = ClaimSettings(), float(logit(ClaimSettings().min_proba))
     assert log_odds == pytest.approx(np.log(9))
     _, scores = scored()
     given = np.array([log_odds, -log_odds, log_odds - 1e-9, 1e-9 - log_odds, *np.zeros(6)])

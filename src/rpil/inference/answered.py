@@ -84,8 +84,8 @@ def answer(
     if once.count < 2:
         verdicts, stays = np.zeros(len(columns), dtype=int), claimed
     else:
-        good = (log_odds >= settings.log_odds) & (1 in once.sides)
-        bad = (log_odds <= -settings.log_odds) & (-1 in once.sides)
+        good = (log_odds >= logit(settings.min_proba)) & (1 in once.sides)
+        bad = (log_odds <= -logit(settings.min_proba)) & (-1 in once.sides)
         verdicts, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
     log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
     verdicts = np.where(labels == 0, verdicts, labels)

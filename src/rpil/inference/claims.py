@@ -19,7 +19,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import logit, ndtr
 
 from rpil.data.copies import Copies
 from rpil.data.demonstrator_groups import Demonstrators
@@ -199,9 +199,9 @@ def said(
     scores: Scores, limits: ClaimSettings, upper: Bool[Array, " M"], log_odds: Float[Array, " M"]
 ) -> Int[Array, " M"]:
     """The verdicts that scores alone give to M demonstrations, whatever speaks against them."""
-    similar = log_odds >= limits.log_odds
+    similar = log_odds >= logit(limits.min_proba)
     similar &= in_better_part(scores, upper)
-    outlier: Array = log_odds <= -limits.log_odds
+    outlier: Array = log_odds <= -logit(limits.min_proba)
     return np.asarray(similar.astype(int) - outlier.astype(int))
 
 

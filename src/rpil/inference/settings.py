@@ -6,8 +6,6 @@ were chosen by hand, not tuned.
 
 from __future__ import annotations
 
-from math import log
-
 from rpil.data.settings_record import check_settings, settings_record
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
@@ -108,11 +106,6 @@ class ClaimSettings:
     max_runs_p: float = 0.01
     """Probability of so few runs in the order of recording, below which the outliers follow one another."""
 
-    @property
-    def log_odds(self) -> float:
-        """logit of `min_proba`, in nats."""
-        return log(self.min_proba / (1 - self.min_proba))
-
 
 @settings_record(idle_share="[0, 1]")
 class ChannelSettings:
@@ -173,11 +166,6 @@ class AnswerSettings:
     asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5)
     """Places in the ranking by P(good) at which labels are asked for, one after the other; further ones at the last: a
     likely good one and a likely bad one, then the middle, by the number of labels so far (benchmarks/answers.py)."""
-
-    @property
-    def log_odds(self) -> float:
-        """logit of `min_proba`, in nats."""
-        return log(self.min_proba / (1 - self.min_proba))
 
 
 @settings_record(stay="[0, 1)", p_stretches="(0, 1)")
