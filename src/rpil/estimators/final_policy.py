@@ -30,7 +30,7 @@ class LinearPolicySpec:
     """Inverse ridge strength, as in scikit-learn's `LogisticRegression`."""
     tol: float
     """Largest entry of the gradient, a step, at which the fit stops."""
-    selection: SelectionSettings = SelectionSettings()
+    selection: SelectionSettings
     min_feature_weight: float = 0.0
     """See `rpil.estimators.settings.Settings`."""
 

@@ -39,6 +39,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
+from rpil.policies.settings import SelectionSettings
 
 START_STEPS, START_TOL = 2, 1e-3
 """Concentration steps of every start, two as in FAST-LTS, and the largest entry of the gradient, a step, at which its
@@ -214,7 +215,7 @@ class RMEnt(PolicyEstimator):
         n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
-            spec = LinearPolicySpec(self.features, self.C, self.tol)
+            spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
             codes = task.codes(demonstrations)
             choice = spec.choice(demonstrations, codes, np.ones(len(codes)), space)
             self.features_ = spec.feature_map(choice, demonstrations.observations, equal)
