@@ -157,7 +157,7 @@ def test_every_start_is_announced():
     said: list[str] = []
     problem = make("random", 0).problem()
     fit_mixture(problem, setting_for(problem), "uniform", said.append)
-    assert said == [f"start: {name}" for name in starts(problem, setting_for(problem))]
+    assert said == [f"fitting, from the start {name}" for name in starts(problem, setting_for(problem))]
 
 
 def test_an_adversary_may_be_an_instance():
