@@ -57,11 +57,11 @@ def _taken(logits: Array, codes: Array) -> Array:
 
 def skills(seed: int, n_bad: int = 12, n: int = 48) -> PartsWorld:
     """A skill in words and its two parameters, whose rule is another one for each skill; bad ones choose skills as
-    experts do, and in one of seven steps the parameters of another skill."""
+    experts do, and in a quarter of the steps the parameters of another skill."""
     rng, states, good = _begin(seed, 0, n_bad, n)
     slopes, rules = 4 * rng.normal(size=(N_STATES, 3)), rng.normal(size=(3, N_STATES, 2))
     skill = _drawn(states @ slopes, rng)
-    astray = ~np.repeat(good, N_STEPS) & (rng.random(len(skill)) < 0.15)
+    astray = ~np.repeat(good, N_STEPS) & (rng.random(len(skill)) < 0.25)
     followed = np.where(astray, (skill + rng.integers(1, 3, len(skill))) % 3, skill)
     means = np.einsum("nd,kda->nka", states, rules)
     rows = np.arange(len(skill))
