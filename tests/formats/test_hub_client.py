@@ -98,14 +98,14 @@ def test_a_data_set_of_the_hub_is_audited_without_its_videos(hub, tmp_path):
     [("robots/nothing", "the Hub has no such data set"), ("robots/private", "only with a token")],
 )
 def test_a_name_that_is_not_there_or_needs_a_token_is_one_sentence(name, said, hub, tmp_path):
-    status, printed, told = rpil(tmp_path, hub[0], "audit", name)
+    status, printed, told = rpil(tmp_path, hub[0], "audit", name, "--quiet")
     assert (status, printed) == (2, "")
     assert said in told
     assert told.count("\n") == 1
 
 
 def test_without_a_network_the_message_is_one_sentence(tmp_path):
-    status, printed, told = rpil(tmp_path, "http://127.0.0.1:9", "audit", "robots/reach")
+    status, printed, told = rpil(tmp_path, "http://127.0.0.1:9", "audit", "robots/reach", "--quiet")
     assert (status, printed) == (2, "")
     assert "the Hub could not be reached; check the network" in told
     assert told.count("\n") == 1
