@@ -98,8 +98,7 @@ class Session:
         self._most, self._written, self.by = most, before, by
         ids = {*map(str, start.ids)}
         rows = [] if before is None else read_answer_rows(path, ids)
-        self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
-        self.said = self._before
+        self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
 
     @property
     def is_as_written(self) -> bool:
