@@ -197,6 +197,8 @@ def test_each_task_is_judged_by_itself(folder):
     pq.write_table(few, "few.parquet")
     note = ok("audit", "few.parquet", "-q").stderr
     assert "the task 'right' has 2 demonstrations, too few to judge them well; to judge all tasks as one" in note
+    pq.write_table(few.filter(pa.array(few["episode_index"].to_numpy() % 100 < 3)), "fewer.parquet")
+    assert ok("audit", "fewer.parquet", "-q").stderr.count("too few to judge them well") == 1
     assert "judged within" not in ok("audit", "few.parquet", "-q", "--exclude", "task").stdout
     ok("fit", "both.parquet", "-o", "policy", "-q")
     assert [*load("policy").audit_.log_odds] == [row["log_odds"] for row in rows.values()]

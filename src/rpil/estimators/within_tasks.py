@@ -136,8 +136,8 @@ def fit_within_tasks(
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     audits: dict[str, Audit] = {}
     n_pairs = 0
+    _warn_of_few([(group, len(rows)) for group, rows in places.items() if len(rows) < MIN_DEMONSTRATIONS], recording)
     for group, rows in places.items():
-        _warn_of_few(group, len(rows), recording)
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
         n_pairs += len(of_group.answers.compared)
         if len(rows) > 1 or stated.reference is not None:
@@ -200,14 +200,15 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     return replace(result, audit=replace(result.audit, assumptions=sentences))
 
 
-def _warn_of_few(group: str, n: int, recording: Recording) -> None:
-    """Warn where a task or session has too few demonstrations."""
-    if n < MIN_DEMONSTRATIONS:
+def _warn_of_few(few: Sequence[tuple[str, int]], recording: Recording) -> None:
+    """Warn where tasks or sessions, with so many demonstrations, have too `few`."""
+    if few:
         description, options = recording.description, recording.options
         what = "session" if options.session else "task"
         remedy = "leave out <option>" if options.session else f"add <option>{description.task_column!r}"
+        more = f" and {len(few) - 1:,} other {what}s fewer than {MIN_DEMONSTRATIONS}" * (len(few) > 1)
         sentence = (
-            f"{description.source}: the {what} {group!r} has {n} demonstrations, too few to judge them well; to judge "
-            f"all {what}s as one, {remedy}."
+            f"{description.source}: the {what} {few[0][0]!r} has {few[0][1]} demonstrations{more}, too few to judge them"
+            f" well; to judge all {what}s as one, {remedy}."
         )
         warnings.warn(DataWarning(sentence, "session" if options.session else "exclude"), stacklevel=1)
