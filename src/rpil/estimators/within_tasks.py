@@ -208,7 +208,7 @@ def _warn_of_few(few: Sequence[tuple[str, int]], recording: Recording) -> None:
         remedy = "leave out <option>" if options.session else f"add <option>{description.task_column!r}"
         more = f" and {len(few) - 1:,} other {what}s fewer than {MIN_DEMONSTRATIONS}" * (len(few) > 1)
         sentence = (
-            f"{description.source}: the {what} {few[0][0]!r} has {few[0][1]} demonstrations{more}, too few to judge them"
-            f" well; to judge all {what}s as one, {remedy}."
+            f"{description.source}: the {what} {few[0][0]!r} has {few[0][1]} demonstrations{more}, too few to judge "
+            f"them well; to judge all {what}s as one, {remedy}."
         )
         warnings.warn(DataWarning(sentence, "session" if options.session else "exclude"), stacklevel=1)
