@@ -51,7 +51,7 @@ plt.show()
 monday = rpil.read(table.filter(pa.array(day == 0)), exclude="day")
 scores = {
     "RPIL": rpil.RPIL().fit(monday).audit_.log_odds,
-    "RM-ENT, told how many": rpil.RMEnt(17).fit(monday).log_likelihood_,
+    "RM-ENT, given how many": rpil.RMEnt(17).fit(monday).log_likelihood_,
 }
 for name, score in scores.items():
     print(f"{name:22} AUROC {roc_auc_score(is_good[:20], score):.2f}")

@@ -98,7 +98,7 @@ def worst(cells: Sequence[Cell]) -> str:
             numbers = [percent(lowest.success_of_all), str(interval), signed(interval.low)]
             counts = [f"{harmed} of {len(judged)}", percent(widest), str(interval.count)]
             lines.append([rule, ", ".join(group), lowest.name, *numbers, *counts])
-    header = ["rule", "worlds", "worst cell: task, number, share", "all", "minus all", "lower end"]
+    header = ["rule", "worlds", "worst cell: task, number, share", "all", "gain over all", "lower end"]
     header += [f"cells below {100 * HARM:+.0f}", "widest half-width", "seeds"]
     return f"### Worst cells\n\n{table(header, lines, text_columns=3)}"
 

@@ -59,7 +59,7 @@ def comparison(rows: Sequence[Row], title: str) -> str:
         cells.append(
             [name, *means, *difference(differences[name]), *tests, *shares, f"{np.mean(steps):.0f}" if steps else ""]
         )
-    header = ["rule", "success", *present, "minus all", "standard error", "sets"]
+    header = ["rule", "success", *present, "gain over all", "standard error", "sets"]
     header += ["P worse", "P better", "steps kept", "weight on good", "steps"]
     said = [name for name in compared if worse[name] < LEVEL]
     note = f"Credibly worse than all (Holm, {LEVEL:.0%}): {', '.join(said) or 'none'}."

@@ -198,7 +198,7 @@ def test_quick_is_resumed(tmp_path, capsys):
     policy_value.main(["--quick", "--out", str(out)])
     again = policy_value.read(out)
     assert [row | {"seconds": 0} for row in again] == [row | {"seconds": 0} for row in rows]
-    assert "minus all" in capsys.readouterr().out
+    assert "gain over all" in capsys.readouterr().out
 
 
 @pytest.mark.slow
