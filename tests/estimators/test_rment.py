@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt, concentrate, fit_selected, search, starts
+from rpil.estimators.rment import ConcentrationSettings, RMEnt, concentrate, fit_selected, search, starts
 from rpil.numerics.blocks import one_hot
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
@@ -67,7 +67,7 @@ def test_more_starts_find_a_lower_objective():
     problem = make("flipped", 7, n_actions=4).problem()
     policy = SoftmaxPolicy.zero(4, ridge(problem))
     subsets = [starts(12, 6, n_starts, np.random.default_rng(0)) for n_starts in (1, 13, 40)]
-    ends = [search(problem, policy, 6, some, 1e-6, 100).objective for some in subsets]
+    ends = [search(problem, policy, 6, some, 1e-6, 100, ConcentrationSettings()).objective for some in subsets]
     assert ends[0] > ends[1] + 0.1  # all demonstrations together are a bad start for two groups of one mind
     assert ends[1] >= ends[2] - 1e-9
 

@@ -29,6 +29,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
+from rpil.data.settings_record import settings_record
 from rpil.data.spaces import policy_space
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
@@ -41,12 +42,17 @@ from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
 from rpil.policies.settings import SelectionSettings
 
-START_STEPS, START_TOL = 2, 1e-3
-"""Concentration steps of every start, two as in FAST-LTS, and the largest entry of the gradient, a step, at which its
-policy is fitted. Chosen by hand, not tuned."""
 
-N_CARRIED = 5
-"""Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
+@settings_record(start_steps="[0, inf)")
+class ConcentrationSettings:
+    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
+
+    start_steps: int = 2
+    """Concentration steps of every start; two as in that paper."""
+    n_carried: int = 5
+    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
+    start_tol: float = 1e-3
+    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +120,20 @@ def search(
     subsets: Sequence[Array],
     tol: float,
     max_iter: int,
+    settings: ConcentrationSettings,
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
     def begin(subset: Array) -> Selection:
-        return concentrate(data, fit_selected(data, policy, subset, START_TOL), n_trusted, START_TOL, START_STEPS)
+        start = fit_selected(data, policy, subset, settings.start_tol)
+        return concentrate(data, start, n_trusted, settings.start_tol, settings.start_steps)
 
     def go_on(start: Selection) -> Selection:
         return concentrate(data, fit_selected(data, start.policy, start.selected, tol), n_trusted, tol, max_iter)
 
     candidates = sorted(in_parallel(begin, subsets, data.features), key=lambda start: -start.objective)
     distinct = {start.selected.tobytes(): start for start in candidates}  # the best of equal selections comes last
-    carried = sorted(distinct.values(), key=lambda start: start.objective)[:N_CARRIED]
+    carried = sorted(distinct.values(), key=lambda start: start.objective)[: settings.n_carried]
     return min(in_parallel(go_on, carried, data.features), key=lambda start: start.objective)
 
 
@@ -149,6 +157,8 @@ class RMEnt(PolicyEstimator):
         Largest gradient entry, a step, at which the solver stops.
     random_state : int
         Same seed, same bits.
+    settings : ConcentrationSettings, optional
+        The search for the best demonstrations.
     groups : {"rows"}, optional
         "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
@@ -188,6 +198,7 @@ class RMEnt(PolicyEstimator):
         max_iter: int = 100,
         tol: float = 1e-6,
         random_state: int = 0,
+        settings: ConcentrationSettings | None = None,
         groups: Literal["rows"] | None = None,
     ) -> None:
         self.n_trusted = n_trusted
@@ -197,6 +208,7 @@ class RMEnt(PolicyEstimator):
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state
+        self.settings = settings
         self.groups = groups
 
     def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
@@ -224,7 +236,8 @@ class RMEnt(PolicyEstimator):
             policy = linear_policy(space, ridge_of(self.features_, self.C, weight, space), weight)
             rng = np.random.default_rng(self.random_state)
             subsets = starts(len(demonstrations), n_trusted, max(1, self.n_starts), rng)
-            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter)
+            settings = self.settings or ConcentrationSettings()
+            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter, settings)
         self.policy_ = selection.policy.with_temperature(choice.temperature)
         self.ids_ = demonstrations.ids
         self.weights_ = selection.selected.astype(float)
