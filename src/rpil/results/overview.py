@@ -23,18 +23,18 @@ ACTING = {"outliers": "differently from the rest", "mixture": "like the adversar
 
 
 def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
-    """The finding in one sentence, with numbers and up to `most` names, the lowest score first."""
+    """The finding in one sentence, with numbers and up to `most` names, the lowest score first; 0 for none."""
     counts, ranked = audit.verdict_counts(), audit.ranking()[::-1].tolist()
     below = [one for one, size in counts.items() if size and SIDES[one] == "lower"]
     lists = ([named(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
-    names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True)}
+    names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True) if most}
     if audit.finding == "answered":
         said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in counts.items())
         return f"By your answers: {', '.join(said)}."
     if audit.finding in ACTING and below:
         n = counts[below[0]]
         some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
-        return f"{some}: {names[below[0]]}."
+        return f"{some}: {names[below[0]]}." if names else f"{some}."
     sentence = FINDINGS[audit.finding]
     if audit.finding == "two groups" and audit.groups:
         sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())

@@ -69,6 +69,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from rpil.data.archive import stored
+from rpil.data.text import MAX_IDS
 from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED
 from rpil.inference.step_trust import step_proba
@@ -115,8 +116,9 @@ class About:
     seconds: float | None = None
 
 
-def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
-    """The view of an audit, with drawings of the `drawn` first in the order of looking."""
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: int = MAX_IDS) -> View:
+    """The view of an audit, with drawings of the `drawn` first in the order of looking, and up to so many names in its
+    finding."""
     order, n_review = answering.looking_order(audit)
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}
@@ -125,7 +127,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "title": about.title,
         "source": about.source,
         "seconds": about.seconds,
-        **_finding(audit),
+        **_finding(audit, named),
         "question": answering.question(audit) or "",
         "pair": [places[name] for name in audit.pair] if asked else [],
         "doubts": list(audit.doubts),
@@ -155,14 +157,14 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     }
 
 
-def _finding(audit: AuditResult) -> View:
+def _finding(audit: AuditResult, named: int) -> View:
     """What the audit says as a whole."""
     vocabulary, finding = audit.vocabulary, audit.finding
     counts = audit.verdict_counts()
     return {
         "finding": {
             "name": finding,
-            "sentence": headline(audit),
+            "sentence": headline(audit, named),
             "next": answering.NEXT_STEPS[finding],
             "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
         },

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import lerobot_folders
 from browser import browsing, needs_chromium
-from rpil import RPIL, read
 from rpil.cli.questions.server import page_of
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.id_values import read_answers
 from served import need_server, review_of, serving
-from small import FAST
 
 need_server()
 
@@ -209,28 +205,3 @@ def test_a_label_that_contradicts_that_of_a_copy_is_told_beside_the_buttons(audi
         after(browser, 2, "g")  # a key, because the sentence moves the buttons
         browser.errors = [error for error in browser.errors if "400" not in error]
     assert read_answers("labels.csv")[0] == {"1": "good", "7": "good"}
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_videos_and_frames_of_the_chosen_demonstration(browser, tmp_path):
-    pytest.importorskip("av")
-    folder = lerobot_folders.write(tmp_path / "set", [30] * 12, per_file=4)
-    audit = RPIL(settings=FAST).fit(read(folder)).audit_
-    videos = EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS)
-    with serving(review_of(audit, videos=videos, page=page_of)) as client:
-        browser.open(client.gate.url)
-        browser.wait("document.querySelectorAll('.media img').length >= 2")
-        browser.wait("[...document.querySelectorAll('.media img')].every((one) => one.naturalWidth === 320)")
-        source = browser.evaluate("document.querySelector('.media video').src")
-        m = audit.index(audit.pair[0]) if audit.question else audit.index(audit.suggest_labels(1)[0])
-        assert source.startswith(f"http://{client.host}/video/{m}/0#t=")
-        first, last = map(float, source.partition("#t=")[2].split(","))
-        start = client.get(f"/api/demonstration/{m}")["videos"][0]["start"]
-        assert start <= first < last <= start + 30 / 10 + 1e-6  # review_of says 10 frames a second
-        browser.wait(f"Math.abs(document.querySelector('.media video').currentTime - {first}) < 0.05")
-        answer = client.ask("GET", f"/video/{m}/0", range="bytes=0-9")
-        assert answer[0] == 206
-        browser.evaluate("window.old = [...document.querySelectorAll('.media img, .media video')]")
-        browser.press("j")
-        browser.wait("old.every((one) => !one.hasAttribute('src'))")  # no connection is kept for them

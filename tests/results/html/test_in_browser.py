@@ -84,7 +84,7 @@ def downloaded(folder: Path, browser: Browser, role: str, name: str) -> str:
 def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit(pair=(0, 7))
     browser.open(write(tmp_path / "r.html", audit))
-    assert browser.text("[data-role=review]") == "Review 5"
+    assert browser.text("[data-role=review]") == "Show the 5 to look at"
     lower = [str(m) for m in np.argsort(audit.log_odds) if audit.verdicts[m] == "outlier" and m != 7]
     assert column(browser, 1)[:6] == ["0", "7", *lower, "5"]
     browser.click("[data-role=review]")

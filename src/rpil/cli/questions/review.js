@@ -3,7 +3,8 @@ const live = (() => {
   const POLL = 1500; // milliseconds
   const KEYS = { good: "g", bad: "b" };
   const seen = new Map(); // what the server told of a demonstration, until the next answer
-  let version = null, asked = [], last = Promise.resolve();
+  const recorded = new Map(); // what no answer changes
+  let version = null, asked = [], changed = [], last = Promise.resolve();
 
   const panel = () => document.querySelector('[data-role="ask"]');
   const say = (...lines) => panel().querySelector('[data-role="said"]').replaceChildren(...lines.map((line) => el("span", {}, printable(line))));
@@ -25,11 +26,14 @@ const live = (() => {
     const kept = parts[0].kept(), focus = document.activeElement?.dataset?.role;
     const wasAsked = asked.includes(kept.chosen);
     seen.clear();
-    release();
+    const next = made.querySelector('[data-role="ask"]').dataset.asked;
+    if (JSON.stringify(asked) !== next) release(panel());
+    leave();
     articles[0].replaceWith(made);
     articles[0] = made;
     begin();
-    parts[0] = start(made, "", { ...kept, chosen: wasAsked && asked.length ? asked[0] : kept.chosen });
+    const chosen = wasAsked && asked.length ? asked[0] : kept.chosen;
+    parts[0] = start(made, "", { ...kept, chosen, step: chosen === kept.chosen ? kept.step : 0 });
     parts[0].show();
     sweep.refresh();
     if (focus) made.querySelector(`[data-role="${focus}"]`)?.focus({ preventScroll: true });
@@ -62,55 +66,65 @@ const live = (() => {
     const place = panel();
     version = Number(place.dataset.version);
     asked = JSON.parse(place.dataset.asked);
+    changed = JSON.parse(place.dataset.changed);
     place.addEventListener("click", ({ target }) => {
       const button = target.closest("button");
       if (button?.dataset.key) press(button.dataset.key, asked[0]);
-      if (button?.dataset.show) parts[0].choose(Number(button.dataset.show));
+      if (button?.dataset.role === "changed") parts[0].showChanged();
+      if (button?.dataset.role === "keys") showKeys(parts[0].keys);
       if (button?.dataset.role === "take-back") undo();
       if (button?.dataset.role === "finish") finish.open().catch((error) => say(error.message));
-      if (button?.dataset.role === "sweep") look();
+      if (button?.dataset.role === "sweep") glance();
     });
   };
 
   const notes = makeNotes(), part = () => parts[0];
   const sweep = makeSweep({ ask, part, answer, undo, why: notes.put }), finish = makeFinish({ ask, part });
-  const look = () => sweep.open().catch((error) => say(error.message));
+  const glance = () => sweep.open().catch((error) => say(error.message));
 
-  // Drawings and videos of a demonstration come when it is first shown.
+  // Drawings of a demonstration come when it is first shown; films and what was recorded once for all.
+  const once = (known, path) => {
+    if (!known.has(path)) {
+      const asked = ask(path).catch((error) => {
+        known.delete(path);
+        throw error;
+      });
+      known.set(path, asked);
+    }
+    return known.get(path);
+  };
   const load = async (view, m, then) => {
     try {
-      if (!seen.has(m)) seen.set(m, ask(`/api/demonstration/${m}`));
-      const found = await seen.get(m);
-      view.drawings[m] = found.drawing;
-      seen.set(m, found);
+      view.drawings[m] = (await once(seen, `/api/demonstration/${m}`)).drawing;
       then();
     } catch (error) {
-      seen.delete(m);
       say(error.message);
     }
   };
-  // What is shown no more must not keep the few connections of a browser from the next answer.
-  const release = () => {
-    for (const one of articles[0].querySelectorAll(".media img, .media video")) {
-      one.removeAttribute("src");
-      one.load?.();
+
+  // What is asked about, side by side; where the same is asked again, it goes on as it was.
+  let stage = null, looked = null;
+  const options = { load: (path) => once(recorded, path), isAsked: (m) => asked.includes(m) };
+  const open = (model, { step, told }) => {
+    const place = panel().querySelector('[data-role="stage"]'), now = JSON.stringify(asked);
+    if (stage?.asked === now && asked.length) {
+      place.replaceWith(stage.place);
+      return;
     }
+    stage = asked.length ? { asked: now, ...makeStage(model, place, asked, { ...options, begin: step, plays: true, told: (at) => told(asked[0], at) }) } : null;
   };
-  const media = ({ view, d }, m) => {
-    release();
-    const found = seen.get(m), fps = view.fps;
-    if (!found?.videos) return "";
-    const n = d.n_steps[m], [first, end] = d.stretch[m] ? [d.stretch[m][0], d.stretch[m][1] + 1] : [0, n];
-    const steps = [...new Set([first, d.worst[m][0] ?? (first + end) >> 1, end - 1])].sort((a, b) => a - b);
-    const films = found.videos.map(({ camera, start }, k) => {
-      const film = el("video", { controls: true, muted: true, preload: "metadata", src: `/video/${m}/${k}#t=${start + first / fps},${start + end / fps}` });
-      const frames = found.frames ? steps.map((step) => el("button", { type: "button", title: `Step ${step}`, onclick: () => {
-        film.currentTime = start + step / fps;
-        film.play();
-      } }, el("img", { src: `/frame/${m}/${k}/${step}`, alt: `${camera} at step ${step}`, loading: "lazy" }), `${(step / fps).toFixed(1)} s`)) : [];
-      return el("figure", {}, el("figcaption", {}, printable(camera)), film, el("div", { class: "frames" }, frames));
-    });
-    return el("div", { class: "media" }, films, found.note ? el("p", { class: "muted" }, printable(found.note)) : "");
+  // One that is chosen and not asked about.
+  const look = (model, m, { step, told }) => {
+    if (looked?.m !== m) {
+      if (looked) release(looked.place);
+      looked = { m, ...makeStage(model, el("div", { class: "stage one" }), [m], { ...options, begin: step, told: (at) => told(m, at) }) };
+    }
+    return looked.place;
+  };
+  const front = () => (looked?.place.isConnected ? looked : stage)?.player;
+  const leave = () => {
+    if (looked) release(looked.place);
+    looked = null;
   };
 
   const passing = (m) => el("button", { type: "button", onclick: () => press("u", m) }, "Cannot tell ", el("kbd", {}, "u"));
@@ -140,6 +154,17 @@ const live = (() => {
     notes.draw(panel(), view);
     return marks(view);
   };
+  const keys = (chosen) => [
+    ["1", "of a pair: the first is better"], ["2", "the second is better"], ["3", "both are good"], ["4", "both are bad"], ["5", "no difference"],
+    ["u", "cannot tell"], ["s", "skip"],
+  ].map(([key, words]) => [key, words, () => press(key, chosen())]).concat([
+    [" ", "play, pause", () => front()?.toggle()], [",", "one step back", () => front()?.frames(-1)], [".", "one step on", () => front()?.frames(1)],
+    ["<", "slower", () => front()?.faster(-1)], [">", "faster", () => front()?.faster(1)], ["l", "loop", () => front()?.setLoop()],
+    ["n", "why: a tag and a note of the next answer", notes.focus], ["v", "all at a glance", glance],
+  ]);
   begin();
-  return { note: notes.focus, said: notes.said, sweep: look, first: () => asked[0] ?? null, store, load, media, passing, undo, press, mark: (word, m) => press(KEYS[word], m) };
+  return {
+    first: () => asked[0] ?? null, isAsked: (m) => asked.includes(m), changed: () => changed, store, load, open, look, keys, passing, undo,
+    said: notes.said, seek: (step) => front()?.seek(step), mark: (word, m) => press(KEYS[word], m),
+  };
 })();

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.resources import files
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -13,8 +14,16 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from rpil.cli.questions.glance import column_curves, column_names
+from rpil.cli.questions.recorded import Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
-from rpil.cli.questions.session import Session, choices, fact_lines, question_sentence
+from rpil.cli.questions.session import (
+    Session,
+    choices,
+    count_line,
+    opinion_line,
+    question_sentence,
+    warning_lines,
+)
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError, MissingExtraError
@@ -35,7 +44,7 @@ WHY_ONE = "We ask about this one because the answer helps most."
 """Why a question is asked, about two demonstrations or one."""
 
 
-SCRIPTS = "notes", "sweep", "finish", "review"
+SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
 """Of the page, in the order in which they stand in it."""
 
 MAX_WHY = 500
@@ -58,14 +67,23 @@ class Review:
     videos: EpisodeVideos
     finish: PageChange
     page: Callable[[View, View], str]
-    data: Demonstrations | Dataset
+    data: Demonstrations | Dataset | None
     lock: Lock = field(default_factory=Lock)
     _drawn: tuple[int, View] | None = None
 
+    @cached_property
+    def recorded(self) -> Recorded:
+        """What the page draws of the data."""
+        return Recorded(self.data)
+
     def view(self) -> View:
-        """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has."""
+        """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has.
+
+        Its finding names nobody, so that it does not answer the question beside it.
+        """
+        audit = self.session.audit
         if self._drawn is None or self._drawn[0] != self.session.version:
-            view = make_view(self.session.audit, self.about, 0) | {"question": "", "pair": [], "look_at": []}
+            view = make_view(audit, self.about, 0, 0) | {"question": "", "pair": [], "columns": self.recorded.columns}
             view |= {"said": self.said(), "by": self.session.by, "agreement": self.session.agreement()}
             self._drawn = self.session.version, view
         return self._drawn[1]
@@ -77,12 +95,12 @@ class Review:
         if question:
             asked["sentence"] = question_sentence(audit, question)
             asked["why"] = WHY_PAIR if len(question) == 2 else WHY_ONE
-            asked["facts"] = list(fact_lines(audit, question))
             asked["buttons"] = choices(question)
         return {
             "version": session.version,
             "asked": asked,
-            "lines": session.lines,
+            "lines": list(self._lines()),
+            "changed": [m for m, old in enumerate(session.old.verdicts) if audit.verdicts[m] != old],
             "n_answers": len(session.rows),
             "can_undo": bool(session.given),
             "path": session.path,
@@ -93,17 +111,34 @@ class Review:
         numbers = {str(name): m for m, name in enumerate(self.session.audit.ids)}
         return [[numbers[row.id], str(row.label), *row[2:]] for row in self.session.said]
 
+    def _lines(self) -> Iterator[str]:
+        """What the audit thought of those that were answered, and what the answer changed."""
+        session = self.session
+        if told := tuple(name for name in session.answered if name not in session.question):
+            yield opinion_line(session.old, told)
+        if session.lines:
+            yield count_line(session.audit)
+            yield from warning_lines(session.old, session.audit)
+
     def demonstration(self, m: int) -> View:
-        """What is drawn and played of one demonstration."""
-        audit = self.session.audit
-        if not 0 <= m < len(audit.ids):
+        """What the audit draws of one demonstration."""
+        self._check(m)
+        return {"drawing": drawings(self.session.audit, [m])[str(m)]}
+
+    def films(self, m: int) -> View:
+        """The videos of one demonstration."""
+        self._check(m)
+        videos = self.videos
+        return {"videos": videos.cameras(m), "frames": videos.has_frames, "note": videos.note}
+
+    def curves(self, m: int) -> list[View]:
+        """What was recorded of one demonstration."""
+        self._check(m)
+        return self.recorded.curves(self.session.audit.ids[m])
+
+    def _check(self, m: int) -> None:
+        if not 0 <= m < len(self.session.audit.ids):
             raise DataError("There is no such demonstration.")
-        return {
-            "drawing": drawings(audit, [m])[str(m)],
-            "videos": self.videos.cameras(m),
-            "frames": self.videos.has_frames,
-            "note": self.videos.note,
-        }
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
         """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note, a tag and a name."""
@@ -119,7 +154,13 @@ class Review:
         note, tag, self.session.by = (text.strip() for text in why)
         for text in filter(None, (note, tag, self.session.by)):
             check_text(text, "what is written beside it", "the answer")
-        return {"lines": self.session.answer(question, given["key"], (note, tag, self.session.by))}
+        self.session.answer(question, given["key"], (note, tag, self.session.by))
+        return {}
+
+    def undo(self, given: Mapping[str, Parsed]) -> View:
+        """Take the last answer back."""
+        self.session.undo()
+        return {}
 
 
 def application(review: Review, gate: Gate) -> Application:
@@ -156,6 +197,8 @@ def application(review: Review, gate: Gate) -> Application:
         get("/favicon.ico", lambda: Response(status_code=204)),
         get("/api/version", lambda: JSONResponse({"version": session.version})),
         get("/api/demonstration/{m:int}", lambda m: JSONResponse(review.demonstration(m))),
+        get("/api/films/{m:int}", lambda m: JSONResponse(review.films(m))),
+        get("/api/curves/{m:int}", lambda m: JSONResponse(review.curves(m))),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
         get(
             "/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, "image/jpeg")
@@ -163,7 +206,7 @@ def application(review: Review, gate: Gate) -> Application:
         get("/api/columns", lambda: JSONResponse(column_names(review.data))),
         get("/api/column/{k:int}", lambda k: JSONResponse(column_curves(review.data, k))),
         post("/api/answer", review.answer),
-        post("/api/undo", lambda given: {"lines": session.undo()}),
+        post("/api/undo", review.undo),
         post("/api/finish", review.finish),
     ]
     gone = {ClientDisconnect: lambda request, error: Response(status_code=400)}  # nobody waits for an answer

@@ -86,12 +86,14 @@ class Session:
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
     can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit, and `by`
-    is the name of who answers, or "".
+    is the name of who answers, or "". `old` is the audit before the last change, and `answered` what the last answer was
+    about.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None, by: str = "") -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
+        self.old, self.answered = start, Question()
         self.given: tuple[Reply, ...] = ()
         self.rows: tuple[AnswerRow, ...] = ()
         self.question = next_question(start, start, (), most)
@@ -113,10 +115,13 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        return self._go_to((*self.given, (question, key, why or ("", "", self.by))))
+        lines = self._go_to((*self.given, (question, key, why or ("", "", self.by))))
+        self.answered = () if key in "us" else question
+        return lines
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
+        self.answered = ()
         return self._go_to(self.given[:-1]) if self.given else []
 
     def agreement(self) -> list[str]:
@@ -138,7 +143,8 @@ class Session:
             self._write(rows)
             self.said = said
         self.question = next_question(self.start, audit, given, self._most)
-        self.audit, self.lines, self.given, self.rows, self.version = audit, lines, given, rows, self.version + 1
+        self.old, self.audit, self.lines = self.audit, audit, lines
+        self.given, self.rows, self.version = given, rows, self.version + 1
         return lines
 
     def _write(self, rows: Sequence[AnswerRow]) -> None:
@@ -170,14 +176,29 @@ def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
     """What an answer changed: the number of each verdict, and which demonstrations have another."""
-    counts = ", ".join(numbered(count, word) for word, count in new.verdict_counts().items())
-    yield f"Now: {counts}."
+    yield count_line(new)
     moved: dict[str, list[Hashable]] = {}
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
         if before != word:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No verdict changed."
+    yield from warning_lines(old, new)
+
+
+def count_line(audit: Audit) -> str:
+    """The number of each verdict."""
+    return f"Now: {', '.join(numbered(count, word) for word, count in audit.verdict_counts().items())}."
+
+
+def opinion_line(old: Audit, answered: Question) -> str:
+    """What the audit thought of demonstrations before they were answered, which it did not say then."""
+    said = (f"{printable(old.ids[m])} {old.verdicts[m]}, place {old.ranks[m]:,}" for m in map(old.index, answered))
+    return f"Before your answer the audit had: {'; '.join(said)} of {len(old.ids):,}."
+
+
+def warning_lines(old: Audit, new: Audit) -> Iterator[str]:
+    """What speaks against the answers after the last one."""
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

@@ -24,8 +24,8 @@ const makeDetail = (model, place, act) => {
     const rank = el("span", { class: "rank", "aria-hidden": "true" }, el("b", { style: `left:${(100 * values[m]).toFixed(1)}%` }));
     return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name]), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])} of all`))];
   });
-  const named = (m) => [["Task", d.task[m]], ["Operator", d.demonstrator[m]], ["Session", d.session[m]], ["Group", d.group[m]],
-    ["Steps like the rest", `${percent(d.reliability[m])} (${percent(d.low[m])} to ${percent(d.high[m])})`], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
+  const named = (m) => [["Task", d.task[m]], ["Operator", d.demonstrator[m]], ["Session", d.session[m]], ["Group", model.isOpen(m) ? "" : d.group[m]],
+    ["Steps like the rest", model.isOpen(m) ? "" : `${percent(d.reliability[m])} (${percent(d.low[m])} to ${percent(d.high[m])})`], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
     ["Order", d.order.length ? `${d.order[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : ""]].filter(([, text]) => text);
 
   const clear = () => {
@@ -34,6 +34,7 @@ const makeDetail = (model, place, act) => {
   };
   const drawCharts = (m, box, readout) => {
     const drawing = view.drawings[m];
+    if (model.isOpen(m)) return;
     if (!drawing && live) {
       live.load(view, m, () => { if (shown === m) show(m); });
       return;
@@ -46,7 +47,8 @@ const makeDetail = (model, place, act) => {
       readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}${more}`;
     };
     said(null);
-    charts = stepCharts(model, m, drawing, box, said);
+    charts = stepCharts(model, m, drawing, box, said, (step) => (live ? live.seek(step) : act.moved(m, step)));
+    requestAnimationFrame(() => at(act.step())); // once they are laid out
   };
 
   const show = (m) => {
@@ -55,24 +57,31 @@ const makeDetail = (model, place, act) => {
     const button = (word, key, label) => el("button", { type: "button", "data-mark": word || "none", "aria-pressed": String((model.marks.get(m) ?? "") === word), onclick: () => act.mark(word) }, label, " ", el("kbd", {}, key));
     const parts = Object.entries(d.evidence).map(([name, values]) => `${name} ${number(values[m])}`).join(", ");
     const drawn = el("div", { class: "charts" }), readout = el("p", { class: "readout muted" });
-    place.replaceChildren(
-      el("header", {},
-        el("h3", {}, names[m]),
-        el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
-        el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.vocabulary.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")),
-      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
-        el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.step(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.step(1) }, "›"))),
-      live ? live.media(model, m) : "",
-      live ? live.said(model, m) : "",
+    const said = model.isOpen(m) ? [] : [
       el("p", {}, d.reason[m] && printable(d.reason[m])),
       view.pair.includes(m) ? el("p", {}, el("strong", {}, printable(view.question))) : "",
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
       d.worst[m].length ? el("p", {}, "Steps that differ most: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
+    ];
+    const bands = view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "";
+    const verdict = () => [el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
+      el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.vocabulary.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")];
+    place.replaceChildren(
+      el("header", {}, el("h3", {}, names[m]), model.isOpen(m) ? [] : verdict()),
+      el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
+        el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.turn(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.turn(1) }, "›"))),
+      model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. What the audit thinks of it is shown after your answer.") : "",
+      live && !model.isOpen(m) ? live.look(model, m, { step: act.step(), told: act.moved }) : "",
+      live ? live.said(model, m) : "",
+      ...said,
       model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `: ${printable(found.sentence[k])}`))) : "",
-      drawn, view.drawings[m] ? readout : "",
-      view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with} ones ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "",
+      ...(model.isOpen(m) ? [] : [drawn, view.drawings[m] ? readout : "", bands]),
       el("table", { class: "own-facts" }, el("tbody", {}, named(m).map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, printable(text)))), facts(m))));
     drawCharts(m, drawn, readout);
+  };
+  // Put the cursor of the charts at a step.
+  const at = (step) => {
+    for (const chart of charts) chart.setCursor({ left: chart.valToPos((step + 0.5) / (view.fps || 1), "x"), top: 10 });
   };
   const marked = () => {
     for (const one of place.querySelectorAll("[data-mark]")) one.setAttribute("aria-pressed", String((model.marks.get(shown) ?? "none") === one.dataset.mark));
@@ -81,5 +90,5 @@ const makeDetail = (model, place, act) => {
     for (const chart of charts) chart.setSize({ width: Math.max(200, chart.root.parentElement.clientWidth), height: chart.height });
   };
   new ResizeObserver(resize).observe(place);
-  return { show, marked, redraw: () => { if (shown !== null) show(shown); }, empty: () => { clear(); shown = null; place.replaceChildren(el("p", { class: "muted" }, "No demonstration matches.")); } };
+  return { show, at, marked, redraw: () => { if (shown !== null) show(shown); }, empty: () => { clear(); shown = null; place.replaceChildren(el("p", { class: "muted" }, "No demonstration matches.")); } };
 };

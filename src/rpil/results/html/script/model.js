@@ -35,7 +35,7 @@ const makeModel = (view) => {
   const found = view.faults.found, faults = Array.from({ length: size }, () => []);
   (found.demonstration ?? []).forEach((m, k) => { if (m !== null) faults[m].push(k); });
   const rules = faults.map((own) => [...new Set(own.map((k) => found.rule[k]))]);
-  const order = d.order.length ? d.order : d.session.some(Boolean) ? d.id.map((_, m) => m + 1) : [];
+  const order = d.order.length ? d.order : d.session.some(Boolean) || d.demonstrator.some(Boolean) ? d.id.map((_, m) => m + 1) : [];
 
   // Marks, by number, and what each replaced.
   const store = live ? live.store(view) : makeStore(`rpil-marks-${view.run}`), marks = new Map(), past = [];
@@ -65,7 +65,8 @@ const makeModel = (view) => {
     { key: "session", title: "Session", values: values(d.session), of: (m) => [d.session[m]] },
     { key: "task", title: "Task", values: values(d.task), of: (m) => [d.task[m]] },
     { key: "fault", title: "Fault", values: view.faults.kinds.map((kind) => kind.rule), of: (m) => rules[m], few: 1 },
-    { key: "mark", title: "Mark", values: ["good", "bad", "none"], of: (m) => [marks.get(m) ?? "none"] },
+    { key: "changed", title: "Last answer", values: live?.changed().length ? ["changed"] : [], of: (m) => (live?.changed().includes(m) ? ["changed"] : []), few: 1 },
+    { key: "mark", title: live ? "Your answer" : "Your mark", values: ["good", "bad", "none"], of: (m) => [marks.get(m) ?? "none"] },
   ].filter((one) => one.values.length >= (one.few ?? 2));
 
   const state = { text: "", review: false, sort: "look", down: false };
@@ -116,6 +117,8 @@ const makeModel = (view) => {
   const seconds = (step) => (view.fps ? `${(step / view.fps).toFixed(1)} s` : "");
   return {
     view, d, size, names, faults, rules, found, order, marks, mark, undo, dimensions, state, rows, labels, keep, seconds,
+    // What the audit thinks of a demonstration is withheld while the question about it is open.
+    isOpen: (m) => Boolean(live?.isAsked(m)),
     lasts: store.lasts, side: (m) => view.sides[d.verdict[m]], canUndo: () => past.length > 0,
   };
 };

@@ -16,7 +16,7 @@ const shade = (colour, alpha) => {
 };
 
 // Curves over the steps of demonstration m; each chart has a title, curves, and a band between its last two.
-const stepCharts = (model, m, drawing, place, readout) => {
+const stepCharts = (model, m, drawing, place, readout, seek) => {
   const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = atob(drawing.trust.mean).length;
   const first = Array.from({ length: bins }, (_, k) => Math.floor((k * n) / bins));
   const unit = view.fps || 1, x = first.map((start) => start / unit);
@@ -46,7 +46,9 @@ const stepCharts = (model, m, drawing, place, readout) => {
       cursor: { y: false, drag: { x: false, y: false }, points: { size: 6 }, sync: { key: "steps" } },
       hooks: { drawClear: [marks], setCursor: [(u) => say(u.cursor.idx ?? null)] },
     };
-    return new uPlot(options, data, box);
+    const made = new uPlot(options, data, box);
+    made.over.addEventListener("click", () => { if (made.cursor.idx !== null) seek(first[made.cursor.idx]); });
+    return made;
   };
   const edge = curve(shade(colours.upper, 0.5), 0.7);
   const charts = drawing.parts.map((part) => one(
@@ -70,18 +72,29 @@ const shapes = {
   lower: (ctx, x, y, r) => { ctx.moveTo(x, y - r * 1.3); ctx.lineTo(x + r * 1.3, y); ctx.lineTo(x, y + r * 1.3); ctx.lineTo(x - r * 1.3, y); ctx.fill(); },
 };
 
+// Who or what may colour the scores: the operators, or else the sessions, where there are several and not too many.
+const HUES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a6d00", "#7a5195"];
+const colouring = ({ d }) => {
+  for (const [title, column] of [["operator", d.demonstrator], ["session", d.session]]) {
+    const names = [...new Set(column)].sort(collator.compare);
+    if (names.length > 1 && names.length <= HUES.length) return { title, names, hue: (m) => HUES[names.indexOf(column[m])] };
+  }
+  return null;
+};
+
 // Scores in the order of recording; shapes as in the table, so that verdicts do not depend on colour alone.
 const orderChart = (model, box, chosen, choose) => {
   const { d } = model, colours = palette();
-  const row = d.id.map((_, m) => m).sort((a, b) => model.order[a] - model.order[b]);
+  const row = d.id.map((_, m) => m).sort((a, b) => model.order[a] - model.order[b]), coloured = colouring(model);
   const starts = row.flatMap((m, k) => (k && d.session[m] !== d.session[row[k - 1]] ? [k] : []));
   const draw = (u) => {
     const { ctx, bbox } = u, r = (row.length > 1000 ? 2 : 3.5) * devicePixelRatio;
     ctx.save();
     ctx.lineWidth = 1.3 * devicePixelRatio;
     row.forEach((m, k) => {
+      if (model.isOpen(m)) return;
       const x = u.valToPos(k + 1, "x", true), y = u.valToPos(d.log_odds[m], "y", true), side = model.side(m);
-      ctx.fillStyle = ctx.strokeStyle = colours[side];
+      ctx.fillStyle = ctx.strokeStyle = coloured ? coloured.hue(m) : colours[side];
       ctx.beginPath();
       shapes[side](ctx, x, y, r);
       if (m === chosen()) {

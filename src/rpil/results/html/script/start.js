@@ -6,14 +6,43 @@ const start = (article, prefix, before = null) => {
     view.n_review = before.n_review;
   }
   const model = makeModel(view), { state } = model, part = (role) => article.querySelector(`[data-role="${role}"]`);
-  let chosen = null, axis = null;
+  let chosen = null, axis = null, step = 0;
   article.querySelector(".work").hidden = false;
 
-  const choose = (m, show = true) => {
-    chosen = m;
+  const choose = (m, show = true, at = 0) => {
+    [chosen, step] = [m, at];
     table.select(m, show);
     detail.show(m);
     axis?.redraw();
+    moved(m, at);
+  };
+  // The address names what is chosen and the place in it, so that it can be sent and opened again.
+  let timer = null;
+  const moved = (m, at) => {
+    if (m !== chosen) return;
+    step = at;
+    detail.at(at);
+    clearTimeout(timer);
+    timer = setTimeout(() => link(m, at), 300);
+  };
+  const link = (m, at) => {
+    if (articles.length > 1 || !article.isConnected) return;
+    const place = view.fps ? { t: (at / view.fps).toFixed(1) } : { step: at };
+    history.replaceState(null, "", `#${new URLSearchParams({ episode: view.demonstrations.id[m], ...(at ? place : {}) })}`);
+  };
+  // The demonstration and the step that an address names, or null.
+  const find = (address) => {
+    const named = new URLSearchParams(address.slice(1)), m = view.demonstrations.id.indexOf(named.get("episode"));
+    const at = named.has("t") ? Math.round(Number(named.get("t")) * (view.fps || 1)) : Number(named.get("step"));
+    return m < 0 ? null : [m, at > 0 && at < view.demonstrations.n_steps[m] ? at : 0];
+  };
+  const follow = (address) => {
+    const found = find(address);
+    if (!found) return false;
+    if (found[0] !== chosen) choose(found[0], true, found[1]);
+    live?.seek(found[1]);
+    moved(...found);
+    return true;
   };
   const changed = () => {
     const shown = table.update();
@@ -46,13 +75,13 @@ const start = (article, prefix, before = null) => {
     if (m !== undefined) choose(m);
     tell();
   };
-  const step = (by) => { if (table.shown().length) choose(table.step(by)); };
+  const turn = (by) => { if (table.shown().length) choose(table.step(by)); };
 
   const table = makeTable(model, part("box"), prefix, choose);
-  const detail = makeDetail(model, part("detail"), { mark, step });
+  const detail = makeDetail(model, part("detail"), { mark, turn, moved, step: () => step });
   const filters = makeFilters(model, part("filters"), changed);
   const review = part("review"), search = part("search");
-  review.textContent = view.n_review ? `Review ${view.n_review.toLocaleString("en")}` : "Nothing to review";
+  review.textContent = view.n_review ? `Show the ${view.n_review.toLocaleString("en")} to look at` : "None to look at";
   review.disabled = !view.n_review;
   review.addEventListener("click", () => {
     const on = !state.review;
@@ -71,6 +100,7 @@ const start = (article, prefix, before = null) => {
   part("labels").addEventListener("click", () => download("labels.csv", "text/csv", model.labels()));
   part("keep").addEventListener("click", () => download("keep.json", "application/json", model.keep()));
   part("undo").addEventListener("click", undo);
+  part("help").addEventListener("click", () => showKeys(keys));
   part("copy")?.addEventListener("click", (event) => copyText(`${view.command} --labels labels.csv`, event.target));
   for (const button of article.querySelectorAll("[data-rule]")) {
     button.disabled = false;
@@ -103,7 +133,9 @@ const start = (article, prefix, before = null) => {
   }
   const drawAxis = () => {
     axis?.destroy();
+    const by = colouring(model);
     axis = orderChart(model, part("axis"), () => chosen, choose);
+    part("hues").replaceChildren(...(by ? [`Colour: ${by.title}.`, ...by.names.map((name, k) => el("span", {}, el("i", { style: `background:${HUES[k]}` }), printable(name) || "not named"))] : []));
   };
   const show = () => {
     table.draw(true);
@@ -118,18 +150,34 @@ const start = (article, prefix, before = null) => {
     for (const [key, value] of Object.entries(before.state)) state[key] = value;
     filters.show();
   }
+  const first = before ? [before.chosen ?? live.first(), before.step] : find(location.hash) ?? [live?.first() ?? null, 0];
+  chosen = first[0];
   changed();
   tell();
-  if (live && (before?.chosen ?? live.first()) !== null) choose(before?.chosen ?? live.first());
+  if (first[0] !== null) choose(first[0], true, first[1]);
+  live?.open(model, { step, told: (m, at) => moved(model.isOpen(chosen) ? chosen : m, at) });
 
-  const keys = {
-    j: () => step(1), k: () => step(-1), g: () => mark("good"), b: () => mark("bad"), u: () => mark(""), z: undo,
-    "/": () => search.focus(),
-    Escape: () => { filters.clear(); changed(); table.focus(); },
-  };
-  if (live) Object.assign(keys, { n: live.note, v: live.sweep });
-  if (live) for (const key of "us12345") keys[key] = () => live.press(key, chosen);
-  return { show, choose, model, shown: () => table.shown(), kept: () => ({ chosen, state, look: view.demonstrations.look, n_review: view.n_review }), press: (key) => keys[key]?.(), knows: (key) => key in keys, print: table.print };
+  // Each key, what it does in words for the list of keys, and what it runs; a review adds its own.
+  const keys = [
+    ["j", "next demonstration", () => turn(1)], ["k", "previous demonstration", () => turn(-1)],
+    ["g", "good", () => mark("good")], ["b", "bad", () => mark("bad")],
+    ["z", live ? "undo the last answer" : "undo the last mark", undo],
+    ["/", "search", () => search.focus()],
+    ["Escape", "clear the filters", () => { filters.clear(); changed(); table.focus(); }],
+    ...(live ? live.keys(() => chosen) : [["u", "no mark", () => mark("")]]),
+    ["?", "these keys", () => showKeys(keys)],
+  ];
+  const showChanged = () => filters.only("changed", "changed");
+  return { show, choose, follow, showChanged, keys, model, shown: () => table.shown(), kept: () => ({ chosen, step, state, look: view.demonstrations.look, n_review: view.n_review }), print: table.print };
+};
+
+// The list of keys, over the page.
+const showKeys = (keys) => {
+  const rows = keys.map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key === " " ? "space" : key)), el("td", {}, words)));
+  const box = el("dialog", { class: "keys", "aria-label": "Keys", onclick: () => box.close(), onclose: () => box.remove() },
+    el("h2", {}, "Keys"), el("table", {}, el("tbody", {}, rows)), el("button", { type: "button" }, "Close"));
+  document.body.append(box);
+  box.showModal();
 };
 
 const articles = [...document.querySelectorAll("main > article")];
@@ -142,14 +190,16 @@ const turnTo = (k) => {
   links.forEach((link, other) => (other === k ? link.setAttribute("aria-current", "true") : link.removeAttribute("aria-current")));
   parts[k].show();
 };
-const turnToHash = () => turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash)));
+const turnToHash = () => { if (!parts[current].follow(location.hash)) turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash))); };
 addEventListener("hashchange", turnToHash);
 addEventListener("keydown", (event) => {
-  if (document.querySelector("dialog[open]")) return; // it has keys of its own
-  const typing = event.target.matches?.("input, select, textarea");
-  if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape") || !parts[current].knows(event.key)) return;
+  const { target } = event, typing = target.matches?.("input:not([type=range]), select, textarea");
+  const own = event.key === " " && target.matches?.("button:focus-visible, summary:focus-visible, a:focus-visible"); // pressed by the keyboard
+  const found = parts[current].keys.find(([key]) => key === event.key);
+  if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape") || own || !found || document.querySelector("dialog[open]")) return;
   event.preventDefault();
-  parts[current].press(event.key);
+  if (event.key === " ") target.blur?.();
+  found[2]();
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => parts[current].show());
 const print = (on) => {
@@ -159,4 +209,4 @@ const print = (on) => {
 };
 addEventListener("beforeprint", () => print(true));
 addEventListener("afterprint", () => print(false));
-turnToHash();
+turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash)));

@@ -2,7 +2,7 @@
 const ROW = 34, SPARE = 12, MAX_PRINTED = 500;
 
 const columnsOf = (model) => {
-  const { d, names, view } = model, has = (key) => model.dimensions.some((one) => one.key === key);
+  const { d, names, view } = model;
   const bar = (m) => {
     const left = (share) => `left:${(100 * share).toFixed(1)}%`;
     return [
@@ -12,26 +12,26 @@ const columnsOf = (model) => {
       percent(d.reliability[m]),
     ];
   };
-  const text = (key, title, width) => ({ key, title, width, cell: (m) => printable(d[key][m]) });
+  const text = (key, title, width) => ({ key, title, width, varies: new Set(d[key]).size > 1, cell: (m) => printable(d[key][m]) });
+  // What the audit thinks of a demonstration: empty where the question about it is open.
+  const opinion = (key, title, width, cell, more) => ({ key, title, width, varies: new Set(d[key]).size > 1, cell: (m) => (model.isOpen(m) ? "" : cell(m)), ...more });
+  const right = { right: true }, odd = (m) => d.worst[m].slice(0, 3).map((step) => (view.fps ? (step / view.fps).toFixed(1) : step));
   const all = [
     { key: "look", title: "Order", width: 70, right: true, cell: (m) => d.look[m] + 1, faint: true },
-    { key: "id", title: "Demonstration", width: 126, head: true, cell: (m) => names[m] },
-    { key: "mark", title: "Mark", width: 66, cell: (m) => (model.marks.has(m)
+    { key: "id", title: "Demonstration", width: 132, head: true, cell: (m) => names[m] },
+    { key: "mark", title: live ? "Your answer" : "Your mark", width: 112, varies: !live || model.marks.size > 0, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
-    { key: "verdict", title: "Verdict", width: 100, cell: (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]) },
-    { key: "rank", title: "Place", width: 66, right: true, cell: (m) => d.rank[m].toLocaleString("en") },
-    d.p.some((p) => p !== null) && { key: "p", title: view.vocabulary.probability, width: 92, right: true, cell: (m) => (d.p[m] === null ? "" : percent(d.p[m])) },
-    { key: "log_odds", title: "Score", width: 88, right: true, cell: (m) => number(d.log_odds[m]) },
-    new Set(d.reliability.map(percent)).size > 1 && { key: "reliability", title: "Like the rest", width: 130, cell: bar },
-    { key: "n_steps", title: "Steps", width: 70, right: true, cell: (m) => d.n_steps[m].toLocaleString("en") },
-    has("group") && text("group", "Group", 74),
-    has("demonstrator") && text("demonstrator", "Operator", 110),
-    has("session") && text("session", "Session", 110),
-    has("task") && text("task", "Task", 150),
-    has("fault") && { key: "faults", title: "Faults", width: 130, cell: (m) => model.rules[m].join(", ") },
-    { key: "worst", title: "Worst steps", width: 150, fixed: true, cell: (m) => d.worst[m].slice(0, 3).join(", ") },
+    opinion("verdict", "Verdict", 100, (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m])),
+    opinion("rank", "Place", 72, (m) => d.rank[m].toLocaleString("en"), right),
+    opinion("p", view.vocabulary.probability, 100, (m) => (d.p[m] === null ? "" : percent(d.p[m])), right),
+    opinion("log_odds", "Score", 78, (m) => number(d.log_odds[m]), right),
+    opinion("reliability", "Like the rest", 130, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
+    { key: "n_steps", title: "Steps", width: 72, right: true, varies: new Set(d.n_steps).size > 1, cell: (m) => d.n_steps[m].toLocaleString("en") },
+    opinion("group", "Group", 74, (m) => d.group[m]), text("demonstrator", "Operator", 110), text("session", "Session", 110), text("task", "Task", 150),
+    { key: "faults", title: "Odd in the recording", width: 172, varies: model.rules.some((own) => own.length), cell: (m) => model.rules[m].join(", ") },
+    opinion("worst", view.fps ? "Differs most at (s)" : "Differs most at step", 172, (m) => odd(m).join(", "), { fixed: true, varies: d.worst.some((own) => own.length) }),
   ];
-  return all.filter(Boolean);
+  return all.filter(({ varies = true }) => varies);
 };
 
 const makeTable = (model, box, prefix, choose) => {
