@@ -86,8 +86,7 @@ class Session:
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
     can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit, and `by`
-    is the name of who answers, or "". `old` is the audit before the last change, and `answered` what the last answer was
-    about.
+    is the name of who answers, or "". `old` is the audit before the last change; the last answer was about `answered`.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None, by: str = "") -> None:
