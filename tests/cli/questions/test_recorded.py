@@ -1,0 +1,56 @@
+"""The columns of what was recorded, as a page draws them."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+import pytest
+
+from rpil import open as open_data
+from rpil import read
+from rpil.cli.questions.recorded import MAX_COLUMNS, Recorded
+from rpil.data.demonstrations import Demonstrations
+
+
+def values(curve):
+    """The numbers that a packed curve stands for."""
+    codes = np.frombuffer(base64.b64decode(curve["value"]), np.uint8)
+    return curve["from"] + (curve["to"] - curve["from"]) * codes / 254
+
+
+def test_parts_of_the_action_come_first_and_then_the_observations(data):
+    demonstrations = read(data, observations=["x", "v"])
+    recorded = Recorded(demonstrations)
+    assert [(one["name"], one["is_action"]) for one in recorded.columns] == [
+        ("action", True),
+        ("x", False),
+        ("v", False),
+    ]
+    assert [one["spread"] for one in recorded.columns[1:]] == pytest.approx(
+        demonstrations.observations.std(axis=0), rel=1e-5
+    )
+    action, x, _ = recorded.curves(3)
+    own = slice(*demonstrations.offsets[3:5])
+    for curve, true in ((action, demonstrations.actions[own, 0]), (x, demonstrations.observations[own, 0])):
+        np.testing.assert_allclose(values(curve), true, atol=np.ptp(true) / 254)
+
+
+def test_data_on_disk_are_drawn_as_those_in_memory(data):
+    on_disk = open_data(data, observations=["x", "v"], on_disk=True).demonstrations
+    in_memory, there = Recorded(read(data, observations=["x", "v"])), Recorded(on_disk)
+    assert there.columns == in_memory.columns
+    assert there.curves(7) == in_memory.curves(7)
+
+
+def test_actions_that_are_words_are_numbers_of_their_classes():
+    actions = np.array(["stay", "left", "right", "stay"])
+    recorded = Recorded(Demonstrations(np.zeros((4, 1)), actions, np.array([0, 3, 4]), ids=("a", "b")))
+    assert recorded.columns[0]["classes"] == ["left", "right", "stay"]
+    assert values(recorded.curves("a")[0]) == pytest.approx([2, 0, 1], abs=0.01)
+
+
+def test_of_very_many_columns_the_first_are_drawn():
+    recorded = Recorded(Demonstrations(np.zeros((4, 300)), np.zeros((4, 2)), np.array([0, 2, 4])))
+    assert len(recorded.columns) == len(recorded.curves(0)) == MAX_COLUMNS
+    assert Recorded().columns == Recorded().curves(0) == []
