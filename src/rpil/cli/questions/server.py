@@ -67,7 +67,7 @@ class Review:
     videos: EpisodeVideos
     finish: PageChange
     page: Callable[[View, View], str]
-    data: Demonstrations | Dataset | None
+    data: Demonstrations | Dataset
     lock: Lock = field(default_factory=Lock)
     _drawn: tuple[int, View] | None = None
 
