@@ -9,7 +9,7 @@ import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.recorded import MAX_COLUMNS, Recorded
+from rpil.cli.questions.recorded import MAX_CURVES, Recorded
 from rpil.data.demonstrations import Demonstrations
 
 
@@ -52,5 +52,5 @@ def test_actions_that_are_words_are_numbers_of_their_classes():
 
 def test_of_very_many_columns_the_first_are_drawn():
     recorded = Recorded(Demonstrations(np.zeros((4, 300)), np.zeros((4, 2)), np.array([0, 2, 4])))
-    assert len(recorded.columns) == len(recorded.curves(0)) == MAX_COLUMNS
+    assert len(recorded.columns) == len(recorded.curves(0)) == MAX_CURVES
     assert Recorded().columns == Recorded().curves(0) == []

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rpil.cli.questions.glance import column_names
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import printable
 from rpil.formats.dataset import Dataset
@@ -15,7 +16,7 @@ from rpil.numerics.types import Array, Float
 from rpil.results.judged import bin_means, bin_starts
 from rpil.results.view import View, packed, significant
 
-MAX_COLUMNS = 200
+MAX_CURVES = 200
 """Columns that a page can draw: the parts of the action, and the first observations."""
 
 N_SPREAD = 30
@@ -37,12 +38,11 @@ class Recorded:
         some = np.unique(np.linspace(0, len(data) - 1, N_SPREAD).round().astype(int))
         spread = _values(data, data.select(some)).std(axis=0).tolist()
         n_parts = len(spread) - data.n_observations
-        parts = data.action_names or (["action"] if n_parts == 1 else [f"action {part}" for part in range(n_parts)])
         classes = [printable(name) for name in data.classes.tolist()]
         return [
             {"name": printable(name), "is_action": k < n_parts, "spread": significant(spread[k])}
             | {"classes": classes if k < n_parts else []}
-            for k, name in enumerate([*parts, *data.observation_names][:MAX_COLUMNS])
+            for k, name in enumerate(column_names(data)[:MAX_CURVES])
         ]
 
     def curves(self, name: Hashable) -> list[View]:

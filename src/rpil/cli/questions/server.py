@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.glance import column_curves, column_names
+from rpil.cli.questions.glance import column_curves
 from rpil.cli.questions.recorded import Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import (
@@ -46,6 +46,8 @@ WHY_ONE = "We ask about this one because the answer helps most."
 
 SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
 """Of the page, in the order in which they stand in it."""
+
+JPEG = "image/jpeg"
 
 MAX_WHY = 500
 """Characters of a note, a tag or a name."""
@@ -105,6 +107,16 @@ class Review:
             "can_undo": bool(session.given),
             "path": session.path,
         }
+
+    def now(self) -> tuple[View, View]:
+        """The state and the view, of one time."""
+        with self.lock:
+            return self.state(), self.view()
+
+    def whole(self) -> View:
+        """Both as one."""
+        state, view = self.now()
+        return {"view": view, **state}
 
     def said(self) -> list[list[object]]:
         """The answers in the file: the number of a demonstration, the label, the note, the tag and the person."""
@@ -180,31 +192,27 @@ def application(review: Review, gate: Gate) -> Application:
 
         return Route(path, endpoint)
 
+    def data(path: str, found: Callable[..., object]) -> Route:
+        return get(path, lambda **at: JSONResponse(found(**at)))
+
     def post(path: str, change: PageChange) -> Route:
         async def endpoint(request: Request) -> Response:
             return JSONResponse(*await run_in_threadpool(_changed, review, change, await request.body()))
 
         return Route(path, endpoint, methods=["POST"])
 
-    def shown(respond: Callable[[View, View], Response]) -> Response:
-        with review.lock:
-            return respond(review.state(), review.view())
-
     videos, session = review.videos, review.session
     routes = [
-        get("/", lambda: shown(lambda state, view: HTMLResponse(review.page(state, view)))),
-        get("/api/view", lambda: shown(lambda state, view: JSONResponse({"view": view, **state}))),
+        get("/", lambda: HTMLResponse(review.page(*review.now()))),
+        data("/api/view", review.whole),
         get("/favicon.ico", lambda: Response(status_code=204)),
-        get("/api/version", lambda: JSONResponse({"version": session.version})),
-        get("/api/demonstration/{m:int}", lambda m: JSONResponse(review.demonstration(m))),
-        get("/api/films/{m:int}", lambda m: JSONResponse(review.films(m))),
-        get("/api/curves/{m:int}", lambda m: JSONResponse(review.curves(m))),
+        data("/api/version", lambda: {"version": session.version}),
+        data("/api/demonstration/{m:int}", review.demonstration),
+        data("/api/films/{m:int}", review.films),
+        data("/api/curves/{m:int}", review.curves),
+        data("/api/column/{k:int}", lambda k: column_curves(review.data, k)),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
-        get(
-            "/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, "image/jpeg")
-        ),
-        get("/api/columns", lambda: JSONResponse(column_names(review.data))),
-        get("/api/column/{k:int}", lambda k: JSONResponse(column_curves(review.data, k))),
+        get("/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, JPEG)),
         post("/api/answer", review.answer),
         post("/api/undo", review.undo),
         post("/api/finish", review.finish),

@@ -108,7 +108,7 @@ const makeSweep = ({ ask, part, answer, undo, why }) => {
     act();
   };
   const build = async () => {
-    const [columns, { videos, frames }] = await Promise.all([ask("/api/columns"), ask("/api/films/0")]);
+    const { videos, frames } = await ask("/api/films/0"), columns = part().model.view.columns.map(({ name }) => name);
     const films = (frames ? videos : []).flatMap(({ camera }, k) => Object.keys(WHEN).map((when) => [`${k} ${when}`, `${when} frame, ${printable(camera.replace(/^observation\.images?\./, ""))}`]));
     const sources = [...films, ...columns.map((name, k) => [String(k), printable(name)])];
     source = sources[0][0];
