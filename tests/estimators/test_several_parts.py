@@ -59,6 +59,11 @@ def test_texts_among_numbers_are_classes_that_come_first(demonstrations):
     np.testing.assert_array_equal(again.actions, demonstrations.actions)
 
 
+def test_a_file_of_arrays_cannot_hold_them(demonstrations, tmp_path):
+    with pytest.raises(DataError, match="NPZ holds actions whose parts are all numbers"):
+        formats.write(tmp_path / "a.npz", demonstrations)
+
+
 def test_parameters_are_judged_by_the_rule_of_their_skill(table):
     assert roc_auc_score(GOOD, rpil.audit(table).log_odds) == 1.0
     numbers_alone = rpil.audit(table, exclude="action.skill").log_odds

@@ -190,8 +190,7 @@ def _try_out(estimator: SavedEstimator) -> None:
         sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
         if state is not None or judge is not None:
             taken = classes[action] if len(classes) else action
-            parts = getattr(space, "part_classes", ())
-            one_step = Demonstrations(observation, taken, np.array([0, 1]), part_classes=parts)
-            sound &= not np.isnan(estimator.score_demonstrations(one_step)).any()
+            step = Demonstrations(observation, taken, np.array([0, 1]), part_classes=getattr(space, "part_classes", ()))
+            sound &= not np.isnan(estimator.score_demonstrations(step)).any()
     if not sound:
         raise ValueError("values out of range")

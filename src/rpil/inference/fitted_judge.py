@@ -126,8 +126,7 @@ class ProductRatio:
 
     def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
         """Indicators of the classes, and the numbers, scaled."""
-        own = self.of(np.empty((len(actions), 0)), actions)
-        return np.hstack([ratio.indicators(each.actions) for ratio, each in own])
+        return np.hstack([ratio.indicators(f.actions) for ratio, f in self.of(np.empty((len(actions), 0)), actions)])
 
     def of(self, features: Array, actions: Array) -> list[tuple[SoftmaxRatio | StudentRatio, FitData]]:
         """The ratio of each factor, and the data of that factor."""
