@@ -41,10 +41,12 @@ def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch
 def test_a_numeric_column_that_is_lost_is_named():
     texts = {"speed": "0.00 m/s", "slope": "-3,5 %", "built": "2024-01-02", "opened": "10:15"}
     table = drives(**{name: [text] * 300 for name, text in texts.items()})
-    ignored = rpil.open(table, id="trip", action="steer").description.ignored
+    description = rpil.open(table, id="trip", action="steer").description
+    ignored = description.ignored
     assert ignored["speed"] == "text, as '0.00 m/s'; to observe it, write its numbers alone"
     assert ignored["slope"] == "text, as '-3,5 %'; to observe it, write its numbers alone"
-    assert {ignored[name] for name in ("built", "opened", "weather")} == {"text"}
+    assert {ignored[name] for name in ("built", "opened")} == {"text"}
+    assert {"weather=dry", "weather=wet"} < {*description.observations}
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Demonstrations that end at pauses, and columns of LeRobot's ``meta/episodes``."""
+"""Demonstrations that end at pauses, stretches, agents, and columns of LeRobot's ``meta/episodes``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 
 import rpil
 from command_line import ok, refused
+from episode_rows import N, T, episodes, game, written
 from rpil.data.errors import DataError
 from samples import LENGTHS, lerobot
 
@@ -97,7 +98,7 @@ def test_the_names_of_columns_are_of_text_alone(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({}, "no column is a time in seconds, which pauses are found by"),
+        ({}, "no column is a time in seconds, which ends demonstrations"),
         ({"t": np.arange(8)}, "no column is a time in seconds"),  # of which nothing says the unit
         ({"center": ["a_2021_10_25_16_31_20", *["none"] * 7]}, "a text has no time such as 2021_10_25_16_31_20_658"),
     ],
@@ -161,3 +162,82 @@ def test_an_episode_that_meta_does_not_name_has_no_operator(folder):
     if place.is_file():
         pq.write_table(pq.read_table(place).slice(0, 2), place)
         assert rpil.open(folder, operator="operator_name").operators[-1] == ("2", None)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_stretch_of_a_recording_is_a_demonstration(suffix, tmp_path):
+    path = written(episodes(phase=None), suffix, tmp_path)
+    read = rpil.read(path, segment=1.0)
+    assert read.ids[:4] == ("e0 [0, 1) s", "e0 [1, 2) s", "e0 [2, 3) s", "e1 [0, 1) s")
+    assert read.lengths[:4].tolist() == [10, 10, 5, 10]
+    if suffix == "csv":
+        assert rpil.open(path, segment=1.0, on_disk=True).demonstrations.ids == read.ids
+    else:
+        with pytest.raises(DataError, match="demonstrations that end at times, need the rows in memory"):
+            rpil.open(path, segment=1.0, on_disk=True)
+
+
+def test_stretches_begin_again_after_a_pause_and_need_no_id():
+    clock = np.tile(np.arange(T) * 0.1, N) + 100 * np.repeat(np.arange(N), T)
+    read = rpil.read(episodes(episode=None, time_s=clock), segment=2.0, split_gap=5.0)
+    assert read.ids[:3] == ("0 [0, 2) s", "0 [2, 4) s", "1 [0, 2) s")
+    assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
+
+
+def test_keep_does_not_cut_a_file_into_stretches(tmp_path):
+    path = written(episodes(), "csv", tmp_path)
+    refused("first run rpil convert .*a.csv --segment 1 -o ALL.parquet", "keep", path, "--segment", "1", "-o", "b.csv")
+    ok("convert", path, "--segment", "1", "-o", tmp_path / "all.parquet")
+    assert len(rpil.read(tmp_path / "all.parquet")) == 3 * N
+
+
+def test_rows_of_an_agent_lie_together_and_each_agent_has_a_score(tmp_path):
+    table = game()
+    recording = rpil.open(table, agent="player")
+    assert recording.demonstrations.observation_names == ("s0", "s1")
+    first = table.slice(0, 60)
+    for k, player in enumerate("ABC"):
+        own = first.filter(pa.array([name == player for name in first["player"].to_pylist()]))
+        np.testing.assert_array_equal(recording.demonstrations.observations[20 * k : 20 * k + 20, 0], own["s0"])
+    audit = rpil.audit(table, agent="player")
+    assert {agent.name for agent in audit.agents} == {*"ABC"}
+    assert next(agent.name for agent in audit.agents) == "C"
+    assert audit.agents == tuple(sorted(audit.agents, key=lambda agent: agent.score))
+    scores = {(agent.name, name): score for agent in audit.agents for name, score in agent.demonstrations.items()}
+    assert len(scores) == 3 * N
+    assert min(scores, key=scores.get) == ("C", "e2")
+    total = sum(agent.score * agent.n_steps for agent in audit.agents)
+    assert total == pytest.approx(np.clip(audit.step_log_ratio, -20, 20).sum())
+    assert audit.answered({"e2": "bad"}).agents == audit.agents
+    audit.save(tmp_path / "run.rpil")
+    assert rpil.Audit.load(tmp_path / "run.rpil").agents == audit.agents
+
+
+def test_the_command_prints_a_line_by_agent(tmp_path):
+    path = written(game(), "csv", tmp_path)
+    found = json.loads(ok("audit", path, "--agent", "player", "--json").stdout)["agents"]
+    assert next(agent["name"] for agent in found) == "C"
+    assert found[0]["demonstrations"]["e2"] < 0
+    assert "Mean score of a step by agent: C " in ok("audit", path, "--agent", "player", "--all").stdout
+    kept = tmp_path / "kept.csv"
+    ok("keep", path, "--agent", "player", "--share", "0.5", "--yes", "-o", kept)
+    assert len(kept.read_text().splitlines()) == 1 + N // 2 * 60  # all rows of the demonstrations, as they were
+    refused("several agents act", "keep", path, "--agent", "player", "--trim", "-o", tmp_path / "b.csv")
+
+
+def test_what_agents_cannot(tmp_path):
+    table = game()
+    pq.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(DataError, match="rows are not in the order of 'player'; sort the file"):
+        rpil.open(tmp_path / "a.parquet", agent="player", on_disk=True)
+    sorted_rows = table.sort_by([(name, "ascending") for name in ("episode", "player", "step")])
+    pq.write_table(sorted_rows, tmp_path / "b.parquet")
+    on_disk = rpil.open(tmp_path / "b.parquet", agent="player", on_disk=True)
+    assert next(agent.name for agent in rpil.audit(on_disk).agents) == "C"
+    with pytest.raises(DataError, match="leave one of history= and agent= out"):
+        rpil.open(table, agent="player", history=1)
+    report = rpil.check(table, agent="player")
+    assert set(report.not_checked.values()) >= {
+        "several agents act in a demonstration; check with an id for each agent in each"
+    }
+    assert report.findings == ()

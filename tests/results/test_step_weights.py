@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rpil
 from audits import make_audit
+from episode_rows import N, T, episodes
 from rpil.results.step_weights import of_demonstrations, step_weight, weights_of, why_equal
 
 LENGTHS = np.array([2, 1, 1])
@@ -104,3 +106,55 @@ def test_without_two_groups_steps_are_no_evidence_after_answers(from_actions, si
 def test_a_named_adversary_weighs_by_p_expert():
     audit = shared(make_audit(("expert", "adversary"), anchor="named adversary"))
     np.testing.assert_array_equal(audit.step_weight, np.repeat(audit.expert_proba, audit.lengths))
+
+
+def with_interventions(flags):
+    """Episodes with a column of flags, in which nothing else speaks of a person."""
+    return episodes(phase=None, is_human_intervention=np.tile(flags, N))
+
+
+def test_a_person_who_takes_over_moves_the_weights_of_steps_and_no_verdict(tmp_path):
+    flags = np.zeros(T, dtype=bool)
+    flags[15:20] = True
+    told, plain = rpil.audit(with_interventions(flags)), rpil.audit(episodes(phase=None))
+    assert (told.verdicts, told.finding) == (plain.verdicts, plain.finding)
+    np.testing.assert_array_equal(told.log_odds, plain.log_odds)
+    signs = np.zeros(T)
+    signs[5:15], signs[15:20] = -1, 1  # one second at ten steps a second
+    np.testing.assert_array_equal(told.taken_over, np.tile(signs, N))
+    means = told.step_weight.reshape(N, T).mean(axis=0)
+    assert means[5:15].max() < means[:5].min() <= means[:5].max() < means[15:20].min()
+    np.testing.assert_allclose(
+        told.step_weight.reshape(N, T).mean(axis=1), plain.step_weight.reshape(N, T).mean(axis=1)
+    )
+    assert f"A person took over in {N} of {N}" in told.notes[-1]
+    answered = told.answered({"e0": "bad", "e1": "good", "e2": "bad"})
+    low = answered.step_weight.reshape(N, T)[:, 5:15].mean(axis=1)
+    assert (low < answered.step_weight.reshape(N, T)[:, 15:20].mean(axis=1)).all()
+    told.save(tmp_path / "run.rpil")
+    np.testing.assert_array_equal(rpil.Audit.load(tmp_path / "run.rpil").taken_over, told.taken_over)
+
+
+@pytest.mark.parametrize(
+    ("flags", "is_known"),
+    [
+        (np.zeros(T, dtype=bool), False),  # nobody took over
+        (np.arange(T), False),  # amounts, which are observed
+        ((np.arange(T) > 10).astype(int), True),
+    ],
+)
+def test_which_columns_are_flags_of_interventions(flags, is_known):
+    table = with_interventions(flags)
+    assert (rpil.audit(table).taken_over is not None) == is_known
+    named = rpil.open(table, observations=["x", "is_human_intervention"])
+    assert named.interventions is None
+    assert named.demonstrations.n_observations == 2
+
+
+def test_a_policy_learns_from_what_a_person_did():
+    flags = np.zeros(T, dtype=bool)
+    flags[15:20] = True
+    told = rpil.RPIL(random_state=0).fit(rpil.open(with_interventions(flags)))
+    plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
+    x = np.zeros((1, 1))
+    assert told.predict(x) != plain.predict(x)

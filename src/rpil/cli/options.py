@@ -131,6 +131,7 @@ outcome_option = click.option(
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
 )
+_SAY_SECONDS: Value = {"type": click.FloatRange(0, min_open=True), "metavar": "SECONDS"}
 COLUMN_OPTIONS = (
     click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
     click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
@@ -145,12 +146,12 @@ COLUMN_OPTIONS = (
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
     click.option("--columns", metavar="NAMES", multiple=True, help="Columns of a CSV file without a header: a,b,c."),
+    click.option("--split-gap", **_SAY_SECONDS, help="Also end a demonstration at a longer pause, or an earlier time."),
+    click.option("--segment", **_SAY_SECONDS, help="Judge stretches of this length instead of demonstrations."),
     click.option(
-        "--split-gap",
-        type=click.FloatRange(0, min_open=True),
-        metavar="SECONDS",
-        help="Also end a demonstration where the next row is later by more than this, or earlier.",
+        "--history", type=click.IntRange(0), default=0, metavar="K", help="Observe the last K actions as well."
     ),
+    click.option("--agent", metavar="COLUMN", help="Which agent acts, where several share an episode and a policy."),
     click.option(
         "--embeddings",
         type=click.Path(),

@@ -22,6 +22,7 @@ from rpil.policies.protocol import AdditivePolicy
 from rpil.results.evidence import StepEvidence, similar_members, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
+from rpil.results.step_weights import weights_of
 from rpil.scale.ascent import ascend, gather_steps
 from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
 from rpil.scale.local import LocalEngine
@@ -96,6 +97,8 @@ class SampledFit(FullFit):
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
         (log_ratio, share, step_weight), total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]))
         audit = replace(decided.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        if audit.taken_over is not None:
+            audit = replace(audit, step_weight=weights_of(audit))
         return replace(audit, traces=self._traces(posed, decided, audit)), total
 
     def _traces(self, posed: JudgeInput, decided: FitResult, audit: Audit) -> dict[Hashable, Traces]:

@@ -73,6 +73,8 @@ class Task:
     demonstrators: Demonstrators
     order: Float[Array, " M"] | None = None
     """The place of each demonstration in the order in which they were made, where that is stated."""
+    taken_over: Float[Array, " N"] | None = None
+    """See `rpil.results.record.Audit`."""
 
     @classmethod
     def of(

@@ -26,6 +26,7 @@ from rpil.numerics.types import Array
 from rpil.results.evidence import with_fewer_traces
 from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit
+from rpil.results.step_weights import agents_of, takeover_signs
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import join_audits, select, with_labels_alone
 
@@ -46,6 +47,8 @@ class Statements:
     """In messages."""
     reference: Recording | None = None
     """Demonstrations that are known to be good, and are judged beside the others."""
+    taken_over: tuple[Array, ...] = ()
+    """Of each demonstration, where a column says in which steps a person had taken over; see `Audit`."""
 
     @classmethod
     def of(
@@ -76,13 +79,16 @@ class Statements:
         names = names_by_id(demonstrators, read.ids, named_by, ids)
         order = facts.order if order is None else given_order(order, read.ids, source)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
-        return cls(answers, names, order, facts.sessions, where, reference)
+        taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
+        return cls(answers, names, order, facts.sessions, where, reference, taken_over)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
         order = None if self.order is None else self.order[rows]
         names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
-        return replace(self, answers=self.answers.select(rows), demonstrators=names, order=order)
+        taken_over = tuple(self.taken_over[m] for m in rows) if self.taken_over else ()
+        answers = self.answers.select(rows)
+        return replace(self, answers=answers, demonstrators=names, order=order, taken_over=taken_over)
 
     def with_good(self, outcome: Array | None, n: int) -> Statements:
         """The same after `n` demonstrations of the reference were appended, which are labelled as good."""
@@ -92,7 +98,7 @@ class Statements:
             labels=np.append(answers.labels, np.ones(n, dtype=int)),
             outcome=np.append(answers.outcome, np.full(n, np.nan) if outcome is None else outcome),
         )
-        return replace(self, answers=both, order=None, reference=None)  # no file states the order of two recordings
+        return replace(self, answers=both, order=None, reference=None, taken_over=())  # of two files none states these
 
 
 def split_by_task(
@@ -130,7 +136,7 @@ def fit_within_tasks(
         if stated.reference is None and n < MIN_DEMONSTRATIONS:
             few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
             notes = (few, *notes)
-        return replace(audit, sessions=stated.sessions, order=stated.order, notes=notes), [fitted]
+        return _with_facts(replace(audit, notes=notes), recording, stated), [fitted]
     options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
@@ -151,7 +157,17 @@ def fit_within_tasks(
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
     audit = with_labels_alone(joined, alone, stated.answers)
-    return replace(audit, sessions=stated.sessions, order=stated.order), fits
+    return _with_facts(audit, recording, stated), fits
+
+
+def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
+    """The audit of a recording, with what is stated of demonstrations, agents and steps."""
+    agents, notes = agents_of(audit, *recording.agents), audit.notes
+    if audit.taken_over is not None:
+        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
+        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
+        notes = (*notes, told)
+    return replace(audit, sessions=stated.sessions, order=stated.order, agents=agents, notes=notes)
 
 
 def _fit_group(
@@ -165,6 +181,8 @@ def _fit_group(
         stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
     names, order = stated.demonstrators or None, stated.order
     task = Task.of(demonstrations, options.action_box, stated.answers, names, order)
+    if stated.taken_over:
+        task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
     audit = result.audit
     return audit if len(audit.ids) == n else select(audit, range(n), ids), (task, result)

@@ -84,7 +84,9 @@ def check(
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
-    report = _check_steps(demonstrations, times, skip_bad, settings)
+    agents = isinstance(recording, Recording) and recording.columns.agent is not None
+    times = replace(times, timestamps=None) if agents else times  # which begin again with each agent
+    report = _check_steps(demonstrations, times, skip_bad, settings, agents)
     beside, unseen = _check_files(recording, demonstrations, video)
     if TIMESTAMPS not in {found.rule for found in beside}:
         beside += find_other_rate(times, demonstrations)
@@ -107,9 +109,9 @@ def _check_files(
 
 
 def _check_steps(
-    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, settings: FaultSettings
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, settings: FaultSettings, agents: bool
 ) -> FaultReport:
-    """What is found in the steps of the demonstrations."""
+    """What is found in the steps of the demonstrations; rules do not compare those of several `agents`."""
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
     measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations, settings), seconds)
@@ -122,8 +124,9 @@ def _check_steps(
     why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}
     usual, idle_ends = {}, {}
-    if not kept.any() or (missing and not skip_bad):
+    if agents or not kept.any() or (missing and not skip_bad):
         reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
+        reason = "several agents act in a demonstration; check with an id for each agent in each" if agents else reason
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)

@@ -74,6 +74,9 @@ class ReadOptions(TypedDict, total=False):
     session: str | None
     columns: Names
     split_gap: float | None
+    segment: float | None
+    history: int
+    agent: str | None
 
 
 class OpenOptions(ReadOptions, total=False):
@@ -98,6 +101,12 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         The names of the columns of a text table without a first row of names.
     split_gap : float
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
+    segment : float
+        Seconds: each demonstration is divided into stretches of this length.
+    history : int
+        The last so many actions are observations as well.
+    agent : str
+        The column of the agent, where several act in a demonstration by one policy.
     action_kind : {"auto", "discrete", "continuous"}
         Whether columns of whole numbers hold classes; "auto" decides by how many there are.
     embeddings : path

@@ -13,6 +13,7 @@ from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
+from rpil.formats.categories import are_few
 from rpil.formats.columns import LENGTH, STRETCH, ColumnOptions, Columns, Kind, Names, check_names
 from rpil.formats.guesses import guess_actions, guess_id, text_with_time
 
@@ -27,12 +28,12 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
+    ("intervention", [spellings.INTERVENTION], ("number",)),
 )
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
 _TIME = "time or number of the step"
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
-    ("text", "text"),
     ("written list", "written list"),
     ("nested", "images or nested values"),
     *spellings.NOT_SEEN,
@@ -47,6 +48,7 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     (spellings.OF_EPISODE, "describes a demonstration as a whole"),
     (spellings.OPERATOR, "who demonstrated"),
     (spellings.TASK, "task"),
+    (spellings.INTERVENTION, "whether a person had taken over"),
     *((pattern, "another spelling of the action") for pair in spellings.ACTION_COLUMNS[:2] for pattern in pair),
 )
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
@@ -99,11 +101,12 @@ class _Search:
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
-        order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
-        given: set[str | None] = {*asked, *actions, order, operator, task}
+        roles = "order", "operator", "task", "agent"
+        order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
+        given: set[str | None] = {*asked, *actions, order, operator, task, agent}
         episode, other_ids = self.episode(given, default_id)
         self.refuse_two_roles(episode, actions, asked)
-        self.take(episode, *actions)
+        self.take(episode, *actions, *([agent] if agent else []))
         self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
@@ -119,17 +122,10 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
+        parts = () if options.id or self.guessed else tuple(name for name in (*other_ids, operator, task) if name)
         found = Columns(
-            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index),
-            parts=() if options.id or self.guessed else tuple(name for name in (*other_ids, operator, task) if name),
-            operator=operator,
-            task=task,
-            ignored=ignored,
-            action_kind=options.action_kind,
-            order_given=order is not None,
-            times=self.times(ignored),
-            session=session,
-            outcome=outcome,
+            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
+            *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
@@ -138,6 +134,10 @@ class _Search:
             id_chosen=options.id is not None or "id" in self.guessed,
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
+            texts=tuple(name for name in observations if self.kinds[name] == "text"),
+            history=options.history,
+            agent=agent,
+            intervention=next(iter(self.named_as("intervention", observations)), None),
         )
         read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
         return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))
@@ -146,7 +146,7 @@ class _Search:
         """The timestamps that are neither data nor the order, and for pauses a text with a time."""
         there = [name for name in ignored if name not in self.excluded]
         named = [name for name in there if self.plain[name] in spellings.TIMESTAMP]
-        texts = [] if self.options.split_gap is None else text_with_time(self.head, there)
+        texts = text_with_time(self.head, there) if self.options.split_gap or self.options.segment else []
         return *(name for name in named if self.kinds[name] in ("number", "time", "counter")), *texts
 
     def take(self, *names: str) -> None:
@@ -165,15 +165,10 @@ class _Search:
     def episode(self, given: Collection[str | None], default_id: str | None) -> tuple[str, list[str]]:
         """The column of the demonstration, and others that are called so."""
         found = self.named_as("id", given)
-        found.sort(
-            key=lambda name: (
-                spellings.EPISODE.index(plain)
-                if (plain := self.plain[name]) in spellings.EPISODE
-                else len(spellings.EPISODE)
-            )
-        )
+        order = {plain: k for k, plain in enumerate(spellings.EPISODE)}
+        found.sort(key=lambda name: order.get(self.plain[name], len(order)))
         wanted = self.one(self.options.id, "id") or (found[0] if found else default_id)
-        if wanted is None and self.options.split_gap is not None:
+        if wanted is None and (self.options.split_gap or self.options.segment):
             wanted = STRETCH
         if wanted is None and self.options.guess:
             wanted = guess_id(self.head, [name for name in self.free if name not in given])
@@ -210,7 +205,7 @@ class _Search:
             if why := self.reason(name):
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
-        if not free:
+        if not free and not self.options.history:
             what = "holds observations: name them observation.*, or name the columns"
             raise self.no_column(what, "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
@@ -223,13 +218,16 @@ class _Search:
 
     def reason(self, name: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
-        kind, plain, head = self.kinds[name], self.plain[name], self.head
-        if kind == "text" and head is not None and head.num_rows and name in head.column_names:
-            text = head[name][0].as_py()
-            if isinstance(text, str) and _QUANTITY.fullmatch(text.strip()):
-                return f"text, as {text!r}; to observe it, write its numbers alone"
+        kind, plain = self.kinds[name], self.plain[name]
+        is_there = kind == "text" and self.head is not None and name in self.head.column_names
+        values = self.head[name].unique() if self.head is not None and is_there else None
+        text = values[0].as_py() if values is not None and len(values) else None
+        if text is not None and _QUANTITY.fullmatch(text.strip()):
+            return f"text, as {text!r}; to observe it, write its numbers alone"
         fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
-        return next(fits, "")
+        why = next(fits, "")
+        is_category = values is not None and are_few(values) and not text_with_time(self.head, [name])
+        return why if kind != "text" or (is_category and not why) else "text"
 
     def session(self) -> str | None:
         """The column of the session, which is no observation; a column called "file" comes before the file itself."""

@@ -49,6 +49,12 @@ class ColumnOptions:
         The names of the columns of a text table without a first row of names.
     split_gap : float
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
+    segment : float
+        Seconds: each demonstration is divided into stretches of this length, which are demonstrations then.
+    history : int
+        The last so many actions are observations as well.
+    agent : str
+        The column of the agent, where several act in a demonstration by one policy.
     guess : bool
         Whether the id and the action may be guessed from values where no name says them.
     action_kind : {"auto", "discrete", "continuous"}
@@ -81,6 +87,9 @@ class ColumnOptions:
     outcome: str | None = None
     columns: Names = ()
     split_gap: float | None = None
+    segment: float | None = None
+    history: int = 0
+    agent: str | None = None
     guess: bool = False
     action_kind: ActionKind = "auto"
     embeddings: str | None = None
@@ -95,6 +104,8 @@ class ColumnOptions:
     def __post_init__(self) -> None:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
+        if self.history < 0:
+            raise DataError(f"<option> is {self.history}; give the number of last actions, 0 or more.", "history")
 
 
 def check_options(given: Iterable[str]) -> None:
@@ -134,11 +145,16 @@ class Columns:
     id_chosen: bool = False  # by the user, or by a guess, and not by its name
     guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
+    texts: tuple[str, ...] = ()  # observations whose values are texts
+    history: int = 0  # last actions that are observations
+    agent: str | None = None
+    intervention: str | None = None  # a flag of the steps in which a person had taken over
 
     def without_observations(self, names: Set[str], reason: str) -> Columns:
         """The same, where some columns are no observations for a `reason`."""
         ignored = {**self.ignored, **dict.fromkeys(sorted(names), reason)}
-        return replace(self, observations=tuple(m for m in self.observations if m not in names), ignored=ignored)
+        left, texts = (tuple(m for m in own if m not in names) for own in (self.observations, self.texts))
+        return replace(self, observations=left, texts=texts, ignored=ignored)
 
     @property
     def data(self) -> list[str]:
@@ -155,7 +171,8 @@ class Columns:
     @property
     def all(self) -> list[str]:
         """All columns to read."""
-        named = [*(name for name in (self.operator, self.task) if name is not None), *self.facts]
+        ones = self.operator, self.task, self.agent, self.intervention
+        named = [*(name for name in ones if name is not None), *self.facts]
         return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
 
     def _there(self, *names: str) -> list[str]:

@@ -14,10 +14,10 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.json_files import Parsed
 from rpil.formats import table as flat
-from rpil.formats.columns import STRETCH, Columns
+from rpil.formats.columns import STRETCH, ColumnOptions, Columns
 from rpil.formats.guesses import TIME_OF_DAY
 from rpil.formats.times import unit_of
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array, Float, Int
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -42,19 +42,23 @@ def with_facts(
         yield table
 
 
-def split_at_gaps(found: StepTables, gap: float | None) -> StepTables:
-    """The tables with demonstrations that end where the next row is more than `gap` seconds later, or earlier.
+def made(found: StepTables, options: ColumnOptions) -> StepTables:
+    """The tables with the shorter demonstrations that the options make.
 
-    With None they are as they were. Demonstrations that a column tells apart are split further: "P01" into "P01-0" and
-    "P01-1". A `DataError` where no column is a time whose unit is known.
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
+    "P01-0" and "P01-1"; and after each `segment` seconds: into "P01 [0, 10) s" and "P01 [10, 20) s". A `DataError`
+    where no column is a time whose unit is known, or where last actions would be those of other agents.
     """
+    if options.agent and options.history:
+        said = "the last actions would be those of other agents; leave one of <option> and <option> out"
+        raise DataError(f"{found.origin.source}: {said}.", ("history", "agent"))
     columns, tables = found.columns, iter(found.tables)
-    first = None if gap is None else next(tables, None)
-    if gap is None or first is None:
+    first = next(tables, None) if options.split_gap or options.segment else None
+    if first is None:
         return found
     clock, unit = _find_clock(first, columns)
     is_text = flat.kind_of_type(first[clock].type) == "text"
-    made = replace(
+    renamed = replace(
         columns,
         orders=(_TIMESTAMP,) if is_text else columns.orders,
         times=tuple(name for name in columns.times if name != clock or not is_text),
@@ -62,8 +66,12 @@ def split_at_gaps(found: StepTables, gap: float | None) -> StepTables:
         id_chosen=True,
         made=tuple(name for name in columns.made if name != STRETCH),
     )
-    split = _split(chain([first], tables), columns, gap, clock, unit)
-    return replace(found, tables=split, columns=made, origin=found.origin.only(()))
+    split: Iterable[pa.Table] = chain([first], tables)
+    if options.split_gap:
+        split = _split(split, columns, options.split_gap, clock, unit)
+    if options.segment:
+        split = _divided(split, renamed if options.split_gap else columns, options.segment, clock, unit)
+    return replace(found, tables=split, columns=renamed, origin=found.origin.only(()))
 
 
 def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
@@ -76,7 +84,7 @@ def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
         values = values.astype(np.int64) if values.dtype.kind in "mM" else values
         if len(values) and (unit := unit_of(name, column.type, values)) is not None:
             return name, unit
-    said = "no column is a time in seconds, which pauses are found by: name one timestamp, or time_ms, or name it with"
+    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
     raise DataError(f"{columns.source}: {said} <option>.", "order")
 
 
@@ -88,10 +96,7 @@ def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str,
     last_time, last_id, label = np.nan, object(), 0 if is_new else ""
     for table in (one for one in tables if len(one)):
         seconds = _seconds(table[clock], unit, columns)
-        names: list[Id] = [0]
-        codes = np.zeros(len(table), dtype=int)
-        if not is_new:
-            names, codes = flat.id_codes(table, columns.episode, lambda row: f"{columns.source}, row {row + 1}")
+        names, codes = _ids(table, columns)
         steps = np.diff(seconds, prepend=last_time)
         starts = (steps > gap) | (steps < 0) | (np.diff(codes, prepend=codes[0]) != 0)
         starts[0] |= last_id != names[codes[0]]
@@ -100,11 +105,45 @@ def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str,
             labels.append(counts[name] if is_new else f"{name}-{counts[name]}")
             counts[name] += 1
         last_time, last_id, label = seconds[-1], names[codes[-1]], labels[-1]
-        new = {columns.episode: pa.array(labels).take(pa.array(np.cumsum(starts)))}
-        if flat.kind_of_type(table[clock].type) == "text":
-            new[_TIMESTAMP] = pa.array(seconds)
-        kept = [name for name in table.column_names if name not in new]
-        yield pa.table({**dict(zip(kept, table.select(kept).columns, strict=True)), **new})
+        yield _with_ids(table, columns, pa.array(labels).take(pa.array(np.cumsum(starts))), clock, seconds)
+
+
+def _divided(
+    tables: Iterable[pa.Table], columns: Columns, length: float, clock: str, unit: float
+) -> Iterator[pa.Table]:
+    """The tables with ids of stretches of so many seconds, which count from the first row of each demonstration."""
+    import pyarrow as pa
+
+    first: dict[Id, float] = {}
+    for table in (one for one in tables if len(one)):
+        seconds = _seconds(table[clock], unit, columns)
+        if np.isnan(seconds).any():
+            raise DataError(f"{columns.source}: column {clock!r} lacks values; fill it in.")
+        names, codes = _ids(table, columns)
+        for k, row in zip(*np.unique(codes, return_index=True), strict=True):
+            first.setdefault(names[k], float(seconds[row]))
+        part = np.floor((seconds - np.array([first.get(name, 0.0) for name in names])[codes]) / length)
+        pairs, rows = np.unique(np.stack([codes, part]), axis=1, return_inverse=True)
+        said = (f"{names[int(k)]} [{p * length:.10g}, {(p + 1) * length:.10g}) s" for k, p in pairs.T.tolist())
+        yield _with_ids(table, columns, pa.array(said).take(pa.array(rows.reshape(-1))), clock, seconds)
+
+
+def _ids(table: pa.Table, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart."""
+    if columns.episode in columns.made:
+        return [0], np.zeros(len(table), dtype=int)
+    return flat.id_codes(table, columns.episode, lambda row: f"{columns.source}, row {row + 1}")
+
+
+def _with_ids(table: pa.Table, columns: Columns, ids: pa.Array, clock: str, seconds: Float[Array, " N"]) -> pa.Table:
+    """The table with new ids, and with the seconds of a `clock` that is text."""
+    import pyarrow as pa
+
+    new = {columns.episode: ids}
+    if flat.kind_of_type(table[clock].type) == "text":
+        new[_TIMESTAMP] = pa.array(seconds)
+    kept = [name for name in table.column_names if name not in new]
+    return pa.table({**dict(zip(kept, table.select(kept).columns, strict=True)), **new})
 
 
 def _seconds(column: pa.ChunkedArray, unit: float, columns: Columns) -> Float[Array, " N"]:

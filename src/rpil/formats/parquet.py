@@ -46,8 +46,8 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
     origin = Origin(source, _format_name(metadata, len(paths)), metadata)
     tables: Iterator[pa.Table] = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
-    if options.on_disk and (columns.made or options.split_gap is not None):
-        what = "columns of meta, and demonstrations that end at pauses, need the rows in memory; read them with"
+    if options.on_disk and (columns.made or options.split_gap or options.segment):
+        what = "columns of meta, and demonstrations that end at times, need the rows in memory; read them with"
         raise UnsortedError(f"{source}: {what} <option>.", "no_stream")
     if options.on_disk:
         return StepTables(tables, columns, origin, in_place=rows, layout=layout)

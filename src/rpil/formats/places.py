@@ -114,14 +114,18 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
     names_of = list(numbers)
-    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
+    names = [*columns.orders, *columns.parts, *([columns.agent] if columns.agent else [])]
+    table = read_columns(rows, list(dict.fromkeys(names)))
 
     def at(row: int) -> str:
         return place_of(rows, row, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
 
     _check_ids(names_of, group, columns, source)
-    order, values = _find_order(table, columns, group, at)
+    agents, agent = flat.id_codes(table, columns.agent, at) if columns.agent else ([0], np.zeros(1, np.int64))
+    order, values = _find_order(table, columns, group.astype(np.int64) * len(agents) + agent, at)
     _check_one_id(table, columns, group, order, at)
+    if columns.agent:  # the rows of each agent in a demonstration lie together
+        values = np.argsort(np.lexsort([np.arange(len(rows)) if values is None else values, agent]))
     chosen, offsets, moved = group_rows(group, values)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
@@ -141,11 +145,8 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    raise UnsortedError(
-        f"{at(row)}: rows are not in the order of {order.column!r}; sort the file, {ways}, or name another column with "
-        "order.",
-        "no_stream",
-    )
+    by = f"rows are not in the order of {columns.agent or order.column!r}"
+    raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
 
 
 def kept_rows(owners: Array, ids: Sequence[Id], cuts: Cuts, name: str = "") -> Array:

@@ -17,6 +17,7 @@ from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
+from rpil.formats.categories import find_categories
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas, outcome_options
@@ -27,14 +28,14 @@ from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows
-from rpil.formats.table import numbers_or_missing
+from rpil.formats.table import id_codes, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, fact_columns, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rpil.numerics.types import Array
+    from rpil.numerics.types import Array, Bool, Int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,6 +121,19 @@ class Recording:
         """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
         return tasks_of(self.found.tasks, self.origin.metadata)
 
+    @property
+    def interventions(self) -> Bool[Array, " N"] | None:
+        """Whether a person had taken over in each step; None where no column says it."""
+        name = self.columns.intervention
+        values = None if name is None else numbers_or_missing(read_columns(self.rows, [name])[name])
+        return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
+
+    @property
+    def agents(self) -> tuple[list[Id], Int[Array, " N"]]:
+        """The agents of which the user names the column, and the number of the one that acts in each step."""
+        name = self.columns.agent
+        return ([], np.zeros(0, int)) if name is None else id_codes(read_columns(self.rows, [name]), name, str)
+
     def times(self) -> Times:
         """What the file says of its own times and lengths."""
         metadata = self.origin.metadata
@@ -195,9 +209,12 @@ def from_rows(rows: Rows, found: StepTables) -> Recording:
     """The recording in rows, which in memory may lie in any order; a `DataError` where ids are missing."""
     columns, origin, layout = found.columns, found.origin, found.layout
     places, rows = find_places(rows, columns, origin.source)
+    texts = columns.texts
+    columns, categories = find_categories(rows, columns, places)
     if layout is None:
         head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
         layout = Layout.of(head, columns, origin.metadata.names)
+    layout = layout.without({*texts} - {*columns.texts}).with_categories(categories)
     return from_scan(rows, columns, scan(rows, layout, columns, origin.source, places), origin)
 
 

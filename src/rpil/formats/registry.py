@@ -32,7 +32,7 @@ from rpil.formats.format import Format, StepTables, not_a_folder
 from rpil.formats.hub import downloaded
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported
-from rpil.formats.made_columns import split_at_gaps
+from rpil.formats.made_columns import made
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files, size_of
@@ -120,7 +120,7 @@ class ClaimedPath:
             raise DataError(f"{self.path}: only text tables without names take <option>; leave it out.", "columns")
 
         def read() -> StepTables:
-            return split_at_gaps(tables(), options.split_gap)
+            return made(tables(), options)
 
         if self._is_read_here:
             return from_tables(read(), options.on_disk)
@@ -184,9 +184,12 @@ class ClaimedPath:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write, or cut, there."""
         if "://" in str(self.path):
             raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
-        if options.split_gap is not None:
-            first = f"first run rpil convert {self.path} --split-gap {options.split_gap:g} -o ALL.parquet"
-            raise DataError(f"{self.path}: keep cannot cut a file at pauses; {first}, then keep from that table.")
+        times = (("--split-gap", options.split_gap), ("--segment", options.segment))
+        if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
+            first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
+            raise DataError(f"{self.path}: keep cannot cut a file at times; {first}, then keep from that table.")
+        if options.agent and trim:
+            raise DataError(f"{self.path}: several agents act in a demonstration; leave <option> out.", "trim")
         if options.id and self.format.has_own_ids:
             remedy = "leave <option> out, or write a table with rpil convert"
             raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.", "id")

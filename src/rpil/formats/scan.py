@@ -304,7 +304,8 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     actions = ScannedActions(layout, columns.action_kind)
     statistics = ScannedColumns(layout.columns, [name for name, _ in layout.actions], layout.masks)
     if not columns.observations_given:
-        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
+        numbers = [one for one in layout.observations if one[0] not in layout.categories]
+        statistics.repeats = {name for name, width in numbers if width == max(layout.n_parts, 1)}
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
@@ -314,4 +315,5 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = statistics.leave_out_repeats(len(layout.observations))
-    return Scan(places, actions.finish(source).without(repeated), actions, statistics, operators, tasks, repeated)
+    finished = actions.finish(source).without(repeated).with_history(columns.history, actions.classes)
+    return Scan(places, finished, actions, statistics, operators, tasks, repeated)

@@ -31,7 +31,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.settings import JudgeSettings, StepSettings
 from rpil.numerics.types import Array, Float, Int
 
-_LEAST_SHARE = 1e-9
+LEAST_SHARE = 1e-9
 """Reliabilities stay so far from 0 and 1, which no step could change."""
 
 _BISECTIONS = 30
@@ -79,7 +79,7 @@ def step_shares(
     clipped = np.clip(log_ratio, -settings.max_log_ratio, settings.max_log_ratio)
     reliability = reliability_of(data, log_ratio, settings)[0]
     proba = step_proba(reliability, clipped, data.lengths, settings.steps)
-    share = balanced(logit(np.clip(proba, _LEAST_SHARE, 1 - _LEAST_SHARE)), data.lengths)
+    share = balanced(logit(np.clip(proba, LEAST_SHARE, 1 - LEAST_SHARE)), data.lengths)
     return np.where(data.per_step(reliability >= whole_from), 0.5, share)
 
 
@@ -102,7 +102,7 @@ def step_proba(
     In stretches by forward and backward passes: a chain of two states is the same read backwards, so the backward pass
     is the forward pass of the reversed steps; the step itself and its reliability are in both.
     """
-    share = np.clip(reliability, _LEAST_SHARE, 1 - _LEAST_SHARE)
+    share = np.clip(reliability, LEAST_SHARE, 1 - LEAST_SHARE)
     prior = np.repeat(logit(share), lengths)
     forward = filtered(share, log_ratio, lengths, settings.stay)
     backward = filtered(share[::-1], log_ratio[::-1], lengths[::-1], settings.stay)[::-1]

@@ -44,6 +44,19 @@ class Demonstrator:
     """Their ids."""
 
 
+@stored()
+@dataclass(frozen=True)
+class Agent:
+    """One of several agents that act in demonstrations by one policy."""
+
+    name: str
+    score: float
+    """The mean log-ratio of its steps, each bounded."""
+    n_steps: int
+    demonstrations: dict[Hashable, float]
+    """The same of its steps in each demonstration, by id."""
+
+
 MAX_DRAWN = 300
 """Demonstrations with traces, and with drawings on a page: those that are most worth a look."""
 
@@ -167,6 +180,7 @@ class Judged:
     pair: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
+    agents: tuple[Agent, ...] = ()
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -174,6 +188,7 @@ class Judged:
     anchor: Anchor = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=TEXT | {"shown": "session"})
     order: Float[Array, " M"] | None = field(default=None, metadata=of_demonstration())
+    taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_step(limits=(-1.0, 1.0)))
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     within: str = ""

@@ -76,6 +76,8 @@ class Audit(AuditResult):
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
+    agents : tuple of Agent
+        Where several agents act in a demonstration: the score of each, in all and in each demonstration, lowest first.
     answers : Answers
         The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
@@ -103,6 +105,9 @@ class Audit(AuditResult):
         The session of each demonstration; empty where none are known, as in an audit that was read from a file.
     order : (M,) array or None
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
+    taken_over : (N,) array or None
+        1 in steps in which a person had taken over, -1 in those just before, else 0 (`rpil.results.step_weights`); None
+        where no column says it.
     traces : dict of id to Traces
         The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
         (`rpil.results.judged`); as `sessions`.

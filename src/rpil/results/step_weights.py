@@ -11,21 +11,65 @@ evidence: 1 for that of the training group T, -1 for that of the others R, 0 whe
     two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
 
 Where T or R has no members, c = 0. One answer alone changes the weight of its own demonstration.
+
+Where a person took over from a policy, what the person did is good and what came just before is bad: z_n is 1 and -1
+there, else 0, and within each demonstration the weights move, but not their mean:
+
+    w_n = 2 W_m sigmoid(logit(w_n / 2 W_m) + 2 z_n + b_m)
 """
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.special import expit
+from collections.abc import Hashable, Sequence
 
-from rpil.numerics.types import Array, Float, Int
-from rpil.results.judged import Judged
+import numpy as np
+from scipy.special import expit, logit
+
+from rpil.inference.step_trust import LEAST_SHARE, balanced
+from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.results.judged import Agent, Judged
 from rpil.results.vocabulary import SIDES
+
+TAKEOVER = 2.0
+"""Log-odds by which a step of a person weighs more, and one just before less; chosen by benchmarks/sequences.py."""
 
 
 def weights_of(audit: Judged) -> Float[Array, " N"]:
     """The weights of the steps of an audit."""
-    return step_weight(audit.lengths, *of_demonstrations(audit), audit.step_share)
+    mean, sign = of_demonstrations(audit)
+    if audit.taken_over is None or not len(audit.step_share):
+        return step_weight(audit.lengths, mean, sign, audit.step_share)
+    share = step_weight(audit.lengths, np.full(len(mean), 0.5), sign, audit.step_share)
+    log_odds = logit(np.clip(share, LEAST_SHARE, 1 - LEAST_SHARE)) + TAKEOVER * audit.taken_over
+    told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
+    return 2 * np.repeat(mean, audit.lengths) * np.where(told, balanced(log_odds, audit.lengths), share)
+
+
+def takeover_signs(
+    flags: Bool[Array, " N"] | None, offsets: Int[Array, " _"], fps: float | None
+) -> tuple[Float[Array, " T"], ...]:
+    """z_n in each demonstration: 1 where a person had taken over, by the `flags`; -1 in the second before, or ten
+    steps; else 0. Nothing where nobody took over."""
+    if flags is None or not flags.any():
+        return ()
+    signs, begins, n_before = flags.astype(float), np.repeat(offsets[:-1], np.diff(offsets)), max(round(fps or 10), 1)
+    starts = np.flatnonzero(flags & ~np.append(False, flags[:-1]))
+    for n in starts[starts > begins[starts]].tolist():
+        first = max(n - n_before, int(begins[n]))
+        signs[first:n] = np.where(flags[first:n], 1.0, -1.0)
+    return tuple(np.split(signs, offsets[1:-1]))
+
+
+def agents_of(audit: Judged, names: Sequence[Hashable], agent: Int[Array, " N"]) -> tuple[Agent, ...]:
+    """The score of each agent, lowest first, by the number of the `agent` that acts in each step."""
+    bound, firsts, found = audit.settings.judge.max_log_ratio, audit.offsets[:-1], list[Agent]()
+    ratio = np.clip(audit.step_log_ratio, -bound, bound, dtype=float)
+    for k, name in enumerate(names):
+        n_steps = np.add.reduceat((agent == k).astype(int), firsts)
+        sums = np.add.reduceat(np.where(agent == k, ratio, 0.0), firsts)
+        scores = {audit.ids[m]: float(sums[m] / n_steps[m]) for m in np.flatnonzero(n_steps).tolist()}
+        found.append(Agent(str(name), float(sums.sum() / n_steps.sum()), int(n_steps.sum()), scores))
+    return tuple(sorted(found, key=lambda one: one.score))
 
 
 def step_weight(

@@ -136,6 +136,8 @@ def join_audits(
 
 def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing: Any) -> Any:
     """One column of all tasks: the values of each of the `columns` at its `numbers`, and `nothing` elsewhere."""
+    if any(column is None for column in columns):
+        return None
     is_text = isinstance(nothing, str)
     width = np.shape(columns[0] if columns else [nothing])[1:]
     joined = np.full((size, *width), nothing, dtype=object if is_text else None)
