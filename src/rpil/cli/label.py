@@ -135,7 +135,7 @@ def ask(session: Session) -> None:
 
 def _read_key(keys: Mapping[str, str]) -> tuple[str, tuple[str, str]]:
     """The key that the user gives as a line, and the note and the tag after it; q at the end of the input."""
-    click.echo(", ".join(f"{key}: {words}" for key, words in keys.items()))
+    terminal.print_lines([", ".join(f"{key}: {words}" for key, words in keys.items())])
     while True:
         click.echo("> ", nl=False)
         sys.stdout.flush()
