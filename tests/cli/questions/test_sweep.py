@@ -111,6 +111,15 @@ def test_last_frames_come_when_they_are_seen(browser, tmp_path):
         browser.evaluate("document.querySelector('dialog.sweep select').value = '1'")
         browser.evaluate("document.querySelector('dialog.sweep select').dispatchEvent(new Event('change'))")
         browser.wait(f"{TILES}.every((one) => one.querySelector('polyline'))")
+        asked = browser.evaluate("document.querySelector('.ask').dataset.asked")
+        browser.evaluate(f"{TILES}[5].click()")
+        browser.press("b")
+        browser.wait(f"{VERSION} === 1")
+        assert browser.evaluate("document.querySelector('.ask').dataset.asked") == asked
+        films = "[...document.querySelectorAll('.stage video')]"
+        assert browser.evaluate(f"{films}.length > 1 && {films}.every((one) => one.hasAttribute('src'))"), (
+            "they play on"
+        )
 
 
 HOSTILE = '<img src=x onerror="document.title = 1">=1+1'

@@ -26,8 +26,8 @@ const live = (() => {
     const kept = parts[0].kept(), focus = document.activeElement?.dataset?.role;
     const wasAsked = asked.includes(kept.chosen);
     seen.clear();
-    const next = made.querySelector('[data-role="ask"]').dataset.asked;
-    if (JSON.stringify(asked) !== next) release(panel());
+    const next = JSON.parse(made.querySelector('[data-role="ask"]').dataset.asked);
+    if (String(asked) !== String(next)) release(panel()); // else its films play on
     leave();
     articles[0].replaceWith(made);
     articles[0] = made;
