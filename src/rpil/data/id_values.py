@@ -20,7 +20,7 @@ from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
-from rpil.data.persons import AnswerRow, Given, Label, Pairs, Relation, majority
+from rpil.data.persons import AnswerRow, GivenAnswers, Label, Pairs, Relation, majority
 from rpil.numerics.types import Array, Int
 
 Key = TypeVar("Key", bound=Hashable)
@@ -87,7 +87,7 @@ def parse_answers(
     return majority(answers_of_persons((AnswerRow(*row) for row in rows), source, ids))
 
 
-def answers_of_persons(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> Given:
+def answers_of_persons(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> GivenAnswers:
     """The labels and pairs of each person; of white space and errors as `read_answers`."""
     given: dict[str, tuple[dict[str, Label], Pairs]] = {}
     known = {*map(str, ids)}

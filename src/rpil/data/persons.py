@@ -14,7 +14,7 @@ Relation = Literal["better than", "same as"]
 Pairs = dict[tuple[str, str], Relation]
 """What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
 
-Given = Mapping[str, tuple[dict[str, Label], Pairs]]
+GivenAnswers = Mapping[str, tuple[dict[str, Label], Pairs]]
 """Labels and pairs by the name of the person who gave them, "" where none is known."""
 
 Said = tuple[tuple[str, ...], str]
@@ -34,7 +34,7 @@ class AnswerRow(NamedTuple):
     """The name of the person who answered."""
 
 
-def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
+def majority(given: GivenAnswers) -> tuple[dict[str, Label], Pairs]:
     """The answer of most persons to each question; none where as many give another one."""
     labels: dict[str, Label] = {}
     pairs: Pairs = {}
@@ -47,7 +47,7 @@ def majority(given: Given) -> tuple[dict[str, Label], Pairs]:
     return labels, pairs
 
 
-def agreement_lines(given: Given) -> Iterator[str]:
+def agreement_lines(given: GivenAnswers) -> Iterator[str]:
     """How far two persons agree, one sentence for each two who answered the same, and where nothing is learned."""
     shared: dict[tuple[str, str], list[tuple[Said, Said]]] = {}
     tied = []
@@ -62,7 +62,7 @@ def agreement_lines(given: Given) -> Iterator[str]:
         yield f"Nothing is learned from answers in which persons disagree: {listed(tied, MAX_IDS)}."
 
 
-def _by_question(given: Given) -> dict[frozenset[str], dict[str, Said]]:
+def _by_question(given: GivenAnswers) -> dict[frozenset[str], dict[str, Said]]:
     """What each person said, by the demonstrations that a question is about."""
     questions: dict[frozenset[str], dict[str, Said]] = {}
     for by, (labels, pairs) in given.items():
