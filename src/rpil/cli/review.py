@@ -122,8 +122,7 @@ def _finish(
     if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
-        of_audit = {title: path for title, path in beside.items() if title in OUTPUTS}
-        write_outputs(dict.fromkeys(OUTPUTS) | of_audit, run, 0.0, lambda _: None)
+        write_outputs({title: beside.get(title) for title in OUTPUTS}, run, 0.0, lambda _: None)
     write_supplier_page(beside["supplier"], run, session.said, bool(given.get("names")))
     written |= {path: digest(path) for path in beside.values()}
     new = f"{Path(run.source).stem}-kept{Path(run.source).suffix}"

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from secrets import token_urlsafe
 
 MAX_BODY, MAX_ADDRESS = 65_536, 4096
-"""Bytes of what is posted: numbers, a key, a note and a version; and of an address, in which Python reads no longer
-number."""
+"""Bytes of what is posted, and of an address, in which Python reads no longer number."""
 
 TOKEN_HEADER = "x-rpil-token"
 

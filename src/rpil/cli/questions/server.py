@@ -124,9 +124,9 @@ class Review:
         return [[numbers[row.id], str(row.label), *row[2:]] for row in self.session.said]
 
     def _lines(self) -> Iterator[str]:
-        """What the audit thought of those that were answered, and what the answer changed."""
+        """What the audit thought of one or two that were answered, and what the answer changed."""
         session = self.session
-        if told := tuple(name for name in session.answered if name not in session.question):
+        if 0 < len(told := tuple(name for name in session.answered if name not in session.question)) < 3:
             yield opinion_line(session.old, told)
         if session.lines:
             yield count_line(session.audit)
@@ -243,8 +243,7 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
 def page_of(state: View, view: View) -> str:
     """The page of the report with the question of a `state` above its table."""
     question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
-    folder = files("rpil.cli.questions")
-    scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    scripts = [files("rpil.cli.questions").joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
     return render_page([Article(view, top=Markup(question))], live="\n".join(scripts))
 
 
