@@ -110,7 +110,7 @@ def test_rare_texts_are_one_class(name, batch, monkeypatch):
     known = np.where(np.arange(STEPS) % 2 > 0, SKILL, "(rare)")
     found = recording.demonstrations
     np.testing.assert_array_equal(found.actions if name == "action" else found.action_values[0], known)
-    said = f"{name}: the 2 most frequent of 62 texts are classes, all others (50% of the steps) one, (rare)."
+    said = f"{name}: 2 of 62 texts are classes, all others (50% of the steps) one, (rare)."
     assert said in recording.describe().notes
 
 

@@ -133,12 +133,12 @@ class ScannedActions:
     def _pool(self) -> None:
         """Make one class of the rare ones among many texts."""
         n_texts, n_steps = len(self._counts), self._n_steps
-        frequent = [text for text, n in self._counts.most_common(MAX_CLASSES - 1) if n > 1]
+        frequent = [text for text, n in self._counts.most_common(MAX_CLASSES - 1) if n >= _FEW_STEPS]
         if frequent and n_texts > (MAX_CLASSES if n_steps >= 2 * n_texts else FEW_CLASSES):
             self.classes = np.unique([*frequent, flat.RARE])
             share = 1 - sum(self._counts[text] for text in frequent) / n_steps
-            kept = f"the {len(frequent)} most frequent of {n_texts:,} texts are classes"
-            self.note = f"{self.layout.actions[0][0]}: {kept}, all others ({share:.0%} of the steps) one, {flat.RARE}."
+            kept = f"{self.layout.actions[0][0]}: {len(frequent)} of {n_texts:,} texts are classes"
+            self.note = f"{kept}, all others ({share:.0%} of the steps) one, {flat.RARE}."
 
     def _with_classes(self, source: str) -> Layout:
         """The layout with the classes of texts, and of few whole numbers where all parts are whole; they come first."""
@@ -165,6 +165,7 @@ class ScannedActions:
         return replace(layout, actions=actions, action_names=tuple(names), part_classes=tuple(classes))
 
 
+_FEW_STEPS = 10  # with fewer a text is rare
 _CHANGES = 10
 """Steps with another action than the step before, at least, before a column is said to repeat the last action."""
 
