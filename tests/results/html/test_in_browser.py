@@ -102,6 +102,36 @@ def test_an_odd_recording_is_shown_at_a_click(browser: Browser, tmp_path: Path) 
     assert len(column(browser, 1)) == 10
 
 
+def headings(browser: Browser) -> list[str]:
+    return browser.evaluate("[...document.querySelectorAll('.table thead th')].map((one) => one.innerText.trim())")
+
+
+def test_a_column_that_says_the_same_of_all_is_not_shown(browser: Browser, tmp_path: Path) -> None:
+    audit = make_audit()
+    browser.open(write(tmp_path / "r.html", audit))
+    assert {"Like the rest", "Operator", "Odd in the recording"} <= {*headings(browser)}
+    same = replace(audit, reliability=np.full(10, 0.9))
+    browser.open(write(tmp_path / "same.html", same, faults=None, demonstrators={}))
+    assert not {"Like the rest", "Operator", "Odd in the recording"} & {*headings(browser)}
+
+
+def test_scores_have_the_colour_of_their_operator(browser: Browser, tmp_path: Path) -> None:
+    browser.open(write(tmp_path / "r.html", make_audit()))
+    assert browser.text("[data-role=hues]").split() == ["Colour:", "operator.", "ann", "bob"]
+    browser.open(write(tmp_path / "alone.html", make_audit(), demonstrators={}))
+    assert browser.evaluate("document.querySelector('[data-role=hues]').innerText") == ""
+
+
+def test_a_link_opens_one_demonstration_and_follows_what_is_chosen(browser: Browser, tmp_path: Path) -> None:
+    page = write(tmp_path / "r.html", make_audit())
+    browser.open(page.resolve().as_uri() + "#episode=7")
+    browser.wait("document.querySelector('.detail h3')?.innerText === '7'")
+    browser.press("j")
+    browser.wait(f"location.hash === '#episode={browser.text('.detail h3')}'")
+    browser.evaluate("location.hash = '#episode=5'")
+    browser.wait("document.querySelector('.detail h3').innerText === '5'")
+
+
 def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit()
     browser.open(write(tmp_path / "r.html", audit))

@@ -21,7 +21,7 @@ const sliders = ({ d, view, seconds }, members) => {
   });
   const texts = [["Length", (m) => (view.fps ? seconds(d.n_steps[m]) : count(d.n_steps[m], "step"))], ["Task", (m) => d.task[m]],
     ["Operator", (m) => d.demonstrator[m]], ["Session", (m) => d.session[m]], ["Recorded", (m) => (d.order.length ? `${d.order[m].toLocaleString("en")} of ${d.id.length.toLocaleString("en")}` : "")]];
-  const more = texts.filter(([name, of]) => members.some(of) && (name === "Length" || members.length === 1 || of(members[0]) !== of(members[1])));
+  const more = texts.filter(([name, of]) => members.some(of) && (members.length === 1 || of(members[0]) !== of(members[1])));
   return el("table", { class: "sliders" }, el("tbody", {}, more.map(([name, of]) => row(name, members.map((m) => printable(of(m))))), rows));
 };
 const MEMBERS = ["first", "second"];

@@ -18,8 +18,8 @@ const columnsOf = (model) => {
   const right = { right: true }, odd = (m) => d.worst[m].slice(0, 3).map((step) => (view.fps ? (step / view.fps).toFixed(1) : step));
   const all = [
     { key: "look", title: "Order", width: 70, right: true, cell: (m) => d.look[m] + 1, faint: true },
-    { key: "id", title: "Demonstration", width: 132, head: true, cell: (m) => names[m] },
-    { key: "mark", title: live ? "Your answer" : "Your mark", width: 112, varies: !live || model.marks.size > 0, cell: (m) => (model.marks.has(m)
+    { key: "id", title: "Demonstration", width: 142, head: true, cell: (m) => names[m] },
+    { key: "mark", title: live ? "Your answer" : "Your mark", width: 126, varies: !live || model.marks.size > 0, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     opinion("verdict", "Verdict", 100, (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m])),
     opinion("rank", "Place", 72, (m) => d.rank[m].toLocaleString("en"), right),
