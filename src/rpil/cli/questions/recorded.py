@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rpil.cli.questions.glance import column_names
+from rpil.data.arrays import PartClasses
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import printable
 from rpil.formats.dataset import Dataset
@@ -38,10 +39,11 @@ class Recorded:
         some = np.unique(np.linspace(0, len(data) - 1, N_SPREAD).round().astype(int))
         spread = _values(data, data.select(some)).std(axis=0).tolist()
         n_parts = len(spread) - data.n_observations
-        classes = [printable(name) for name in data.classes.tolist()]
+        no_classes: PartClasses = ((),) * n_parts
+        classes = (tuple(data.classes.tolist()),) if data.is_discrete else data.part_classes or no_classes
         return [
             {"name": printable(name), "is_action": k < n_parts, "spread": significant(spread[k])}
-            | {"classes": classes if k < n_parts else []}
+            | {"classes": [printable(one) for one in classes[k]] if k < n_parts else []}
             for k, name in enumerate(column_names(data)[:MAX_CURVES])
         ]
 
