@@ -80,11 +80,11 @@ PLANTED = {
     ),
     "lag": (
         {"actions": delayed(A, 4)},
-        *(WHOLE, "", "the state follows the action 4 steps sooner than usual", 3.1635915),
+        *(WHOLE, "", "the state follows the action 4 steps sooner than usual", 5.0617464),
     ),
     "lag of more": (
         {"actions": delayed(A, -4)},
-        *(WHOLE, "", "the state follows the action 4 steps later than usual", 3.1818467),
+        *(WHOLE, "", "the state follows the action 4 steps later than usual", 5.0909547),
     ),
     "idle head": (inserted(0, 40), (0, 39), "", "nothing moves for the first 40 steps (usual: up to 10 steps)", 4.0),
     "idle tail": (inserted(T - 1, 40), (T, T + 39), "", "moves for the last 40 steps (usual: up to 10 steps)", 4.0),

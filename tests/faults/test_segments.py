@@ -36,9 +36,9 @@ def longest(column, counts):
 
 
 def test_longest_runs():
-    counts = np.random.default_rng(1).random(30) < 0.7
+    counts = np.random.default_rng(1).random(VALUES.shape) < 0.7
     change = segments.changes(VALUES, OFFSETS)
     found = np.stack(segments.longest_runs(change != 0, counts, OFFSETS), axis=2)
     for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
         for c in range(len(VALUES)):
-            assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[a:b])
+            assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[c, a:b])

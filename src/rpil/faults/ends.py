@@ -25,9 +25,6 @@ UNUSUAL_LENGTHS = 0.02
 LENGTH_MARGIN = 0.1
 """By how much a joined demonstration may be unusually short or long."""
 
-USUAL_TAIL = 2.5
-"""Distances of the lower quartile from the median, below the lower quartile, within which clean demonstrations lie."""
-
 LARGE_CHANGE = 0.99
 """Quantile of the changes from step to step, in which a leap is measured."""
 
@@ -50,6 +47,11 @@ class Ends:
     leap: float
     limit: float = np.nan
 
+    def far(self, rows: Float[Array, "2 C K"]) -> Float[Array, "2 K"]:
+        """Squared distances of steps from first, and of others from last steps, in spreads."""
+        off = (rows - self.centre[:, :, None]) / self.spread[:, :, None]
+        return np.asarray(np.minimum(off**2, FARTHEST).mean(axis=1))
+
     def boundary(self, values: Float[Array, "C T"]) -> tuple[float, int]:
         """Score of the most boundary-like step (smaller is more alike), and that step."""
         n = values.shape[1]
@@ -58,10 +60,9 @@ class Ends:
         if first < 1 or first >= end:
             return np.inf, 0
         rows = np.stack([values[:, first:end], values[:, first - 1 : end - 1]])  # a beginning, after an end
-        centre, spread = self.centre[:, :, None], self.spread[:, :, None]
-        far = np.minimum(((rows - centre) / spread) ** 2, FARTHEST).mean(axis=1)
-        leaps = np.log1p(np.sqrt(((rows[0] - rows[1]) ** 2 / spread.max(axis=0) ** 2).mean(axis=0)) / self.leap)
-        unlike = far[0] + far[1] - 2.0 * leaps
+        wide = self.spread.max(axis=0)[:, None]
+        leaps = np.log1p(np.sqrt((((rows[0] - rows[1]) / wide) ** 2).mean(axis=0)) / self.leap)
+        unlike = self.far(rows).sum(axis=0) - 2.0 * leaps
         at = int(np.argmin(unlike))
         return float(unlike[at]), first + at
 
@@ -88,5 +89,5 @@ def learn_ends(sample: MovingBlock) -> Ends | None:
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = np.minimum([fitted.boundary(np.concatenate(p, axis=1))[0] for p in itertools.pairwise(each)], 1e3)
     (low, middle), high = np.quantile(clean, [0.25, 0.5]), np.quantile(joined, 0.75)
-    limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - USUAL_TAIL * (middle - low))
+    limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - s.fence * (middle - low))
     return replace(fitted, limit=float(limit) if low > high + LEAST_GAP and limit > np.median(joined) else np.nan)

@@ -8,13 +8,10 @@ from typing import cast
 import numpy as np
 
 from rpil.data.demonstrations import DemonstrationSet
-from rpil.faults.recorded import recorded_time
+from rpil.faults.recorded import OTHER_RATE, recorded_time
 from rpil.faults.rule import Fault, Rule
 from rpil.formats.format import Defect
 from rpil.formats.times import Times
-
-OTHER_RATE = 0.01
-"""Share by which frames a second may differ from those that are declared."""
 
 
 class FolderRule(Rule):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rpil.data.arrays import Id
+from rpil.data.text import moment
 from rpil.faults import segments
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, above
@@ -19,7 +22,7 @@ FEW, MOST_FEW = (4, 0.1), 0.25
 
 def few(n_demonstrations: int) -> float:
     """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(max(FEW[0], FEW[1] * n_demonstrations), MOST_FEW * n_demonstrations)
+    return min(max(FEW[0], math.ceil(FEW[1] * n_demonstrations)), MOST_FEW * n_demonstrations)
 
 
 class Leap(ComparingRule):
@@ -30,15 +33,18 @@ class Leap(ComparingRule):
 
     def compare(self) -> Compared:
         s, columns = self.settings, self.columns
-        size, self.first, self.last, largest = self.measured
+        size, self.first, self.last, largest = self.measured[:4]
         self.names = columns.names
         least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
         least = np.maximum(least, s.smallest_leap * columns.spread)
         limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
-        lengths = self.data.lengths[:, None]
-        pace = np.median(lengths) / lengths  # what is done in fewer steps takes larger ones
-        pace = np.where(pace > s.length_factor, pace, 1.0)
-        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit) * pace)
+        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit) * self.pace)
+
+    @property
+    def pace(self) -> Array:
+        """How much larger the steps of each demonstration are, (M, 1): what is done in far fewer takes larger ones."""
+        pace = np.median(self.data.lengths) / self.data.lengths[:, None]
+        return np.where(pace > self.settings.length_factor, pace, 1.0)
 
 
 class Spike(Leap):
@@ -74,7 +80,36 @@ class Jump(Leap):
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         jump, step = segments.largest(jump, offsets)
-        return jump, step - 1, step, block.largest
+        every, at = segments.largest(Jump.of_all(block)[None], offsets)
+        return jump, step - 1, step, block.largest, every, at
+
+    @staticmethod
+    def of_all(block: MovingBlock) -> Array:
+        """How much larger the change is at a step, in all columns together, than at the two steps before and after: in
+        logarithms, whose mean over the columns no single one makes large."""
+        change = np.log1p(block.size / block.columns.scale[:, None]).sum(axis=0) / max(len(block.size), 1)
+        apart = np.zeros_like(change)
+        apart[2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
+        steps = np.arange(len(apart)) - np.repeat(block.offsets[:-1], lengths := np.diff(block.offsets))
+        apart[(steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0  # nothing tells how it moved before
+        return np.asarray(apart)
+
+    def compare(self) -> Compared:
+        of_columns, (every, at) = super().compare(), self.measured[4:]
+        low, high = np.quantile(every, [0.25, 0.75])
+        limit = high + self.settings.fence * (high - low) + self.settings.least_of_all
+        of_all = above(every, limit + np.log(self.pace))
+        self.names += ("",)
+        self.first, self.last = np.hstack([self.first, at - 1]), np.hstack([self.last, at])
+        value, threshold, severity = (
+            np.hstack([one, np.broadcast_to(all_, every.shape)]) for one, all_ in zip(of_columns, of_all, strict=True)
+        )
+        return value, threshold, severity
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        if fault.column:
+            return super().say(fault, m, c)
+        return f"all columns jump at once at {moment(fault.last, self.data.seconds)}: perhaps frames are missing"
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -84,10 +119,6 @@ class Jump(Leap):
         if cause.rule == "two episodes":
             return fault.last == cause.last
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
-
-
-AT_END = 0.1
-"""Share of the range of a column in a demonstration that is one of its ends."""
 
 
 class HeldValue(ComparingRule):
@@ -102,36 +133,26 @@ class HeldValue(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
-        the value; whether
-        it is an end of its range, and its partner is at an end as well; and the lowest and the highest value."""
-        values, offsets = block.values, block.offsets
-        still, first, length = segments.longest_runs(block.size > 0, block.moves, offsets)
+        the value; and the lowest and the highest value. What rests with its partner, as a hand that is closed, does
+        not stand still while others move: steps count in which the partner changes."""
+        values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
+        counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
+        still, first, length = segments.longest_runs(changed, counts, offsets)
         low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
-        at, agrees = values[np.arange(len(values)), first + offsets[:-1, None]], np.zeros(still.shape, dtype=bool)
-        is_end, partner = (at == low) | (at == high), block.columns.partner
-        for m, c in np.argwhere(is_end & (still >= block.settings.min_frozen) & (partner >= 0)).tolist():
-            begin, p = offsets[m] + first[m, c], partner[c]
-            mean = values[p, begin : begin + length[m, c]].mean()
-            agrees[m, c] = min(mean - low[m, p], high[m, p] - mean) <= AT_END * (high[m, p] - low[m, p])
-        return still, first, length, at, agrees, low, high
+        return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
 
     def compare(self) -> Compared:
         s, chosen = self.settings, np.isin(self.columns.is_action, self.kinds)
         self.names = tuple(np.array(self.columns.names)[chosen].tolist())
-        still, self.first, length, self.at, agrees, low, high = (of_each[:, chosen] for of_each in self.measured)
+        still, self.first, length, self.at, low, high = (of_each[:, chosen] for of_each in self.measured)
         self.last = self.first + length - 1
         limit = np.maximum(self.fence(still, s.frozen_factor, s.smallest_run), s.min_frozen)
-        bottom, top = low.min(axis=0), high.max(axis=0)
-        near = 0.01 * (top - bottom)
-        # Where many demonstrations reach a limit it is the robot's own.
-        usual_bottom = (low <= bottom + near).mean(axis=0) >= s.common_limit
-        usual_top = (high >= top - near).mean(axis=0) >= s.common_limit
-        may_rest = ((self.at <= bottom + near) & usual_bottom) | ((self.at >= top - near) & usual_top)
-        may_rest |= self.first == 0  # what has not been touched yet rests
-        may_rest |= agrees  # a hand that is closed stays closed: the action says so, and the state
-        is_extreme = (self.at == bottom) | (self.at == top)
-        value = np.where((is_extreme == self.is_extreme) & ~may_rest, still, 0)
-        return above(value, np.where(self.columns.moving[chosen] >= s.min_moving, limit, np.inf))
+        is_extreme = (self.at == low.min(axis=0)) | (self.at == high.max(axis=0))
+        is_own = (is_extreme == self.is_extreme) & (self.first > 0)  # what has not been touched yet rests
+        value = np.where(is_own, still, 0)
+        moving, partner = self.columns.moving, self.columns.partner
+        moving = np.where(partner < 0, moving, moving[partner])[chosen]
+        return above(value, np.where(moving >= s.least_moving, limit, np.inf))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
@@ -268,7 +289,7 @@ class Scale(ComparingRule):
         larger = np.minimum(levels / high, changes / fast)
         smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
         severity = np.maximum(larger, smaller)
-        severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.min_moving)] = np.nan
+        severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.least_moving)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:

@@ -39,7 +39,7 @@ class Level:
         centre = np.median(levels, axis=0)
         variance = np.median((levels - centre) ** 2, axis=0) / 0.455 + FLOOR
         plain = cls(centre, variance)
-        return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), s.map_rest)))
+        return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), s.fence)))
 
     def excess(self, level: Float[Array, " K"]) -> float:
         return float(((level - self.centre) ** 2 / self.variance).sum() / 2)
@@ -151,14 +151,14 @@ def _namer(
     left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
     usual = np.median(left, axis=0)
     excess = (left - usual).sum(axis=1) / 2
-    share = max(1.0 - s.map_tested / n_all, 0.0)
+    share = max(1.0 - s.pilot_demonstrations / n_all, 0.0)
     tried, some = Tried.of(window), np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
     gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], window, tried) for k in some])
     offs = np.array([levels(rows[m], maps[f], window) for m, f in zip(kept, fold, strict=True)])
     level, column = Level.of(offs, s), per_column(maps, window)
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
-    rest, screen = float(_above(excess, s.map_rest)), float(np.quantile(excess, share)) if share else -np.inf
-    limit = np.maximum(_above(gain, s.map_tail), s.least_gain)
+    rest, screen = float(_above(excess, s.fence)), float(np.quantile(excess, share)) if share else -np.inf
+    limit = np.maximum(_above(gain, s.fence), s.least_gain)
     middle = window.places[:, 1]
     means = np.array([moments[others(fold, f)].mean(axis=0)[middle, middle] for f in range(len(maps))])
     reach = s.map_reach * means * window.spread**2

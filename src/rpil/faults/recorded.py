@@ -17,9 +17,8 @@ from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
-SLOWER, SLOWER_FENCE = 0.01, 3.0
-"""Share by which the times between frames of a demonstration are others than usual, and distances of the quartiles
-beyond that."""
+OTHER_RATE = 0.01
+"""Share by which frames a second may differ from those that are declared, or usual."""
 
 
 class MissingValues(Rule):
@@ -104,7 +103,7 @@ def find_frame_times(
     frames = np.where(within, np.diff(times.timestamps), usual) / usual
     tick = _tick(frames[within])
     limit = settings.frame_gap + tick
-    yield from _find_rates(frames, limit, demonstrations, usual)
+    yield from _find_rates(frames, limit, demonstrations, usual, settings)
     for rule, off, threshold, what in (
         (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} missing"),
         (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} too soon"),
@@ -134,7 +133,7 @@ def _of_frames(n: int, one: str, more: str) -> str:
 
 
 def _find_rates(
-    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float
+    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float, settings: FaultSettings
 ) -> Iterator[Fault]:
     """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
     no gaps, which add up to more than `limit` frames."""
@@ -144,7 +143,7 @@ def _find_rates(
     mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
     low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
     off = np.abs(mean / middle - 1.0)
-    least = np.maximum(SLOWER + SLOWER_FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
+    least = np.maximum(OTHER_RATE + settings.fence * (high - low), limit / np.maximum(lengths - 1, 1))
     found = np.flatnonzero((off > least) & (lengths > 1))
     if len(found) > few(len(lengths)):
         return

@@ -203,7 +203,7 @@ class ComparingRule(Rule):
         severity = np.nan_to_num(self.severity, nan=0.0)
         for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
             c = int(np.argmax(severity[m]))
-            more = int((severity[m] > 1.0).sum()) - 1
+            more = sum(bool(name) for k, name in enumerate(self.names) if k != c and severity[m, k] > 1.0)
             also = f"; the same in {counted(more, 'more column')}" if more else ""
             value, threshold, worst = (float(of_each[m, c]) for of_each in (self.value, self.threshold, severity))
             place = self.data.ids[m], int(self.first[m, c]), int(self.last[m, c]), self.names[c]

@@ -39,17 +39,16 @@ def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[
 
 
 def longest_runs(
-    changed: Bool[Array, "C T"], counts: Bool[Array, " T"], offsets: Int[Array, " _"]
+    changed: Bool[Array, "C T"], counts: Bool[Array, "C T"], offsets: Int[Array, " _"]
 ) -> tuple[Int[Array, "M C"], Int[Array, "M C"], Int[Array, "M C"]]:
     """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
     step at which the run begins, and its length."""
     runs, starts, bounds = runs_of(changed, offsets)
     counted = np.append(0, np.cumsum(counts))
-    step = starts % changed.shape[1]
     # A run begins with the step that changed, and that step is not counted.
-    weight = counted[step + runs] - counted[step + 1]
+    weight = counted[starts + runs] - counted[starts + 1]
     run = first_largest(weight, bounds).reshape(len(changed), len(offsets) - 1).T
-    return weight[run], step[run] - offsets[:-1, None], runs[run]
+    return weight[run], starts[run] % changed.shape[1] - offsets[:-1, None], runs[run]
 
 
 def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:

@@ -43,6 +43,8 @@ class FaultSettings:
     """Times the usual largest change of a demonstration that a spike or jump has at least. benchmarks/faults.py."""
     smallest_leap: float = 0.1
     """Standard deviations of the column that a spike or jump has at least. benchmarks/faults.py."""
+    least_of_all: float = 0.15
+    """Logarithm added to the fence of the change of all columns together."""
     least_moving: float = 0.25
     """Share of the steps in motion in which a column changes, from which its leaps are looked at: what is touched leaps
     out of rest. benchmarks/faults.py."""
@@ -52,12 +54,6 @@ class FaultSettings:
     """Steps by which such runs do not differ."""
     min_frozen: int = 12
     """Steps. Shorter runs of one value are no fault."""
-    min_moving: float = 0.5
-    """Share of the steps in motion in which a column changes, from which it may be frozen: a gripper, a switch or a
-    controller that is on or off rests for long."""
-    common_limit: float = 0.25
-    """Share of the demonstrations that reach the lowest or highest value of a column, from which that is a limit of the
-    robot, where it may rest."""
     frame_gap: float = 0.5
     """Share of the time between two frames by which a time may be off before a frame counts as dropped or repeated."""
     repeat_motion: float = 0.5
@@ -76,16 +72,12 @@ class FaultSettings:
     max_partners: int = 4
     """States, those most correlated with an action, of which one is chosen for it."""
     max_shift: int = 10
-    min_shift: int = 2
-    """Steps by which a lag may differ from the usual one at most, and from which on that is a fault.
-    benchmarks/faults.py."""
+    """Steps by which a lag may differ from the usual one at most."""
     memories: tuple[int, ...] = (3, 1)
     """Steps that an action remembers, which are taken out before it is correlated with the state; the first with which
     there is a correlation. benchmarks/faults.py."""
     min_correlation: float = 0.3
     """Correlation of an action with the state from which their lag is looked at. benchmarks/faults.py."""
-    min_agreement: float = 0.75
-    """Share of the demonstrations that must have the usual lag."""
     smallest_gain: float = 0.03
     """Gain in agreement by a shift by which demonstrations do not differ, relative to the usual agreement of the
     cross-correlations. benchmarks/faults.py."""
@@ -100,12 +92,7 @@ class FaultSettings:
     """Share of the demonstrations that shape the maps, and of the variance that a map leaves over where it tells
     nothing."""
     map_sample: int = 40
-    map_tail: float = 2.5
-    map_rest: float = 3.0
-    """Demonstrations in which faults are tried to learn the gains where there is none, and distances of the upper
-    quartile from the median beyond which a gain, and what is left over, are unusual. benchmarks/faults.py."""
-    map_tested: int = 200
-    """Demonstrations, about, those with the most misfit, in which faults are tried at most."""
+    """Demonstrations in which faults are tried to learn the gains where there is none."""
     map_power: float = 0.85
     """Share of the sample, that with the least misfit, and share of that in which a fault would be named, from which on
     its rule is one that knows. benchmarks/faults.py."""
@@ -118,7 +105,10 @@ class FaultSettings:
     least_offset: float = 0.5
     """Standard deviations of a column from which on an offset shall be named."""
     length_factor: float = 2.0
-    """Times the usual length, or its inverse. benchmarks/faults.py."""
+    """Times the usual length, or its inverse, and times the usual squared distance of last steps from the usual one.
+    benchmarks/faults.py."""
+    cut_length: float = 0.75
+    """Share of the lower quartile of the lengths, below which a demonstration that ends elsewhere is cut off."""
     scale_factor: float = 12.0
     """Times the usual level and the usual change of a column, or their inverse. benchmarks/faults.py."""
     near_share: float = 0.005

@@ -14,40 +14,45 @@ from rpil.faults.motion import few
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
-USUAL_NEXT_STATE = 0.75
-"""Share of the actions that are the next state in the median demonstration, from which on that is usual: some actions,
-of a hand, may be so always."""
-
-
-BY_CHANCE = 4.0
+BY_CHANCE = 2.5
 """Standard deviations that correlations of some demonstration and some lag reach by chance."""
 
 
 class Length(ComparingRule):
-    name, words = "length", "it is far longer or shorter than the others"
-    sentence = "it has {value:.0f} steps{seconds} (usual: {low:.0f} to {high:.0f} steps)"
+    name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
+    sentence = "it has {value:.0f} steps{seconds} (usual: {low:.0f} to {high:.0f} steps){end}"
     causes = ("frame rate", "two episodes")
 
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """How far the last step is from those of the others."""
+        last = block.values[~block.columns.is_action][:, block.offsets[1:] - 1]
+        return (np.zeros(last.shape[1]) if learned.ends is None else learned.ends.far(np.stack([last, last]))[1],)
+
     def compare(self) -> Compared:
-        lengths = self.data.lengths.astype(float)
-        self.low, self.high = low, high = self.two_fences(lengths, self.settings.length_factor)
+        s, lengths, (far,) = self.settings, self.data.lengths.astype(float), self.measured
+        self.low, self.high = low, high = self.two_fences(lengths, s.length_factor)
+        short, usual_end = s.cut_length * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
+        cut = np.minimum(short / lengths, far / (s.length_factor * usual_end))
         # What many demonstrations have, as those of another sampling rate, is no fault of one.
-        are_few = max((lengths < low).sum(), (lengths > high).sum()) <= few(len(lengths))
+        are_few = max((lengths < low).sum(), (lengths > high).sum(), (cut > 1).sum()) <= few(len(lengths))
         is_known = np.isfinite(high) & (low != 0) & are_few
         severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
-        return lengths, np.where(lengths > high, high, low), severity
+        self.is_cut = is_known & (cut > 1) & (severity <= 1)
+        return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         seconds = self.data.seconds
         lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
-        return super().say(fault, m, c, seconds=lasts, low=self.low, high=self.high)
+        end = " and ends where the others do not: perhaps it is cut off" * bool(self.is_cut[m])
+        return super().say(fault, m, c, seconds=lasts, low=self.low, high=self.high, end=end)
 
 
 class OtherLag(ComparingRule):
     name, words = "lag", "the state follows the action sooner or later than usual"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
-    causes = ("next state", "frame rate", "exchanged")
+    causes = ("next state", "frame rate", "exchanged", "two episodes", "shifted action")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
@@ -61,13 +66,18 @@ class OtherLag(ComparingRule):
         steps, least_gain = np.abs(self.shift), self.fence(gain, s.usual_factor, s.smallest_gain)
         power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
         by_chance = BY_CHANCE * np.sqrt(2.0 / (power * self.data.lengths))  # a correlation of n steps is off by n^-1/2
-        agree = ((steps < s.min_shift) | (gain < s.smallest_gain)).mean() >= s.min_agreement
-        severity = np.where(steps >= s.min_shift, gain / np.maximum(least_gain, by_chance), 0.0)
-        return steps, s.min_shift, severity if agree and np.isfinite(least_gain) else np.full(len(steps), np.nan)
+        severity = np.where(steps > 0, gain / np.maximum(least_gain, by_chance), 0.0)
+        are_few = (severity > 1).sum() <= few(len(steps))
+        return steps, 1, severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
         return super().say(fault, m, c, steps=steps, when=when)
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """A shift of one step is said once."""
+        return cause.rule != "shifted action" or fault.value == 1
 
     def usual(self) -> dict[str, str]:
         """The usual lag in words, where most demonstrations have the same."""
@@ -176,7 +186,7 @@ class NextState(ComparingRule):
     def compare(self) -> Compared:
         (share,) = self.measured
         usual = float(np.median(share))
-        return above(share, (1.0 + usual) / 2 if usual < USUAL_NEXT_STATE else np.inf)
+        return above(share, (1.0 + usual) / 2 if usual < 1 else np.inf)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         shares = {"share": fault.value, "most_usual": fault.threshold}
