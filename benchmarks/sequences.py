@@ -27,7 +27,7 @@ from provenance import line, provenance
 from rpil.data.errors import DataError
 from rpil.results import step_weights
 from rpil.results.record import Audit
-from worlds.sequences import KINDS, Table
+from worlds.sequences import KINDS, LAW, Table
 
 COIN_LABELS = 8
 TAKEOVERS = 0.0, 1.0, 2.0, 4.0
@@ -67,14 +67,20 @@ def of_agents(made: Table, audit: Audit) -> dict[str, float]:
 
 
 def of_takeovers(made: Table, audit: Audit) -> dict[str, float]:
-    """How well the weights of the steps tell good from bad ones, by the log-odds of a takeover."""
+    """How well the weights of the steps tell good from bad ones, and how far a law that is fitted by them is from the
+    true one, by the log-odds of a takeover."""
     if audit.taken_over is None:
         return {}
-    found = {}
-    before = step_weights.TAKEOVER
+    found, before = {}, step_weights.TAKEOVER
+    demonstrations = made.true.demonstrations
+    design = np.column_stack([demonstrations.observations, np.ones(demonstrations.n_steps)])
     for log_odds in TAKEOVERS:
         step_weights.TAKEOVER = log_odds
-        found[f"steps, {log_odds:g}"] = auroc(~made.bad_steps, step_weights.weights_of(audit))
+        weight = step_weights.weights_of(audit)
+        root = np.sqrt(weight)[:, None]
+        law = np.linalg.lstsq(design * root, demonstrations.actions * root, rcond=None)[0][:, 0]
+        found[f"bad steps {log_odds:g}"] = auroc(~made.bad_steps, weight)
+        found[f"error of the law {log_odds:g}"] = float(np.abs(law - LAW).mean())
     step_weights.TAKEOVER = before
     return found
 

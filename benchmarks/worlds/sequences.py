@@ -19,6 +19,9 @@ from worlds import Array, World
 RATE = 10.0
 """Steps a second."""
 
+LAW = np.array([-0.9, -0.6, 0.0])
+"""Of the policy that a person corrects: of the position, of the speed, and alone."""
+
 
 @dataclass(frozen=True, eq=False)
 class Table:

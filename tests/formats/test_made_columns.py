@@ -195,6 +195,7 @@ def test_rows_of_an_agent_lie_together_and_each_agent_has_a_score(tmp_path):
     table = game()
     recording = rpil.open(table, agent="player")
     assert recording.demonstrations.observation_names == ("s0", "s1")
+    assert "Several agents act in a demonstration, as player says." in recording.description.notes
     first = table.slice(0, 60)
     for k, player in enumerate("ABC"):
         own = first.filter(pa.array([name == player for name in first["player"].to_pylist()]))

@@ -286,6 +286,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         notes=(
             *filter(None, [found.actions.note]),
             *_notes_on(columns.episode, found, metadata.fps, recorded),
+            *([f"Several agents act in a demonstration, as {columns.agent} says."] if columns.agent else []),
             *origin.notes,
             *metadata.notes(len(places.ids), n_steps),
         ),
