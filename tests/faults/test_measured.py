@@ -207,8 +207,8 @@ def test_what_is_learned_of_sound_recordings():
 
     namer, ends = learned.namer, learned.ends
     assert (namer.window.lag, namer.window.n_states, namer.window.column.tolist()) == (1, 2, [1, 2, 4, 5])
-    signs, exchanged = [-10.97028, -7.931762, -11.2965, -7.727873], [-14.65605, -14.67055]
-    of_rows, offsets = [-10.37924, -6.238517, -8.542812, -5.394627, -4.876436], [23.2608, 8.471821, 23.24741, 8.475189]
+    signs, exchanged = [-11.17752, -8.154924, -11.46119, -7.968883], [-15.25036, -15.26411]
+    of_rows, offsets = [-10.67954, -6.394593, -8.750023, -5.738756, -5.282155], [23.2608, 8.471821, 23.24741, 8.475189]
     np.testing.assert_allclose(namer.limit, [*signs, *exchanged, *of_rows, *offsets], rtol=1e-4)
     np.testing.assert_allclose(namer.usual, [7.015096e-6, 7.347783e-4, 9.689544e-6, 8.78671e-4], rtol=1e-4)
     np.testing.assert_allclose(namer.reach.sum(axis=1), [31.37547, 30.17072, 30.8976], rtol=1e-5)

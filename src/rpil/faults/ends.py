@@ -89,5 +89,5 @@ def learn_ends(sample: MovingBlock) -> Ends | None:
     clean = np.minimum([fitted.boundary(x)[0] for x in each], 1e3)
     joined = np.minimum([fitted.boundary(np.concatenate(p, axis=1))[0] for p in itertools.pairwise(each)], 1e3)
     (low, middle), high = np.quantile(clean, [0.25, 0.5]), np.quantile(joined, 0.75)
-    limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - s.fence * (middle - low))
+    limit = min(high + GAP_SHARE * (min(low, high + FARTHEST) - high), low - s.tail * (middle - low))
     return replace(fitted, limit=float(limit) if low > high + LEAST_GAP and limit > np.median(joined) else np.nan)

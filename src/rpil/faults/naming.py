@@ -158,7 +158,7 @@ def _namer(
     level, column = Level.of(offs, s), per_column(maps, window)
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
     rest, screen = float(_above(excess, s.fence)), float(np.quantile(excess, share)) if share else -np.inf
-    limit = np.maximum(_above(gain, s.fence), s.least_gain)
+    limit = np.maximum(_above(gain, s.tail), s.least_gain)
     middle = window.places[:, 1]
     means = np.array([moments[others(fold, f)].mean(axis=0)[middle, middle] for f in range(len(maps))])
     reach = s.map_reach * means * window.spread**2

@@ -29,6 +29,9 @@ class FaultSettings:
     fence: float = 3.0
     """Distances of the upper quartile from the lower one, in logarithms, that a value may lie above the upper quartile.
     benchmarks/faults.py."""
+    tail: float = 2.5
+    """Distances of a quartile from the median beyond it, or standard deviations of a correlation, within which clean
+    demonstrations lie. benchmarks/faults.py."""
     max_spread: float = 8.0
     """Times that a value may be above the upper quartile by `fence`; where it were more, clean demonstrations differ so
     much that nothing can be known. benchmarks/faults.py."""

@@ -14,9 +14,6 @@ from rpil.faults.motion import few
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
-BY_CHANCE = 2.5
-"""Standard deviations that correlations of some demonstration and some lag reach by chance."""
-
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
@@ -65,7 +62,7 @@ class OtherLag(ComparingRule):
         s, (self.shift, gain) = self.settings, self.measured
         steps, least_gain = np.abs(self.shift), self.fence(gain, s.usual_factor, s.smallest_gain)
         power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
-        by_chance = BY_CHANCE * np.sqrt(2.0 / (power * self.data.lengths))  # a correlation of n steps is off by n^-1/2
+        by_chance = s.tail * np.sqrt(2.0 / (power * self.data.lengths))  # a correlation of n steps is off by n^-1/2
         severity = np.where(steps > 0, gain / np.maximum(least_gain, by_chance), 0.0)
         are_few = (severity > 1).sum() <= few(len(steps))
         return steps, 1, severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
