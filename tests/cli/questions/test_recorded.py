@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 
 import numpy as np
 import pytest
@@ -55,6 +56,11 @@ def test_each_part_of_an_action_has_classes_of_its_own():
     data = Demonstrations(np.zeros((2, 1)), actions, np.array([0, 2]), part_classes=classes)
     assert [one["classes"] for one in Recorded(data).columns] == [["grasp", "move"], [], []]
     assert values(Recorded(data).curves(0)[0]) == pytest.approx([0, 1])
+
+
+def test_the_largest_numbers_have_a_spread_that_json_can_hold():
+    huge = Demonstrations(np.array([[1e308], [-1e308]]), np.zeros((2, 1)), np.array([0, 2]))
+    json.dumps(Recorded(huge).columns, allow_nan=False)
 
 
 def test_of_very_many_columns_the_first_are_drawn():

@@ -117,6 +117,11 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
         distance = abs(phases[0] - phases[1]).mean(axis=0) / [one["spread"] for one in columns]
         most = [columns[c]["name"] for c in np.argsort(-distance, kind="stable")]
         assert [name.partition(" ")[0] for name in names] == most
+        shown = "document.querySelector('.ask .overlays canvas').toDataURL()"
+        light = browser.evaluate(shown)
+        browser.resize(1280, 900, dark=True)
+        browser.wait(f"{shown} !== {json.dumps(light)}")
+        browser.resize(1280, 900)
         browser.evaluate("document.querySelector('.overlays select').selectedIndex = 2")
         browser.evaluate("document.querySelector('.overlays select').dispatchEvent(new Event('change'))")
         browser.wait("document.querySelectorAll('.ask .overlays canvas').length === 2")

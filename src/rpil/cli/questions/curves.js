@@ -18,12 +18,12 @@ const byDifference = (columns, a, b) => {
 
 // `members` have a number m, steps n, and a colour: those that are compared first. `curves` are of each of them.
 const makeCurves = (columns, members, curves, fps, hasSeconds, seek) => {
-  const colours = palette(), style = getComputedStyle(document.documentElement);
   const order = byDifference(columns, curves[0], curves[1] ?? curves[0]);
   const longest = Math.max(...members.map((one) => one.n)), unit = hasSeconds ? fps : 1;
   const box = el("div", { class: "overlays" }), charts = [];
 
   const draw = (place, c) => {
+    const colours = palette(), style = getComputedStyle(document.documentElement); // of now: light or dark
     const column = columns[c], size = 400, x = Array.from({ length: Math.min(size, longest) }, (_, k) => (k * longest) / Math.min(size, longest));
     const values = members.map((one, k) => {
       const own = unpack(curves[k][c], "value");

@@ -37,7 +37,8 @@ class Recorded:
         if data is None:
             return []
         some = np.unique(np.linspace(0, len(data) - 1, N_SPREAD).round().astype(int))
-        spread = _values(data, data.select(some)).std(axis=0).tolist()
+        with np.errstate(all="ignore"):  # of the largest numbers it may be infinite, which JSON is not
+            spread = np.nan_to_num(_values(data, data.select(some)).std(axis=0)).tolist()
         n_parts = len(spread) - data.n_observations
         no_classes: PartClasses = ((),) * n_parts
         classes = (tuple(data.classes.tolist()),) if data.is_discrete else data.part_classes or no_classes

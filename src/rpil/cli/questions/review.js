@@ -165,6 +165,6 @@ const live = (() => {
   begin();
   return {
     first: () => asked[0] ?? null, isAsked: (m) => asked.includes(m), changed: () => changed, store, load, open, look, keys, passing, undo,
-    said: notes.said, seek: (step) => front()?.seek(step), mark: (word, m) => press(KEYS[word], m),
+    said: notes.said, seek: (step) => front()?.seek(step), redraw: () => { for (const one of [stage, looked]) one?.redraw(); }, mark: (word, m) => press(KEYS[word], m),
   };
 })();

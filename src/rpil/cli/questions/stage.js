@@ -84,7 +84,11 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
     if (plays && hasFilms && !isStill() && !player.isPlaying()) player.toggle();
   };
   open().catch((error) => { note.textContent = error.message; });
-  return { player, place };
+  const redraw = () => {
+    curves?.show();
+    requestAnimationFrame(() => curves?.at(player.step()));
+  };
+  return { player, place, redraw };
 };
 
 // What is shown no more must not keep the few connections of a browser from the next answer.

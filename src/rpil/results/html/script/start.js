@@ -201,7 +201,10 @@ addEventListener("keydown", (event) => {
   if (event.key === " ") target.blur?.();
   found[2]();
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => parts[current].show());
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  parts[current].show();
+  live?.redraw();
+});
 const print = (on) => {
   document.documentElement.classList.toggle("printing", on);
   for (const one of parts) one.print(on);
