@@ -9,6 +9,7 @@ from itertools import repeat
 import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
+from rpil.data.names import LAST_ACTION
 from rpil.faults import segments
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
@@ -144,7 +145,8 @@ def learn_columns(
     width = n_observations if n_observations <= settings.max_columns else 0
     everything = all_values(sample).T
     compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
-    number = np.array([k for k in compared if _is_measurement(everything[k], settings)], dtype=np.int64)
+    own = [k for k in compared.tolist() if not LAST_ACTION.fullmatch(labels[k])]  # which are actions, too
+    number = np.array([k for k in own if _is_measurement(everything[k], settings)], dtype=np.int64)
     ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
     columns = MeasuredColumns(
