@@ -137,7 +137,7 @@ class _Search:
             texts=tuple(name for name in observations if self.kinds[name] == "text"),
             history=options.history,
             agent=agent,
-            intervention=next(iter(self.named_as("intervention", observations)), None),
+            intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
         read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
         return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))

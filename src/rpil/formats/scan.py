@@ -115,10 +115,9 @@ class ScannedActions:
         layout, begin = self.layout, 0
         kinds = {name: value_type(table[name].type) for name, _ in layout.actions}
         if not self._parts:
-            own = [
-                replace(layout, actions=((p, 1),), action=kinds[n], n_parts=0) for n in kinds for p in layout.names[n]
-            ]
-            self._parts = [ScannedActions(each, self.wanted) for each in own]
+            own = (((part, 1), kinds[name]) for name, parts in layout.names.items() if name in kinds for part in parts)
+            layouts = (replace(layout, actions=(part,), action=kind, n_parts=0) for part, kind in own)
+            self._parts = [ScannedActions(each, self.wanted) for each in layouts]
         for name, width in layout.actions:
             parts, mask, begin = self._parts[begin : begin + width], layout.masks.get(name), begin + width
             if width > 1 and kinds[name].kind == "f" and self.wanted != "discrete":  # lists of floats are numbers
