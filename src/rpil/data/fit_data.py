@@ -37,8 +37,7 @@ class FitData:
 
     @cached_property
     def factors(self) -> tuple[FitData, ...]:
-        """The data of each factor of the probability of an action of a `Product`: of each class, and of the numbers
-        given the classes; else themselves."""
+        """The data of each class of a `Product`, and of its numbers given the classes; of another space themselves."""
         space, actions = self.space, self.actions
         if not isinstance(space, Product):
             return (self,)
