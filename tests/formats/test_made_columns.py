@@ -219,7 +219,9 @@ def test_the_command_prints_a_line_by_agent(tmp_path):
     found = json.loads(ok("audit", path, "--agent", "player", "--json").stdout)["agents"]
     assert next(agent["name"] for agent in found) == "C"
     assert found[0]["demonstrations"]["e2"] < 0
-    assert "Mean score of a step by agent: C " in ok("audit", path, "--agent", "player", "--all").stdout
+    printed = ok("audit", path, "--agent", "player").stdout
+    assert "Mean score of a step by agent: C " in printed
+    assert "Recording faults were not looked for: several agents act" in " ".join(printed.split())
     kept = tmp_path / "kept.csv"
     ok("keep", path, "--agent", "player", "--share", "0.5", "--yes", "-o", kept)
     assert len(kept.read_text().splitlines()) == 1 + N // 2 * 60  # all rows of the demonstrations, as they were
@@ -242,3 +244,10 @@ def test_what_agents_cannot(tmp_path):
         "several agents act in a demonstration; check with an id for each agent in each"
     }
     assert report.findings == ()
+
+
+def test_agents_that_do_not_act_have_no_score():
+    table = game(8)
+    names = pa.DictionaryArray.from_arrays(table["player"].combine_chunks().dictionary_encode().indices, [*"ABCD"])
+    audit = rpil.audit(table.set_column(2, "player", names), agent="player")
+    assert sorted(agent.name for agent in audit.agents) == [*"ABC"]

@@ -96,7 +96,9 @@ def odd_lines(report: FaultReport, command: Sequence[str]) -> list[str]:
     for found in report.findings:
         worst.setdefault(found.id, found.sentence)
     if not worst:
-        return ["No recording faults found."]
+        why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
+        said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
+        return fit(said, line_width(), 2)
     count = f"{len(worst):,} recordings are odd, most of all" if len(worst) > 1 else "1 recording is odd:"
     named = [f"{short_id(name)}: {sentence}" for name, sentence in [*worst.items()][:N_NAMED]]
     some = _widest((f"{count} {'; '.join(named[:most])}." for most in range(N_NAMED, 0, -1)), 2)

@@ -64,11 +64,11 @@ def agents_of(audit: Judged, names: Sequence[Hashable], agent: Int[Array, " N"])
     """The score of each agent, lowest first, by the number of the `agent` that acts in each step."""
     bound, firsts, found = audit.settings.judge.max_log_ratio, audit.offsets[:-1], list[Agent]()
     ratio = np.clip(audit.step_log_ratio, -bound, bound, dtype=float)
-    for k, name in enumerate(names):
+    for k in np.unique(agent).tolist():
         n_steps = np.add.reduceat((agent == k).astype(int), firsts)
         sums = np.add.reduceat(np.where(agent == k, ratio, 0.0), firsts)
         scores = {audit.ids[m]: float(sums[m] / n_steps[m]) for m in np.flatnonzero(n_steps).tolist()}
-        found.append(Agent(str(name), float(sums.sum() / n_steps.sum()), int(n_steps.sum()), scores))
+        found.append(Agent(str(names[k]), float(sums.sum() / n_steps.sum()), int(n_steps.sum()), scores))
     return tuple(sorted(found, key=lambda one: one.score))
 
 
