@@ -50,8 +50,8 @@ SETS = (
         "dataset",
         "two SO-101 arms fold cloth, LeRobot 2.1",
         "LeRobot stops with an error when it loads these times, and in episode 0 one camera is black in every frame. "
-        "The first episodes were made at half the speed of the last ones: perhaps practice. The offset is a false "
-        "alarm.",
+        "The first episodes were made at half the speed of the last ones: perhaps practice. The offset of "
+        "action.arm1_j1 in 0 is a false alarm: in all 25 episodes the action is the next state.",
         has_videos=True,
     ),
     PublicSet(
@@ -66,14 +66,18 @@ SETS = (
         "d1d3bb45f16a",
         "",
         "the arms and hands of a humanoid, LeRobot 2.1",
-        "Episode 61 moves out, comes back and moves out again: a second try. A finger that stays at 1 is closed.",
+        "Episode 61 moves out, comes back and moves out again: a second try. At 7.0 s of 71 the joints of the "
+        "right arm go in one step as far as in four before, and their commands as far as in two: perhaps frames "
+        "are missing. The jump of a command in 9 is three usual steps, and the ring finger in 53 stays while its "
+        "command moves a little: false alarms.",
     ),
     PublicSet(
         "yipiandanxinxiangyangkai/open_50",
         "6fbd82859730",
         "",
         "two arms with hands, LeRobot 3.0",
-        "In episode 47 a joint leaps by 1.8 between two frames, stays there for a tenth of a second and leaps back.",
+        "In episode 47 a joint leaps by 1.8 between two frames, stays there for a tenth of a second and leaps "
+        "back; in 1 another leaps by .9 while its command stays. Both are of the sensor.",
     ),
     PublicSet(
         "6589sq/mycar",
