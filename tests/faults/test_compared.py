@@ -99,7 +99,8 @@ def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
 def test_what_is_short_and_ends_where_others_do_not_is_cut_off(length, far, severity):
     rule = applied(Length, np.array([0.5] * 7 + [far]), lengths=np.array([100] * 7 + [length]))
     assert [fault.severity for fault in rule.findings()] == ([] if severity is None else [pytest.approx(severity)])
-    cut = [fault.sentence.endswith("ends where the others do not: perhaps it is cut off") for fault in rule.findings()]
+    end = "(half of all: 100 to 100 steps) and ends where the others do not: perhaps it is cut off"
+    cut = [fault.sentence.endswith(end) for fault in rule.findings()]
     assert cut == ([] if severity is None else [length > 50])
 
 

@@ -17,7 +17,7 @@ from rpil.numerics.types import Array
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
-    sentence = "it has {value:.0f} steps{seconds} (usual: {low:.0f} to {high:.0f} steps){end}"
+    sentence = "it has {value:.0f} steps{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
     causes = ("frame rate", "two episodes")
 
     @staticmethod
@@ -41,8 +41,11 @@ class Length(ComparingRule):
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         seconds = self.data.seconds
         lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
-        end = " and ends where the others do not: perhaps it is cut off" * bool(self.is_cut[m])
-        return super().say(fault, m, c, seconds=lasts, low=self.low, high=self.high, end=end)
+        whose, (low, high), end = "usual", (self.low, self.high), ""
+        if self.is_cut[m]:
+            whose, (low, high) = "half of all", np.quantile(self.data.lengths, [0.25, 0.75])
+            end = " and ends where the others do not: perhaps it is cut off"
+        return super().say(fault, m, c, seconds=lasts, whose=whose, low=low, high=high, end=end)
 
 
 class OtherLag(ComparingRule):
