@@ -91,15 +91,11 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
-    "trust: p_two = 1.0 if answered is not None else scores.groups.p_two: 1.0 -> 2.0": (
-        "From one half on, two groups are likely."
-    ),
     "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),
-    "whole_rules: return lengths, np.where(lengths > high, high, low), severity: lengths > high -> lengths >= high": (
-        "What is as long as the limit is no fault."
-    ),
+    "whole_rules: return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity): "
+    "lengths > high -> lengths >= high": "What is as long as the limit is no fault.",
     "whole_rules: if actions.ndim == 2 and end - first > 2:: end - first > 2 -> end - first >= 2": (
         "In one step no action moves."
     ),

@@ -302,7 +302,7 @@ def test_reweight_keeps_the_sentences_about_two_groups():
     data = Demonstrations.from_episodes([*episodes, episodes[0]])
     audit = reweight(Line(), data, log_prob=log_density, train=least_squares).audit
     assert audit.finding == "two groups"
-    assert audit.notes[0].startswith("The two groups: A has ")
+    assert audit.notes[0].startswith("The two groups: ")
     assert audit.notes[-1] == "One demonstration is a copy of 1 other: each is judged once."
 
 

@@ -280,7 +280,7 @@ def test_progress_is_reported():
     stages = ["ridge", "fitting the training group", "other folds", "what the scores support", "the policy"]
     assert said[1:] == stages
     RPIL(adversary="uniform", progress=said.append).fit(make("random", 0).demonstrations)
-    assert "start: pooled" in said
+    assert "fitting, from the start pooled" in said
 
 
 def test_warning_without_convergence():
