@@ -41,6 +41,8 @@ def test_each_discrete_action_is_a_number_of_the_last_ones():
         rpil.read(only)
     with pytest.raises(DataError, match="history= is -1; give the number of last actions"):
         rpil.read(only, history=-1)
+    with pytest.raises(DataError, match=f"no demonstration has more than {T} steps; give history= fewer"):
+        rpil.read(only, history=T)
 
 
 @pytest.mark.parametrize(

@@ -50,17 +50,19 @@ def test_a_numeric_column_that_is_lost_is_named():
 
 
 @pytest.mark.parametrize(
-    ("action", "observations", "said"),
+    ("action", "observations", "agent", "said"),
     [
-        ("steer", "lane,steer", "'steer' is part of the action already; take it out of observations="),
-        ("steer", "*", "'trip' is the id already; take it out of observations="),
-        ("steer,trip", (), "'trip' is the id already; take it out of action="),
+        ("steer", "lane,steer", None, "'steer' is part of the action already; take it out of observations="),
+        ("steer", "*", None, "'trip' is the id already; take it out of observations="),
+        ("steer,trip", (), None, "'trip' is the id already; take it out of action="),
+        ("steer", (), "trip", "'trip' is the id already; take it out of agent="),
+        ("steer", (), "steer", "'steer' is part of the action already; take it out of agent="),
     ],
 )
-def test_a_column_of_two_roles_is_refused(action, observations, said, tmp_path):
+def test_a_column_of_two_roles_is_refused(action, observations, agent, said, tmp_path):
     pa.csv.write_csv(drives(), tmp_path / "drive.csv")
     with pytest.raises(DataError, match=re.escape(said)):
-        rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations)
+        rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations, agent=agent)
 
 
 @pytest.mark.parametrize(

@@ -184,6 +184,15 @@ def test_stretches_begin_again_after_a_pause_and_need_no_id():
     assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
 
 
+@pytest.mark.parametrize("option", ["segment", "split_gap"])
+def test_seconds_that_end_demonstrations_are_a_number_of_a_few_steps(option):
+    for seconds in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(DataError, match=f"{option}= is {seconds}; give a number of seconds, more than 0"):
+            rpil.read(episodes(), **{option: seconds})
+    with pytest.raises(DataError, match="where split_gap= or segment= is given, give more seconds"):
+        rpil.read(episodes(), **{option: 0.01})
+
+
 def test_keep_does_not_cut_a_file_into_stretches(tmp_path):
     path = written(episodes(), "csv", tmp_path)
     refused("first run rpil convert .*a.csv --segment 1 -o ALL.parquet", "keep", path, "--segment", "1", "-o", "b.csv")

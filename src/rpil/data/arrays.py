@@ -154,7 +154,8 @@ def kind_by_count(
         if n_classes > FEW_CLASSES and n_steps < 2 * n_classes:
             raise DataError(
                 f"{where}: the action takes {n_classes:,} different texts in {n_steps:,} steps, nearly one for each "
-                "step; name the column of the action, or say that the action is discrete."
+                "step; name the column of the action, or, if they are classes, give <option> discrete.",
+                "action_kind",
             )
         return "discrete", f"{n_classes:,} different texts"
     if n_classes > MAX_CLASSES:

@@ -105,8 +105,9 @@ class _Search:
         order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
         given: set[str | None] = {*asked, *actions, order, operator, task, agent}
         episode, other_ids = self.episode(given, default_id)
-        self.refuse_two_roles(episode, actions, asked)
-        self.take(episode, *actions, *([agent] if agent else []))
+        agents = [agent] if agent else []
+        self.refuse_two_roles(episode, actions, asked, agents)
+        self.take(episode, *actions, *agents)
         self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
@@ -299,12 +300,15 @@ class _Search:
                 found.append(name)
         return found
 
-    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation."""
-        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
+    def refuse_two_roles(
+        self, episode: str, actions: Sequence[str], asked: Sequence[str], agents: Sequence[str]
+    ) -> None:
+        """A `DataError` where the user names the id as an action, or either of them as an observation or agent."""
+        later = ("observations", asked, [episode, *actions]), ("agent", agents, [episode, *actions])
+        for option, names, others in (("action", actions, [episode]), *later):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of {option}=.")
+                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
 
     def refuse_written_lists(self, given: Collection[str]) -> None:
         """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""

@@ -106,6 +106,9 @@ class ColumnOptions:
             parse_size(self.memory)  # an error where it is none
         if self.history < 0:
             raise DataError(f"<option> is {self.history}; give the number of last actions, 0 or more.", "history")
+        for option, seconds in (("split_gap", self.split_gap), ("segment", self.segment)):
+            if seconds is not None and not 0 < seconds < float("inf"):
+                raise DataError(f"<option> is {seconds}; give a number of seconds, more than 0.", option)
 
 
 def check_options(given: Iterable[str]) -> None:

@@ -238,8 +238,8 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
     if 2 * len(names) > len(group):
         raise DataError(
             f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
-            "that is meant, call it episode_index.",
-            ("id", "split_gap"),
+            "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
+            ("id", "split_gap", "split_gap", "segment"),
         )
     if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"

@@ -13,6 +13,7 @@ import numpy as np
 
 from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count, number_reason
 from rpil.data.errors import DataError
+from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.description import commas
@@ -316,5 +317,9 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = statistics.leave_out_repeats(len(layout.observations))
+    longest = int(np.diff(places.offsets).max(initial=1))
+    if columns.history >= longest:
+        said = f"no demonstration has more than {counted(longest, 'step')}; give <option> fewer"
+        raise DataError(f"{source}: {said}.", "history")
     finished = actions.finish(source).without(repeated).with_history(columns.history, actions.classes)
     return Scan(places, finished, actions, statistics, operators, tasks, repeated)
