@@ -7,7 +7,7 @@ import csv
 import pytest
 
 from problems import refused
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, DataWarning
 from rpil.data.id_values import (
     answers_of_persons,
     parse_answers,
@@ -35,7 +35,8 @@ BOTH = """id,label,by,note
 def test_most_persons_are_learned_from_and_a_tie_teaches_nothing(tmp_path):
     path = tmp_path / "labels.csv"
     path.write_text(BOTH)
-    assert read_answers(path) == ({"1": "good", "3": "bad"}, {("5", "6"): "same as"})
+    with pytest.warns(DataWarning, match=r"labels\.csv: Nothing is learned from .* persons disagree: 2 and 3 or 4\."):
+        assert read_answers(path) == ({"1": "good", "3": "bad"}, {("5", "6"): "same as"})
     assert read_answer_rows(path)[2] == AnswerRow("1", "bad", "slipped", "", "chen")
     given = answers_of_persons(read_answer_rows(path), "labels.csv", ())
     assert list(agreement_lines(given)) == [

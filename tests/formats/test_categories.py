@@ -41,7 +41,7 @@ def test_each_discrete_action_is_a_number_of_the_last_ones():
         rpil.read(only)
     with pytest.raises(DataError, match="history= is -1; give the number of last actions"):
         rpil.read(only, history=-1)
-    with pytest.raises(DataError, match=f"no demonstration has more than {T} steps; give history= fewer"):
+    with pytest.raises(DataError, match=f"demonstrations have at most {T} steps; give history= fewer"):
         rpil.read(only, history=T)
 
 

@@ -57,7 +57,7 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
             f"{where}: give one pair (observations, actions), a dict or an object that holds both, or a list of steps."
         )
     # A tuple holds the steps, or else the parts of all of them: the lengths decide.
-    pairs = list(product(*map(_readings, both)))
+    pairs = list(product(*([list(one), _by_number(one)] if isinstance(one, tuple) else [one] for one in both)))
     seen, acted = next((pair for pair in pairs if _n_rows(pair[0]) - _n_rows(pair[1]) in (0, 1)), pairs[0])
     observations, names = _as_table(seen, "observation", where)
     actions, _ = _as_table(acted, "action", where)
@@ -94,10 +94,6 @@ def _first_of(holder: object, names: Sequence[str]) -> object:
     """The first of the entries, or attributes, of these names; None where there is none."""
     get = holder.get if isinstance(holder, Mapping) else lambda name: getattr(holder, name, None)
     return next((part for part in map(get, names) if part is not None), None)
-
-
-def _readings(part: object) -> list[object]:
-    return [list(part), _by_number(part)] if isinstance(part, tuple) else [part]
 
 
 def _by_number(parts: tuple[object, ...]) -> dict[str, object]:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import warnings
 from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,12 +16,12 @@ import numpy as np
 
 from rpil.data.arrays import check_text
 from rpil.data.cells import from_cell, to_cell
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, DataWarning
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
-from rpil.data.persons import AnswerRow, GivenAnswers, Label, Pairs, Relation, majority
+from rpil.data.persons import AnswerRow, GivenAnswers, Label, Pairs, Relation, majority, tie_lines
 from rpil.numerics.types import Array, Int
 
 Key = TypeVar("Key", bound=Hashable)
@@ -62,9 +63,12 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
     unless one of the `ids` has it. Where persons are named in a column ``by`` and answer differently, the answer of
     most of them counts, and none where as many say another. A `DataError` names the file and the demonstration: unknown
     words, an id that one person labelled twice, a demonstration that is compared with itself, two pairs of one person
-    that contradict each other, no answers.
+    that contradict each other, no answers. A `DataWarning` names the questions that persons leave undecided.
     """
-    return parse_answers(read_answer_rows(path, ids), Path(path).name, ids)
+    given = answers_of_persons(read_answer_rows(path, ids), Path(path).name, ids)
+    for sentence in tie_lines(given):
+        warnings.warn(DataWarning(f"{Path(path).name}: {sentence}"), stacklevel=2)
+    return majority(given)
 
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:

@@ -50,14 +50,18 @@ def majority(given: GivenAnswers) -> tuple[dict[str, Label], Pairs]:
 def agreement_lines(given: GivenAnswers) -> Iterator[str]:
     """How far two persons agree, one sentence for each two who answered the same, and where nothing is learned."""
     shared: dict[tuple[str, str], list[tuple[Said, Said]]] = {}
-    tied = []
-    for ids, answers in _by_question(given).items():
+    for answers in _by_question(given).values():
         for two in combinations(sorted(answers), 2):
             shared.setdefault(two, []).append((answers[two[0]], answers[two[1]]))
-        tied += [" or ".join(sorted(ids))] * (len(_most_said(answers)) > 1)
     for two, both in list(shared.items())[:MAX_IDS]:
         names = " and ".join(printable(name) or "a person without a name" for name in two)
         yield f"{names} answered the same {counted(len(both), 'question')}, and agree on {_agreement(both)}."
+    yield from tie_lines(given)
+
+
+def tie_lines(given: GivenAnswers) -> Iterator[str]:
+    """A sentence on the questions from whose answers nothing is learned, where there are any."""
+    tied = [" or ".join(sorted(ids)) for ids, answers in _by_question(given).items() if len(_most_said(answers)) > 1]
     if tied:
         yield f"Nothing is learned from answers in which persons disagree: {listed(tied, MAX_IDS)}."
 

@@ -35,7 +35,8 @@ def with_reference(demonstrations: Demonstrations, reference: Demonstrations) ->
             "with the same actions, or say what they are with <option> or <option>.",
             ("action", "action_kind"),
         )
-    prefix = next(p for p in _prefixes() if not any(str(name).startswith(p) for name in one.ids))
+    prefixes = itertools.chain(["reference "], (f"reference {k} " for k in itertools.count(2)))
+    prefix = next(p for p in prefixes if not any(str(name).startswith(p) for name in one.ids))
     return replace(
         one,
         observations=np.concatenate([one.observations, other.observations[:, columns]]),
@@ -43,10 +44,6 @@ def with_reference(demonstrations: Demonstrations, reference: Demonstrations) ->
         offsets=np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
         ids=(*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
     )
-
-
-def _prefixes() -> itertools.chain[str]:
-    return itertools.chain(["reference "], (f"reference {k} " for k in itertools.count(2)))
 
 
 def _kind_of_action(demonstrations: Demonstrations) -> str:

@@ -105,9 +105,8 @@ class _Search:
         order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
         given: set[str | None] = {*asked, *actions, order, operator, task, agent}
         episode, other_ids = self.episode(given, default_id)
-        agents = [agent] if agent else []
-        self.refuse_two_roles(episode, actions, asked, agents)
-        self.take(episode, *actions, *agents)
+        self.refuse_two_roles(episode, actions, asked)
+        self.take(episode, *actions, *([agent] if agent else []))
         self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
@@ -300,12 +299,11 @@ class _Search:
                 found.append(name)
         return found
 
-    def refuse_two_roles(
-        self, episode: str, actions: Sequence[str], asked: Sequence[str], agents: Sequence[str]
-    ) -> None:
+    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
         """A `DataError` where the user names the id as an action, or either of them as an observation or agent."""
-        later = ("observations", asked, [episode, *actions]), ("agent", agents, [episode, *actions])
-        for option, names, others in (("action", actions, [episode]), *later):
+        both, agent = [episode, *actions], self.one(self.options.agent, "agent")
+        named = ("action", actions, [episode]), ("observations", asked, both), ("agent", [agent], both)
+        for option, names, others in named:
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
                 raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)

@@ -31,17 +31,14 @@ def write_columns(
     what is no finite number. A `DataError` where the path has another extension, or cannot be written."""
     path = check_extension(path, EXTENSIONS, what)
     if path.suffix.lower() == ".json":
-        rows = [dict(zip(columns, map(_finite, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+        cells = ([None if isinstance(x, float) and not math.isfinite(x) else x for x in c] for c in columns.values())
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(rows, allow_nan=False, indent=1) + "\n", encoding="utf-8")
         return
     import pyarrow as pa
 
     _WRITERS[path.suffix.lower()](path, iter([pa.table(columns).replace_schema_metadata(dict(said))]))
-
-
-def _finite(value: object) -> object:
-    return value if not isinstance(value, float) or math.isfinite(value) else None
 
 
 def write_weights(

@@ -75,14 +75,11 @@ class TableRows:
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
-        table = self.table.select(columns)
+        table, row_of = self.table.select(columns), range(last) if self.place is None else self.place
         for row in range(first, last, BATCH_ROWS):
             size = min(BATCH_ROWS, last - row)
             here = table.slice(row, size) if self.place is None else table.take(self.place[row : row + size])
-            yield row, here, shifted(lambda k: f"{self.source}{demonstration(k)}, row {self._row(k) + 1}", row)
-
-    def _row(self, row: int) -> int:
-        return row if self.place is None else int(self.place[row])
+            yield row, here, shifted(lambda k: f"{self.source}{demonstration(k)}, row {row_of[k] + 1}", row)
 
     def numbers(self, steps: slice) -> pa.Table | None:
         import pyarrow as pa

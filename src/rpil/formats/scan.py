@@ -317,9 +317,7 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     repeated = statistics.leave_out_repeats(len(layout.observations))
-    longest = int(np.diff(places.offsets).max(initial=1))
-    if columns.history >= longest:
-        said = f"no demonstration has more than {counted(longest, 'step')}; give <option> fewer"
-        raise DataError(f"{source}: {said}.", "history")
+    if columns.history >= (n := int(np.diff(places.offsets).max(initial=1))):
+        raise DataError(f"{source}: demonstrations have at most {counted(n, 'step')}; give <option> fewer.", "history")
     finished = actions.finish(source).without(repeated).with_history(columns.history, actions.classes)
     return Scan(places, finished, actions, statistics, operators, tasks, repeated)

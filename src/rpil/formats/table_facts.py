@@ -198,7 +198,7 @@ def pairs_of(table: pa.Table, name: str | None, ids: Sequence[Id], group: Array)
     values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
     _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)
     found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
-    return [(m, _as_whole(value)) for m, value in found]
+    return [(m, int(one) if isinstance(one, float) and are_whole(np.array([one])) else one) for m, one in found]
 
 
 def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
@@ -207,10 +207,6 @@ def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[st
     for m, value in pairs:
         names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
     return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
-
-
-def _as_whole(value: object) -> object:
-    return int(value) if isinstance(value, float) and are_whole(np.array([value])) else value
 
 
 def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
