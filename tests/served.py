@@ -12,12 +12,14 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.server import Review, application, listen, load_server
 from rpil.cli.questions.session import Session
 from rpil.cli.questions.videos import EpisodeVideos
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import MissingExtraError
 from rpil.results.view import About
 
@@ -73,11 +75,12 @@ class Client:
 
 def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None, data=None):
     """What a server shows of an audit, without answers from before."""
+    n = len(audit.step_weight)
     return Review(
         session=Session(replace(audit, fps=10.0), labels, None, None),
         about=About("Review of d.parquet", "d.parquet", command="rpil audit d.parquet"),
         videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
-        data=data,
+        data=data or Demonstrations(np.zeros((n, 1)), np.zeros(n), audit.offsets, ids=audit.ids),
         finish=finish or (lambda given: {"kept": len(audit.ids), "rejected": {}, "reason": ""}),
         page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )

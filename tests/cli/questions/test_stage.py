@@ -11,7 +11,7 @@ import pytest
 import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.recorded import Recorded
+from rpil.cli.questions.curves import Recorded
 from rpil.cli.questions.server import page_of
 from rpil.cli.questions.videos import EpisodeVideos
 from served import need_server, review_of, serving

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.glance import column_curves
-from rpil.cli.questions.recorded import Recorded
+from rpil.cli.questions.curves import Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import (
     Session,
@@ -210,7 +209,7 @@ def application(review: Review, gate: Gate) -> Application:
         data("/api/demonstration/{m:int}", review.demonstration),
         data("/api/films/{m:int}", review.films),
         data("/api/curves/{m:int}", review.curves),
-        data("/api/column/{k:int}", lambda k: column_curves(review.data, k)),
+        data("/api/column/{k:int}", review.recorded.column),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
         get("/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, JPEG)),
         post("/api/answer", review.answer),

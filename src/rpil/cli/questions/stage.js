@@ -59,7 +59,7 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
       onclick: () => { camera = k; showFilms(shots, hasFrames); } }, printable(shot.camera))) : []));
   };
   const showCurves = async () => {
-    if (curves || !view.columns.length) return;
+    if (curves) return;
     const found = await Promise.all(shown.map((m) => load(`/api/curves/${m}`)));
     if (curves || !plots.isConnected) return;
     curves = makeCurves(view.columns, members, found, fps, hasSeconds, player.seek);
@@ -68,7 +68,6 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
     requestAnimationFrame(() => curves.at(player.step())); // once they are laid out
   };
   plots.addEventListener("toggle", () => { if (plots.open) showCurves(); });
-  plots.hidden = !view.columns.length;
   const open = async () => {
     const found = await Promise.all(shown.map((m) => load(`/api/films/${m}`)));
     const hasFilms = found.slice(0, numbers.length).some((one) => one.videos.length);

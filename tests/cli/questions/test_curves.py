@@ -10,8 +10,9 @@ import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.recorded import MAX_CURVES, Recorded
+from rpil.cli.questions.curves import MAX_CURVES, N_POINTS, Recorded
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 
 
 def values(curve):
@@ -66,4 +67,21 @@ def test_the_largest_numbers_have_a_spread_that_json_can_hold():
 def test_of_very_many_columns_the_first_are_drawn():
     recorded = Recorded(Demonstrations(np.zeros((4, 300)), np.zeros((4, 2)), np.array([0, 2, 4])))
     assert len(recorded.columns) == len(recorded.curves(0)) == MAX_CURVES
-    assert Recorded().columns == Recorded().curves(0) == []
+
+
+def test_a_column_of_all_is_drawn_on_one_scale(data):
+    recorded = Recorded(read(data, observations=["x", "v"]))
+    curves = recorded.column(2)
+    assert [*curves] == ["from", "to", *map(str, range(24))]
+    assert len(curves["23"]) == N_POINTS * 4 / 3, "base64 of bytes"
+    for k in (-1, 3):
+        with pytest.raises(DataError, match="There is no such column"):
+            recorded.column(k)
+
+
+def test_of_all_actions_that_are_words_are_drawn_by_their_order():
+    episodes = [(np.zeros((n, 1)), np.array(["left", "right"])[np.arange(n) % 2]) for n in (1, 5)]
+    recorded = Recorded(Demonstrations.from_episodes(episodes))
+    assert [one["name"] for one in recorded.columns] == ["action", "0"]
+    curves = recorded.column(0)
+    assert (curves["from"], curves["to"]) == (0, 1)
