@@ -9,7 +9,7 @@ import pytest
 
 import rpil
 from rpil import formats
-from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
+from rpil.data.cells import each_text, from_cell, to_cell
 from rpil.formats.columns_file import write_weights
 from rpil.formats.csv import write_tables
 from rpil.formats.registry import find
@@ -37,10 +37,10 @@ def test_cells_are_told_from_formulas_and_come_back():
 
 def test_columns_are_changed_as_cells_are():
     column = pa.chunked_array([["=1", "a", None], ["=1", "'b"]])
-    assert to_cells(column).to_pylist() == ["'=1", "a", None, "'=1", "'b"]
-    assert from_cells(to_cells(column)).equals(column)
+    assert each_text(to_cell, column).to_pylist() == ["'=1", "a", None, "'=1", "'b"]
+    assert each_text(from_cell, each_text(to_cell, column)).equals(column)
     for other in (pa.chunked_array([[-1, 2]]), pa.chunked_array([[-0.5]]), pa.chunked_array([["a"]])):
-        assert to_cells(other).equals(other)
+        assert each_text(to_cell, other).equals(other)
 
 
 def cells(path):

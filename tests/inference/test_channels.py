@@ -19,6 +19,7 @@ STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0,
 OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
 LOG_PROB = np.array([-1.0, -3, -1, -3, -5, -7, -1, -2])
+AGREEMENT = np.array([3.0, 1, 2])
 LOG_RATIO = LOG_PROB + np.array([1.0, 1, 1, 1, 2, 2, 0, 0])
 
 
@@ -32,21 +33,21 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
 def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, LOG_PROB, LOG_RATIO, actions, states, ERRORS)
+    found = channels(data, AGREEMENT, LOG_PROB, LOG_RATIO, actions, states, ERRORS)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 
 def test_channels_of_likelihood_and_length():
     found = described(data_of())
-    np.testing.assert_allclose(found["agreement"], [-2, -6, -1.5])
+    np.testing.assert_allclose(found["agreement"], AGREEMENT)
     np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     np.testing.assert_allclose(found["length"], np.log([4, 2, 2]))
 
 
-def test_agreement_of_discrete_actions_is_the_gain():
+def test_discrete_actions_are_compared_with_frequencies():
     actions = np.array([0, 0, 0, 1, 1, 1, 2, 0])
     found = described(data_of(actions=actions), np.eye(3)[actions])
-    np.testing.assert_allclose(found["agreement"], [-1, -4, -1.5])
+    np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     # one step of every action is added: 4, 2, 1 of 7; 1, 3, 1 of 5; 2, 1, 2 of 5
     own = [(3 * np.log(4 / 7) + np.log(2 / 7)) / 4, np.log(3 / 5), np.log(2 / 5)]
     np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shlex
 import shutil
@@ -17,6 +16,7 @@ from unicodedata import east_asian_width
 import click
 
 from rpil.data.errors import DataWarning, shortened
+from rpil.data.json_files import finite
 from rpil.data.privacy import without_secrets
 from rpil.data.text import printable
 
@@ -50,15 +50,7 @@ def schema(command: str) -> dict[str, object]:
 
 def to_json(value: object) -> str:
     """The value as standard JSON: NaN and infinity become null."""
-    return json.dumps(_replace_non_finite(value), allow_nan=False)
-
-
-def _replace_non_finite(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _replace_non_finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_replace_non_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(finite(value), allow_nan=False)
 
 
 def print_lines(lines: Iterable[str]) -> None:

@@ -166,11 +166,6 @@ def kind_by_count(
     return "discrete", differ
 
 
-def number_reason(n_parts: int) -> str:
-    """Why actions of several columns, or of lists, are continuous."""
-    return "a column of a continuous action" if n_parts == 1 else f"{n_parts} numbers"
-
-
 def are_whole(array: Array) -> bool:
     """Whether all floats in `array` are whole numbers that an int64 holds exactly; NaN is not."""
     return bool(np.all((np.trunc(array) == array) & (np.abs(array) < _EXACT)))

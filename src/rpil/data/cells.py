@@ -29,17 +29,7 @@ def from_cell(text: str) -> str:
     return text[1:] if text.startswith("'") and _FORMULA.match(text[1:]) else text
 
 
-def to_cells(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """`to_cell` of each text in a column."""
-    return _each_text(column, to_cell)
-
-
-def from_cells(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """`from_cell` of each text in a column."""
-    return _each_text(column, from_cell)
-
-
-def _each_text(column: pa.ChunkedArray, change: Callable[[str], object]) -> pa.ChunkedArray:
+def each_text(change: Callable[[str], object], column: pa.ChunkedArray) -> pa.ChunkedArray:
     """A column with its texts changed, and any other column as it is; each different text is looked at once."""
     import pyarrow as pa
     import pyarrow.compute as pc

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -70,3 +71,12 @@ def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) ->
 def _check_size(n_bytes: int, where: str, limit: int) -> None:
     if n_bytes > limit:
         raise DataError(f"{where}: it is longer than {limit // MIB} MiB, which no such file needs; write it again.")
+
+
+def finite(value: object) -> object:
+    """A value for JSON, with None for NaN and infinity, which JSON has not."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

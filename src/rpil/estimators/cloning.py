@@ -16,7 +16,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import ActionSpace, policy_space
 from rpil.estimators.final_policy import LinearPolicySpec
-from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each, source_of
+from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import LinearPolicy
@@ -148,7 +148,8 @@ class BehavioralCloning(PolicyEstimator):
         data = observations_and_actions(self, X, y)
         weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
         if not weight.any():
-            raise DataError(f"{source_of(X)}: sample_weight is zero everywhere; give at least one step some weight.")
+            source = X.source if isinstance(X, Demonstrations) else "the demonstrations"
+            raise DataError(f"{source}: sample_weight is zero everywhere; give at least one step some weight.")
         rows = X if isinstance(X, Demonstrations) else one_step_each(*data)
         self.space_, self.classes_ = action_space(rows)
         codes = encode_actions(self.classes_, rows.actions, rows.source)

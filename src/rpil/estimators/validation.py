@@ -25,11 +25,6 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
-def source_of(X: object) -> str:
-    """The name of the data in messages."""
-    return X.source if isinstance(X, Demonstrations) else "the demonstrations"
-
-
 def as_given(X: ArrayLike | Given, y: ArrayLike | None) -> ArrayLike | Demonstrations:
     """`X`; read as `Demonstrations` where it comes without actions and is a data frame, or a list of trajectories."""
     if y is None and isinstance(X, Frame | list | Iterator):

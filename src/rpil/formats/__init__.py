@@ -130,7 +130,9 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     check_options(columns)
     options = ColumnOptions(**columns)
     if not isinstance(path, str | os.PathLike | Frame):
-        return _of_trajectories(path, options)
+        if columns:
+            raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave them out, or give a frame.")
+        return Demonstrations.from_episodes(path)
     recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
     demonstrations = recording.demonstrations
     for line in set_aside_lines(recording.set_aside):
@@ -189,12 +191,6 @@ def opened(data: object, options: ColumnOptions) -> Recording:
         return data
     demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
     return from_tables(from_demonstrations(demonstrations, "demonstrations in memory"))
-
-
-def _of_trajectories(trajectories: Iterable[object], options: ColumnOptions) -> Demonstrations:
-    if options != ColumnOptions():
-        raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave the options out, or give a frame.")
-    return Demonstrations.from_episodes(trajectories)
 
 
 def read_recording(

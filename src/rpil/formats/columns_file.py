@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.files import StrPath, check_extension, replacing
+from rpil.data.json_files import finite
 from rpil.data.names import STEP
 from rpil.data.run import RUN_KEY, run_id
 from rpil.formats import csv, parquet, table
@@ -31,10 +31,9 @@ def write_columns(
     what is no finite number. A `DataError` where the path has another extension, or cannot be written."""
     path = check_extension(path, EXTENSIONS, what)
     if path.suffix.lower() == ".json":
-        cells = ([None if isinstance(x, float) and not math.isfinite(x) else x for x in c] for c in columns.values())
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps(rows, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(finite(rows), allow_nan=False, indent=1) + "\n", encoding="utf-8")
         return
     import pyarrow as pa
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, cast
 
-from rpil.data.cells import from_cell, from_cells, to_cell, to_cells
+from rpil.data.cells import each_text, from_cell, to_cell
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
@@ -105,7 +105,7 @@ def _texts_of(table: pa.Table, columns: Columns, decimal: str) -> dict[str, Text
     for name in {*table.column_names} - {*columns.observations}:
         if flat.kind_of_type(table[name].type) == "text":
             encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-            texts = from_cells(pa.chunked_array([pc.utf8_trim_whitespace(encoded.dictionary)]))
+            texts = each_text(from_cell, pa.chunked_array([pc.utf8_trim_whitespace(encoded.dictionary)]))
             if name in columns.actions and decimal == ",":
                 texts = pc.replace_substring(texts, ",", ".")
             found[name] = pc.if_else(pc.equal(texts, ""), None, texts), encoded.indices
@@ -168,7 +168,9 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     safe = pa.schema([field.with_name(str(to_cell(field.name))) for field in schema])
     with replacing(path) as temporary, csv.CSVWriter(temporary, safe) as writer:
         for table in itertools.chain([first], tables):
-            writer.write_table(pa.table([to_cells(column) for column in table.cast(schema).columns], schema=safe))
+            writer.write_table(
+                pa.table([each_text(to_cell, column) for column in table.cast(schema).columns], schema=safe)
+            )
 
 
 def names_in_folder(paths: Sequence[Path]) -> dict[str, Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 
@@ -106,11 +105,6 @@ class Description:
 
     def _range(self, name: str) -> str:
         return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
-
-
-def outcome_options(names: Iterable[str]) -> dict[str, str]:
-    """The option that names each of the columns as the outcome, as a shell takes it."""
-    return {name: f"--outcome {shlex.quote(name)}" for name in names}
 
 
 def commas(names: Iterable[object], most: int = SHORT_NAMES) -> str:

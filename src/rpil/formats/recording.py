@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.categories import find_categories
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
-from rpil.formats.description import Description, commas, outcome_options
+from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
 from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
@@ -29,7 +30,7 @@ from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows
 from rpil.formats.table import id_codes, numbers_or_missing
-from rpil.formats.table_facts import Metadata, Origin, different, fact_columns, find_facts, tasks_of
+from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ class Recording:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
             places = self.found.places
-            table = read_columns(self.rows, fact_columns(self.columns))
+            table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
             origin = replace(self.origin, files=self.rows.files(places.offsets[:-1]))
             return find_facts(table, self.columns, places.offsets, places.ids, origin)
 
@@ -282,7 +283,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
         ranges=ranges,
-        outcomes=outcome_options(columns.outcomes),
+        outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *filter(None, [found.actions.note]),
             *_notes_on(columns.episode, found, metadata.fps, recorded),

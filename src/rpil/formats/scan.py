@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count, number_reason
+from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count
 from rpil.data.errors import DataError
 from rpil.data.text import counted
 from rpil.formats import table as flat
@@ -146,7 +146,8 @@ class ScannedActions:
         layout, parts, wanted = self.layout, self._parts, self.wanted
         for part in parts:
             part.finish(source)
-        self.reason, self.note = number_reason(layout.n_parts), " ".join(part.note for part in parts if part.note)
+        self.reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
+        self.note = " ".join(part.note for part in parts if part.note)
         most = inf if wanted == "discrete" else FEW_CLASSES if all(part._whole for part in parts) else 0
         chosen = {part for part in parts if part.kind == "discrete" and (part._is_text or len(part.classes) <= most)}
         each = iter(parts)

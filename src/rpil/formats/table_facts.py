@@ -102,11 +102,6 @@ class Origin:
         return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
 
 
-def fact_columns(columns: Columns) -> list[str]:
-    """The columns that `find_facts` reads."""
-    return list(dict.fromkeys([*clock_columns(columns), *columns.facts]))
-
-
 def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
     """The facts about the M demonstrations of a table, whose rows are in their order.
 
@@ -197,8 +192,8 @@ def pairs_of(table: pa.Table, name: str | None, ids: Sequence[Id], group: Array)
     column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
     _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)
-    found = [(str(ids[group[row]]), values[codes[row]] if codes[row] >= 0 else None) for row in np.sort(first).tolist()]
-    return [(m, int(one) if isinstance(one, float) and are_whole(np.array([one])) else one) for m, one in found]
+    values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
+    return [(str(ids[group[row]]), values[codes[row]]) for row in np.sort(first).tolist()]
 
 
 def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:

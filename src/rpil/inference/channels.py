@@ -1,7 +1,7 @@
 """Channels: numbers that describe a demonstration, from which answers learn (`rpil.inference.answers`).
 
-The first is agreement, the mean held-out log-likelihood, by which demonstrations are ranked without answers. The others
-are facts: they say nothing about quality until an answer does. Facts beyond motion are `components`.
+The first is agreement, the score by which demonstrations are ranked without answers. The others are facts: they say
+nothing about quality until an answer does. Facts beyond motion are `components`.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ class StateScale:
 
 def channels(
     data: FitData,
+    agreement: Float[Array, " M"],
     log_prob: Float[Array, " N"],
     log_ratio: Float[Array, " N"],
     actions: Float[Array, "N A"],
@@ -65,20 +66,17 @@ def channels(
 ) -> Float[Array, "M C"]:
     """The channels of M demonstrations, in the order of `CHANNELS`.
 
-    `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are scaled, or indicators of discrete
-    actions.
+    `agreement` is their score; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
+    scaled, or indicators of discrete actions.
     """
-    discrete = isinstance(data.space, Discrete)
-    own = own_log_prob(data, actions, errors)
-    likelihood, gain = data.mean_steps(log_prob), data.mean_steps(log_ratio)
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves = _moves(data.features, states.spread, data)
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
-        gain if discrete else likelihood,
-        likelihood - own,
-        gain,
+        agreement,
+        data.mean_steps(log_prob) - own_log_prob(data, actions, errors),
+        data.mean_steps(log_ratio),
         np.log(data.lengths),
         -data.sum_steps(changes) / moves_of,
         -idle,

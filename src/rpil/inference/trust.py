@@ -130,8 +130,8 @@ def described(scoring: Scoring, scores: Scores, seen: Float[Array, "M K"]) -> tu
     them."""
     data, settings, log_prob = scoring.data, scoring.settings, scores.fit.log_prob
     states = StateScale.of(data, settings.channels)
-    values = channels(data, log_prob, log_prob - scoring.log_q, indicators(data), states, settings.held_out.errors)
-    values[:, 0] = scores.score  # agreement
+    step_scores, errors = (log_prob, log_prob - scoring.log_q), settings.held_out.errors
+    values = channels(data, scores.score, *step_scores, indicators(data), states, errors)
     return states, columns_of(values, seen, scores.log_odds, settings.answers)
 
 

@@ -84,8 +84,7 @@ def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: J
     log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
     score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
-    described = channels(data, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
-    described[:, 0] = score
+    described = channels(data, score, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
     summed = summaries(data, actions).astype(np.float32)
     return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, summed)
 
