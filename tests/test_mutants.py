@@ -81,8 +81,8 @@ def test_any_module_is_named_by_its_room_with_more_tests():
     assert TOOL["path_of"]("data/cells") == root / "src" / "rpil" / "data" / "cells.py"
     assert TOOL["path_of"]("results/settings") != TOOL["path_of"]("inference/settings")
     assert TOOL["tests_of"]("results/choice") == TOOL["tests_of"]("choice")
-    assert [Path(name).name for name in TOOL["tests_of"]("results/two_groups")] == [
-        "test_two_groups.py",
+    assert [Path(name).name for name in TOOL["tests_of"]("results/facts")] == [
+        "test_facts.py",
         "-m",
         "not slow",
     ]

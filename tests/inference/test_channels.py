@@ -19,7 +19,6 @@ STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0,
 OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
 LOG_PROB = np.array([-1.0, -3, -1, -3, -5, -7, -1, -2])
-AGREEMENT = np.array([3.0, 1, 2])
 LOG_RATIO = LOG_PROB + np.array([1.0, 1, 1, 1, 2, 2, 0, 0])
 
 
@@ -33,13 +32,13 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
 def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, AGREEMENT, LOG_PROB, LOG_RATIO, actions, states, ERRORS)
+    found = channels(data, np.arange(float(data.n_demonstrations)), LOG_PROB, LOG_RATIO, actions, states, ERRORS)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 
 def test_channels_of_likelihood_and_length():
     found = described(data_of())
-    np.testing.assert_allclose(found["agreement"], AGREEMENT)
+    np.testing.assert_allclose(found["agreement"], [0, 1, 2])
     np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     np.testing.assert_allclose(found["length"], np.log([4, 2, 2]))
 

@@ -23,8 +23,8 @@ from rpil.results.answering import (
     verdicts_of,
     where_to_look,
 )
+from rpil.results.facts import TWO_GROUPS
 from rpil.results.record import Demonstrator, Interval
-from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.vocabulary import VOCABULARIES
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}A has 3 demonstrations and B 3.", "Part 3 rests."

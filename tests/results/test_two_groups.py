@@ -10,7 +10,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS, normal_scores
 from rpil.inference.rivals import Contrast
-from rpil.results.two_groups import TWO_GROUPS, groups_differ
+from rpil.results.facts import TWO_GROUPS, groups_differ
 
 GROUPS = np.arange(8), np.arange(8, 14)
 

@@ -12,9 +12,9 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results.answering import looking_order, stretch_of
+from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit, Demonstrator, Interval
-from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.view import About, make_view
 
 

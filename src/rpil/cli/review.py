@@ -6,7 +6,7 @@ import os
 import shlex
 import threading
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,13 +21,15 @@ from rpil.cli.label import WITHOUT, audit_with_answers, by_option, command_with_
 from rpil.cli.options import LABEL_OPTIONS, Value, command_words, with_options
 from rpil.cli.outputs import OUTPUTS, about, write_outputs
 from rpil.cli.progress import show_stages
-from rpil.cli.supplier import write_supplier_page
 from rpil.data.errors import DataError
+from rpil.data.files import replacing
+from rpil.data.folders import is_hidden
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
     from rpil.data.json_files import Parsed
+    from rpil.data.persons import AnswerRow
     from rpil.results.choice import Asked
     from rpil.results.view import View
 
@@ -139,3 +141,25 @@ def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
     )
     faulty = {str(fault.id) for fault in run.faults.findings if fault.rule in rules} if run.faults else set()
     return Asked(faulty=faulty, spared=spared)
+
+
+def write_supplier_page(path: str, run: AuditRun, said: Sequence[AnswerRow], with_names: bool) -> None:
+    """Write a page for those who delivered the data: what `run` rejects and why, what was `said` of it, and by whom if
+    `with_names`, and the files in which it is."""
+    from rpil.results.html.page import html_environment
+
+    known = said if with_names else [row._replace(by="") for row in said]
+    template = html_environment("rpil.results", "html").get_template("supplier.html")
+    page = template.render(run=run, said=known, files=_files(Path(run.source)), name=Path(run.source).name)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
+
+
+def _files(source: Path) -> Iterator[dict[str, str | int]]:
+    """Size and SHA-256 of each file of the data, by its path in them."""
+    from rpil.results.provenance import digest
+
+    for file in sorted(source.rglob("*")) if source.is_dir() else [source]:
+        name = file.relative_to(source if source.is_dir() else source.parent)
+        if not file.is_dir() and not any(map(is_hidden, name.parts)):
+            yield digest(file) | {"path": name.as_posix()}

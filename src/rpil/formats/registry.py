@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -22,20 +23,30 @@ from rpil.data.files import (
     remove_abandoned,
 )
 from rpil.data.folders import check_folder
-from rpil.data.guard import guarded
+from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, not_a_folder
-from rpil.formats.hub import downloaded
 from rpil.formats.import_process import in_child
 from rpil.formats.imported import imported
 from rpil.formats.made_columns import made
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files, size_of
+
+_HUB_NAME = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
+_HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
+"""What is downloaded of a data set."""
+
+_HUB_FAILURES = {
+    "GatedRepoError": "the Hub gives it only with a token; accept its terms there, then run hf auth login",
+    "RepositoryNotFoundError": "the Hub has no such data set, or it is private; check the name, or run hf auth login",
+    "LocalEntryNotFoundError": "the Hub could not be reached; check the network",
+}
+"""Why a data set cannot be downloaded, and what to do, by the error of the client."""
 
 
 class Formats:
@@ -253,3 +264,24 @@ def _refuse(path: Path) -> Format:
     table_folder.refuse_others(path, [path.name])
     check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
     raise AssertionError("an extension that is known is claimed")
+
+
+def downloaded(path: StrPath) -> StrPath:
+    """The folder with the data set `owner/name` of the Hub; `path` itself where it is not such a name, or is there.
+
+    A `DataError` where the client of the Hub is not installed, or cannot download it.
+    """
+    name = str(path)
+    if not _HUB_NAME.fullmatch(name) or Path(name).exists() or Path(name).parent.exists():
+        return path
+    try:
+        from huggingface_hub import snapshot_download
+    except ImportError as error:
+        remedy = "if it is a data set of the Hub, pip install 'rpil[hub]'"
+        raise DataError(f"{name}: there is no such file or folder; {remedy}.") from error
+    try:
+        return Path(snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
+    except Exception as error:  # of very many types
+        kinds = [kind.__name__ for kind in type(error).__mro__ if kind.__name__ in _HUB_FAILURES]
+        why = _HUB_FAILURES[kinds[0]] if kinds else f"the Hub did not give it ({in_words(error)}); try again"
+        raise DataError(f"{name}: there is no such file or folder, and {why}.") from error

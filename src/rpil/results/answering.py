@@ -21,10 +21,10 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
+from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
 from rpil.results.step_weights import weights_of
-from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 
 Id = TypeVar("Id", bound=Hashable)

@@ -26,12 +26,12 @@ from rpil.results.answering import (
     verdicts_of,
     with_answers,
 )
+from rpil.results.facts import groups_differ
 from rpil.results.judged import Interval
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
-from rpil.results.two_groups import groups_differ
 from rpil.results.vocabulary import VOCABULARIES
 
 if TYPE_CHECKING:

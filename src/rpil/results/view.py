@@ -75,10 +75,10 @@ from rpil.inference.findings import DECIDED
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
+from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.two_groups import TWO_GROUPS
 from rpil.results.verdict_table import choice_of
 from rpil.results.vocabulary import SIDES
 

@@ -38,7 +38,11 @@ def client(review):
 
 def test_the_state_is_the_view_and_the_question(client, review, audit):
     state = client.get("/api/view")
-    view = make_view(replace(audit, fps=10.0), review.about, 0) | {"question": "", "pair": [], "columns": []}
+    view = make_view(replace(audit, fps=10.0), review.about, 0) | {
+        "question": "",
+        "pair": [],
+        "columns": review.recorded.columns,
+    }
     view["finding"] |= {"sentence": "4 of 24 act differently from the rest."}  # and nobody is named beside the question
     view |= {"said": [], "by": "", "agreement": []}
     assert state["view"] == json.loads(json.dumps(view))
