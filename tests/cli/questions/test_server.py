@@ -190,7 +190,7 @@ def test_what_is_drawn_of_a_demonstration(client, review, audit):
     found = client.get("/api/demonstration/3")
     assert found["drawing"] == json.loads(json.dumps(drawings(audit, [3])["3"]))
     assert client.get("/api/films/3") == {"videos": [], "frames": False, "note": "These data have no videos."}
-    assert client.get("/api/curves/3") == [], "nothing is known of the data"
+    assert client.get("/api/curves/3") == json.loads(json.dumps(review.recorded.curves(audit.ids[3])))
     for path in ("demonstration", "films", "curves"):
         assert client.ask("GET", f"/api/{path}/24")[0] == 404
 
