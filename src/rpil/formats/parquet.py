@@ -22,7 +22,7 @@ from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.store import columns_of_file, open_rows, opened
-from rpil.formats.table_facts import Metadata, Origin
+from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
     rows, columns, layout, metadata = open_rows(filesystem, paths, options)
-    origin = Origin(source, _format_name(metadata, len(paths)), metadata)
+    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
+    origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata)
     tables: Iterator[pa.Table] = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
     if options.on_disk and (columns.made or options.split_gap or options.segment):
         what = "columns of meta, and demonstrations that end at times, need the rows in memory; read them with"
@@ -56,12 +57,6 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
     return StepTables(tables, columns, origin, rows.sizes)
-
-
-def _format_name(metadata: Metadata, n_files: int) -> str:
-    """The format and version of a data set, and how many files it has."""
-    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    return name if n_files == 1 else f"{name}, {n_files:,} files"
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -24,7 +24,7 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
-from rpil.formats.places import Cuts, Order, Trims, find_cuts, find_places
+from rpil.formats.places import Cuts, Trims, find_cuts, find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
@@ -261,7 +261,9 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
     places, metadata, layout = found.places, origin.metadata, found.layout
     n_steps = int(places.offsets[-1])
     seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
-    ranges = found.statistics.ranges(layout.names)
+    # Columns of time are read for other things too than the order of the steps.
+    others = (name for name in (*columns.orders, *columns.index) if name != places.order.column)
+    times, videos = dict.fromkeys(others, "time or number of the step"), dict.fromkeys(metadata.videos, "video")
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -280,9 +282,9 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         operators=different(found.operators),
         task_column=columns.task,
         tasks=different(found.tasks, metadata.tasks),
-        ignored={**ignored_columns(columns, places.order, metadata), **layout.left_out, **origin.ignored},
+        ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
-        ranges=ranges,
+        ranges=found.statistics.ranges(layout.names),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *filter(None, [found.actions.note]),
@@ -312,10 +314,3 @@ def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | N
             f"Too small: values of {commas(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "
             "smaller units, or leave them out."
         )
-
-
-def ignored_columns(columns: Columns, order: Order, metadata: Metadata) -> dict[str, str]:
-    """What is not read, and why: also columns of time that are read for other things than the order of the steps."""
-    times = [name for name in (*columns.orders, *columns.index) if name != order.column]
-    videos = dict.fromkeys(metadata.videos, "video")
-    return {**columns.ignored, **dict.fromkeys(times, "time or number of the step"), **videos}

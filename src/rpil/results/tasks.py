@@ -105,6 +105,7 @@ def join_audits(
     copy_of = np.arange(len(ids))
     for audit, own in zip(parts, rows, strict=True):
         copy_of[own] = own[audit.copy_of]
+    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
     anchors = {audit.anchor for audit in parts}
     opposed = next((audit for audit in parts if not audit.identifiable), None)
     return kind(
@@ -112,7 +113,7 @@ def join_audits(
         ids=tuple(ids),
         offsets=offsets,
         finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
-        prior=_mean_prior(parts),
+        prior=Interval(*np.average(shares, axis=0, weights=[*map(len, rows)] or None).tolist()),
         adversary=parts[0].adversary if parts else "",
         identifiable=opposed is None,
         competing=opposed.competing if opposed else (),
@@ -186,12 +187,6 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
         for note in audit.notes:
             tasks.setdefault(note, []).append(task or "no task")
     return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
-
-
-def _mean_prior(audits: Sequence[Audit]) -> Interval:
-    """The shares in the tasks, weighted by their numbers of demonstrations."""
-    shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in audits] or [(0.5, 0.0, 1.0)]
-    return Interval(*np.average(shares, axis=0, weights=[len(audit.ids) for audit in audits] or None).tolist())
 
 
 def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:

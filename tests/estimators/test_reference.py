@@ -7,7 +7,7 @@ import pytest
 
 from problems import refused
 from rpil import Demonstrations
-from rpil.data.reference import with_reference
+from rpil.estimators.within_tasks import with_reference
 
 RNG = np.random.default_rng(0)
 
