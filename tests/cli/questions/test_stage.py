@@ -183,11 +183,13 @@ def test_the_box_stays_where_it_is_and_the_changed_are_shown_at_a_click(audit, b
         version = 1
         client.answer(0, "1", *(audit.index(name) for name in audit.pair))
         ask_about((browser, client), 1)
+        drawn = "document.querySelector('.ask .overlays canvas') !== null"
+        browser.wait(drawn)
         before = browser.evaluate(place)
         while not client.get("/api/view")["changed"]:
             browser.press("g" if client.get("/api/view")["asked"]["demonstrations"][0] not in (3, 5, 8, 9) else "b")
             version += 1
-            browser.wait(f"{VERSION} === {version}")
+            browser.wait(f"{VERSION} === {version} && {drawn}")
             assert browser.evaluate(place) == before
         n = len(client.get("/api/view")["changed"])
         assert browser.text("[data-role=changed]") == f"Show the {n} that changed"
