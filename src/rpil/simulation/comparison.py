@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError
-from rpil.numerics.intervals import mean_interval, wilson
 from rpil.numerics.types import Array, Float
+from rpil.simulation.rollouts import mean_interval, wilson
 
 Choice = TypeVar("Choice")
 Policy = TypeVar("Policy")

@@ -6,7 +6,7 @@ import numpy as np
 
 from problems import make_continuous, ridge
 from rpil.data.fit_data import FitData
-from rpil.mixture.adversaries.own import OwnPolicy
+from rpil.mixture.adversaries.named import OwnPolicy
 from rpil.policies.linear import linear_policy
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rpil.numerics.intervals import mean_interval, wilson
+from rpil.simulation.rollouts import mean_interval, wilson
 
 
 def test_wilson_by_hand():
