@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.scale.step_file import StepFile
+from rpil.scale.local import StepFile
 
 
 def test_what_is_written_by_blocks_is_read_by_blocks_and_whole(monkeypatch, tmp_path):

@@ -17,9 +17,9 @@ from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.protocol import AdditivePolicy
 from rpil.scale.fit import WeightedBlock
+from rpil.scale.local import StepFile
 from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
-from rpil.scale.step_file import StepFile
 
 
 def gather_steps(blocks: Iterator[tuple[Array, ...]], n_steps: int) -> tuple[list[Array], float]:
