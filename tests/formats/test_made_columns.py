@@ -260,3 +260,10 @@ def test_agents_that_do_not_act_have_no_score():
     names = pa.DictionaryArray.from_arrays(table["player"].combine_chunks().dictionary_encode().indices, [*"ABCD"])
     audit = rpil.audit(table.set_column(2, "player", names), agent="player")
     assert sorted(agent.name for agent in audit.agents) == [*"ABC"]
+
+
+@pytest.mark.parametrize("agent", ["s0", "step"])
+def test_what_changes_in_nearly_every_row_names_no_agents(agent):
+    said = f"{agent!r} names no agents: it is no text or whole number in a row, or another one .*; correct agent="
+    with pytest.raises(DataError, match=said):
+        rpil.open(game() if agent == "s0" else episodes(), agent=agent)

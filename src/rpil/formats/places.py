@@ -121,8 +121,9 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         return place_of(rows, row, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
 
     _check_ids(names_of, group, columns, source)
-    agents, agent = flat.id_codes(table, columns.agent, at) if columns.agent else ([0], np.zeros(1, np.int64))
-    order, values = _find_order(table, columns, group.astype(np.int64) * len(agents) + agent, at)
+    agent = _agents(table, columns.agent, group, source)
+    of_agents = group.astype(np.int64) * (agent.max() + 1) + agent
+    order, values = _find_order(table, columns, of_agents, at)
     _check_one_id(table, columns, group, order, at)
     if columns.agent:  # the rows of each agent in a demonstration lie together
         values = np.argsort(np.lexsort([np.arange(len(rows)) if values is None else values, agent]))
@@ -222,6 +223,21 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return Order(words=fault or _FILE_ORDER), None
+
+
+def _agents(table: pa.Table, name: str | None, group: Int[Array, " N"], source: str) -> Int[Array, " N"]:
+    """The number of the agent of each row; 0 where no column names agents."""
+    if name is None:
+        return np.zeros(len(group), np.int64)
+    try:
+        agents, agent = flat.id_codes(table, name, str)
+        is_agent = 2 * len(np.unique(group.astype(np.int64) * len(agents) + agent)) <= len(group)
+    except DataError:
+        is_agent = False
+    if not is_agent:
+        said = f"{name!r} names no agents: it is no text or whole number in a row, or another one in nearly every row"
+        raise DataError(f"{source}: {said}; correct <option>.", "agent")
+    return agent
 
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:

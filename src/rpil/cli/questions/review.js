@@ -160,7 +160,7 @@ const live = (() => {
   ].map(([key, words]) => [key, words, () => press(key, chosen())]).concat([
     [" ", "play, pause", () => front()?.toggle()], [",", "one step back", () => front()?.frames(-1)], [".", "one step on", () => front()?.frames(1)],
     ["<", "slower", () => front()?.faster(-1)], [">", "faster", () => front()?.faster(1)], ["l", "loop", () => front()?.setLoop()],
-    ["n", "why: a tag and a note of the next answer", notes.focus], ["v", "all at a glance", glance],
+    ["n", "why: a tag and a note of the next answer", notes.focus], ["v", "all at a glance: arrows and Shift choose a row, x one", glance],
   ]);
   begin();
   return {

@@ -55,7 +55,7 @@ const makeDetail = (model, place, act) => {
     clear();
     shown = m;
     const button = (word, key, label) => el("button", { type: "button", "data-mark": word || "none", "aria-pressed": String((model.marks.get(m) ?? "") === word), onclick: () => act.mark(word) }, label, " ", el("kbd", {}, key));
-    const parts = Object.entries(d.evidence).map(([name, values]) => `${name} ${number(values[m])}`).join(", ");
+    const parts = Object.entries(d.evidence).map(([name, values]) => `from ${name} ${number(values[m])}`).join(", ");
     const drawn = el("div", { class: "charts" }), readout = el("p", { class: "readout muted" });
     const said = model.isOpen(m) ? [] : [
       el("p", {}, d.reason[m] && printable(d.reason[m])),
