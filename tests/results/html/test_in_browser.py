@@ -109,10 +109,10 @@ def headings(browser: Browser) -> list[str]:
 def test_a_column_that_says_the_same_of_all_is_not_shown(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit()
     browser.open(write(tmp_path / "r.html", audit))
-    assert {"Like the rest", "Operator", "Odd in the recording"} <= {*headings(browser)}
+    assert {"Steps like the rest", "Operator", "Odd in the recording"} <= {*headings(browser)}
     same = replace(audit, reliability=np.full(10, 0.9))
     browser.open(write(tmp_path / "same.html", same, faults=None, demonstrators={}))
-    assert not {"Like the rest", "Operator", "Odd in the recording"} & {*headings(browser)}
+    assert not {"Steps like the rest", "Operator", "Odd in the recording"} & {*headings(browser)}
 
 
 def test_scores_have_the_colour_of_their_operator(browser: Browser, tmp_path: Path) -> None:
