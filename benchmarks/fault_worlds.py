@@ -85,6 +85,12 @@ def reaches(rng: np.random.Generator) -> Made:
     return Demonstrations.from_episodes(episodes), Times()
 
 
+def amounts(rng: np.random.Generator) -> Made:
+    """Amounts that do not go on from one step to the next, some of them far larger than most."""
+    episodes = [(rng.standard_t(2, (n, 3)), rng.normal(size=(n, 2))) for n in rng.integers(20, 60, 100)]
+    return Demonstrations.from_episodes(episodes), Times()
+
+
 WORLDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "a clock of whole seconds at 50 Hz": whole_seconds,
     "a state that is a category": categories,
@@ -92,5 +98,6 @@ WORLDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "three sampling rates": rates,
     "a row repeated now and then": repeated_rows,
     "reaches for one point": reaches,
+    "amounts that do not go on": amounts,
 }
 """What is recorded, and what makes it."""

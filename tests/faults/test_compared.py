@@ -10,7 +10,7 @@ import pytest
 
 from rpil.faults.checking import without_consequences
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import FrozenSensor, HeldValue, IdleEnd, IdleHead, IdleTail, Jump, NeverMoves, Saturation
+from rpil.faults.motion import FrozenSensor, HeldValue, IdleEnd, IdleHead, IdleTail, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.settings import FaultSettings
@@ -19,13 +19,13 @@ from rpil.faults.whole_rules import Length, OtherLag, TwoEpisodes
 M = 8
 
 
-def columns(n=1, moving=1.0, is_action=False):
+def columns(n=1, moving=1.0, is_action=False, memory=1.0):
     ones = np.ones(n)
     return MeasuredColumns(
         tuple(f"c{k}" for k in range(n)),
         np.arange(n),
         np.full(n, is_action),
-        *(ones, ones, np.full(n, moving)),
+        *(ones, ones, np.full(n, moving), np.full(n, memory)),
         partner=np.full(n, -1),
     )
 
@@ -141,6 +141,14 @@ def test_a_lag_of_few_steps_may_be_another_by_chance():
     for steps, found_in in ((15, [0]), (1, [])):  # two and a half standard deviations are .09, and .35
         rule = applied(OtherLag, shift, gain, lengths=np.full(M, steps))
         assert [fault.id for fault in rule.findings()] == found_in
+
+
+@pytest.mark.parametrize(("memory", "is_known"), [(0.71, True), (0.69, False)])
+def test_leaps_are_known_where_a_step_tells_about_the_next(memory, is_known):
+    size = np.array([[1.0]] * 7 + [[9.0]])
+    rule = applied(Spike, size, np.full((M, 1), 5), np.full((M, 1), 5), size, of=columns(memory=memory))
+    assert found(rule) == ([(7, 5, 5)] if is_known else [])
+    assert rule.silent == (() if is_known else ("c0",))
 
 
 def held(still, at, first=5, moving=1.0, shift=100.0):

@@ -284,7 +284,7 @@ NOTHING = {
     "idling": {"idle head", "idle tail"},
     "states": {"next state"},
     "levels": {"scale", "offset"},
-    "noise": {"lag", "offset", *MAPS},
+    "noise": {"spike", "lag", "offset", *MAPS},
 }
 
 

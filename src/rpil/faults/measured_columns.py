@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import repeat
 
 import numpy as np
+from scipy.stats import rankdata
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.names import LAST_ACTION
@@ -35,6 +36,8 @@ class MeasuredColumns:
         Standard deviation, by the median distance from the median, which a few wrong demonstrations do not change.
     moving : (C,) array
         Share of the steps in motion in which the column changes.
+    memory : (C,) array
+        Rank correlation of the values of steps with those of the steps before.
     motion : float
         Median motion of the steps, see `motion_of`, of those that have any.
     """
@@ -45,6 +48,7 @@ class MeasuredColumns:
     scale: Float[Array, " C"]
     spread: Float[Array, " C"]
     moving: Float[Array, " C"]
+    memory: Float[Array, " C"]
     motion: float = 1.0
     rotations: tuple[int, ...] = ()
     """The first of four observations that are a quaternion."""
@@ -150,7 +154,7 @@ def learn_columns(
     ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
     columns = MeasuredColumns(
-        tuple(labels[k] for k in number), number, number >= n_observations, ones, ones, ones, 1.0, turns, towards
+        tuple(labels[k] for k in number), number, number >= n_observations, ones, ones, ones, ones, 1.0, turns, towards
     )
     moving = MovingBlock.of(sample, numbers, columns, settings)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
@@ -159,7 +163,19 @@ def learn_columns(
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
-    return replace(moving, columns=replace(moving.columns, moving=share, partner=_partners(moving)))
+    memory, partner = _memory(moving), _partners(moving)
+    return replace(moving, columns=replace(moving.columns, moving=share, memory=memory, partner=partner))
+
+
+def _memory(sample: MovingBlock) -> Float[Array, " C"]:
+    ranks = rankdata(sample.values, axis=1)
+    ranks -= ranks.mean(axis=1, keepdims=True)
+    later = np.delete(np.arange(ranks.shape[1]), sample.offsets[:-1])
+    if not len(later):
+        return np.ones(len(ranks))
+    return np.asarray(
+        (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
+    )
 
 
 def _partners(sample: MovingBlock) -> Int[Array, " C"]:

@@ -30,6 +30,7 @@ class Leap(ComparingRule):
 
     needs = OF_COLUMNS
     causes: tuple[str, ...] = ("length",)
+    unknown = "every column hardly moves, or says little of its next step"
 
     def compare(self) -> Compared:
         s, columns = self.settings, self.columns
@@ -38,7 +39,8 @@ class Leap(ComparingRule):
         least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
         least = np.maximum(least, s.smallest_leap * columns.spread)
         limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
-        return above(size, np.where(columns.moving < s.least_moving, np.inf, limit) * self.pace)
+        is_known = (columns.moving >= s.least_moving) & (columns.memory >= s.least_memory)
+        return above(size, np.where(is_known, limit, np.inf) * self.pace)
 
     @property
     def pace(self) -> Array:

@@ -22,9 +22,13 @@ class Length(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """How far the last step is from those of the others."""
-        last = block.values[~block.columns.is_action][:, block.offsets[1:] - 1]
-        return (np.zeros(last.shape[1]) if learned.ends is None else learned.ends.far(np.stack([last, last]))[1],)
+        """How far the last step is from those of the others, in columns that do not end by chance."""
+        ends, states = learned.ends, ~block.columns.is_action
+        if ends is None:
+            return (np.zeros(len(block.offsets) - 1),)
+        lasting = block.columns.memory[states] >= block.settings.least_memory
+        last = np.where(lasting[:, None], block.values[states][:, block.offsets[1:] - 1], ends.centre[1][:, None])
+        return (ends.far(np.stack([last, last]))[1],)
 
     def compare(self) -> Compared:
         s, lengths, (far,) = self.settings, self.data.lengths.astype(float), self.measured
