@@ -52,8 +52,8 @@ class FaultSettings:
     """Share of the steps in motion in which a column changes, from which its leaps are looked at: what is touched leaps
     out of rest. benchmarks/faults.py."""
     least_memory: float = 0.7
-    """Rank correlation of a column from step to step, from which its leaps and its last step are looked at: below it a step
-    says less than half about the next, and nothing goes on that could leap."""
+    """Rank correlation of a column from step to step, from which its leaps and its last step are looked at: below it a
+    step says less than half about the next, and nothing goes on that could leap."""
     frozen_factor: float = 2.5
     """Times the usual longest run of one value. benchmarks/faults.py."""
     smallest_run: float = 2.0
