@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (3305, 28),
     "data": (3502, 40),
     "estimators": (2335, 18),
-    "faults": (2674, 83),
+    "faults": (2679, 83),
     "formats": (9929, 100),
     "inference": (2664, 89),
     "mixture": (804, 20),

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from itertools import repeat
 
 import numpy as np
-from scipy.stats import rankdata
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.names import LAST_ACTION
@@ -168,7 +167,7 @@ def learn_columns(
 
 
 def _memory(sample: MovingBlock) -> Float[Array, " C"]:
-    ranks = rankdata(sample.values, axis=1)
+    ranks: Array = np.array([_ranks(x) for x in sample.values]).reshape(sample.values.shape)
     ranks -= ranks.mean(axis=1, keepdims=True)
     later = np.delete(np.arange(ranks.shape[1]), sample.offsets[:-1])
     if not len(later):
@@ -176,6 +175,12 @@ def _memory(sample: MovingBlock) -> Float[Array, " C"]:
     return np.asarray(
         (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
     )
+
+
+def _ranks(values: Array) -> Array:
+    """Means of equal values; scipy.stats, which has them, takes long to import."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - counts / 2)[place])
 
 
 def _partners(sample: MovingBlock) -> Int[Array, " C"]:
