@@ -144,8 +144,8 @@ def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
 
 
 def write_supplier_page(path: str, run: AuditRun, said: Sequence[AnswerRow], with_names: bool) -> None:
-    """Write a page for those who delivered the data: what `run` rejects and why, what was `said` of it, and by whom if
-    `with_names`, and the files in which it is."""
+    """Write a page for the supplier of the data: the demonstrations that `run` rejects with the reasons and the notes
+    of `said`, the names of persons if `with_names`, and the files with their hashes."""
     from rpil.results.html.page import html_environment
 
     known = said if with_names else [row._replace(by="") for row in said]

@@ -61,7 +61,8 @@ def test_each_part_of_an_action_has_classes_of_its_own():
 
 def test_the_largest_numbers_have_a_spread_that_json_can_hold():
     huge = Demonstrations(np.array([[1e308], [-1e308]]), np.zeros((2, 1)), np.array([0, 2]))
-    json.dumps(Recorded(huge).columns, allow_nan=False)
+    columns = Recorded(huge).columns
+    assert json.loads(json.dumps(columns, allow_nan=False)) == columns
 
 
 def test_of_very_many_columns_the_first_are_drawn():

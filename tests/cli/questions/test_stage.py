@@ -102,6 +102,7 @@ def test_pictures_are_shown_where_the_browser_cannot_play_a_video(browser, tmp_p
         browser.wait(f"{pictures}.length === {n_asked + 1} && {pictures}.every((one) => one.naturalWidth === 320)")
         browser.press(".")
         browser.wait(f"{pictures}.every((one) => one.src.endsWith('/1') && one.complete)")
+        assert browser.evaluate("document.querySelector('.ask .screen video')") is None
 
 
 def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(audit, data, browser):

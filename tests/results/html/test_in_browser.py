@@ -130,6 +130,7 @@ def test_a_link_opens_one_demonstration_and_follows_what_is_chosen(browser: Brow
     browser.wait(f"location.hash === '#episode={browser.text('.detail h3')}'")
     browser.evaluate("location.hash = '#episode=5'")
     browser.wait("document.querySelector('.detail h3').innerText === '5'")
+    assert browser.text(".detail h3") == "5"
 
 
 def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
