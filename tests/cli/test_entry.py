@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from command_line import npz
@@ -57,10 +58,17 @@ def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
 
 
-READY = interrupt("rpil.cli.main", "print('ready', flush=True)")
-READY += interrupt("rpil.estimators.auditing", "import time; time.sleep(2)") + RUN
-"""After "ready" an interruption meets the command, and not what Python does before. The import of the judge takes two
-seconds, so that an audit is not over before the interruption."""
+READY = interrupt("rpil.cli.main", "print('ready', flush=True)") + RUN
+"""After "ready" an interruption meets the command, and not what Python does before."""
+
+
+def long_audit():
+    """Data whose audit computes for seconds: an interruption waits while modules are imported, and those of a small
+    audit may all be imported when it is sent again and again."""
+    rng = np.random.default_rng(0)
+    observations = rng.normal(size=(100_000, 8))
+    actions = (observations[:, :3] + rng.normal(size=(100_000, 3))).argmax(axis=1)
+    npz("data.npz", observations=observations, actions=actions, episode_ids=np.repeat(np.arange(100), 1000))
 
 
 def check(code: int, stdout: str, stderr: str) -> None:
@@ -106,9 +114,8 @@ def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no other process reads the file")
 def test_a_fork_does_not_hide_an_interruption(interruptible):
-    npz("data.npz")
-    begin = AT_A_FORK + interrupt("rpil.estimators.auditing", "import time; time.sleep(1)")
-    command = [sys.executable, "-c", begin + RUN, "audit", "data.npz", "-q"]
+    long_audit()
+    command = [sys.executable, "-c", AT_A_FORK + RUN, "audit", "data.npz", "-q"]
     done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
@@ -120,8 +127,7 @@ def test_an_interruption_while_options_are_read_is_one_sentence():
 
 
 def interrupted(seconds):
-    """The code, stdout and stderr of an audit that is sent SIGINT some seconds after its start."""
-    npz("data.npz")
+    """The code, stdout and stderr of an audit of "data.npz" that is sent SIGINT some seconds after its start."""
     command = [sys.executable, "-c", READY, "audit", "data.npz", "-q"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
@@ -134,11 +140,13 @@ def interrupted(seconds):
 @pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
 def test_a_signal_at_any_moment_is_one_sentence(seconds, interruptible):
+    long_audit()
     check(*interrupted(seconds))
 
 
 @pytest.mark.slow
 def test_where_the_shell_ignores_interruptions_so_does_the_command(interruptible):
+    npz("data.npz")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of `rpil audit ... &` in a script
     code, stdout, stderr = interrupted(0.1)
     assert (code, stderr) == (0, "")
