@@ -12,25 +12,17 @@ from rpil.numerics.types import Array, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """An action and the state column that is best aligned with it; both are numbers of `MeasuredColumns`.
-
-    Attributes
-    ----------
-    action, state : int
-    of_change : bool
-        Whether the changes of the state are aligned with the action (a speed), rather than its level (a position).
-    memory : (P,) array
-        How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
-        prewhitening), without which a slow action is correlated with what happens at many lags.
-    usual : (2 L + 1,) array
-        Usual cross-correlation at the lags -L to L steps; at a positive lag the state is later.
-    """
+    """An action and the state column that is best aligned with it; both are numbers of `MeasuredColumns`."""
 
     action: int
     state: int
     of_change: bool
+    """Whether the changes of the state are aligned with the action (a speed), rather than its level (a position)."""
     memory: Float[Array, " P"]
+    """How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
+    prewhitening), without which a slow action is correlated with what happens at many lags."""
     usual: Float[Array, " K"]
+    """Usual cross-correlation at the lags -L to L steps, K = 2 L + 1; at a positive lag the state is later."""
 
     @property
     def lag(self) -> int:

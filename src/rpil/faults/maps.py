@@ -38,26 +38,17 @@ OF_ROWS = {
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Which columns the window holds: S states, then A actions, C in all.
-
-    Attributes
-    ----------
-    column : (C,) int array
-        Numbers of `MeasuredColumns`.
-    n_states : int
-    lag : int
-        Steps after which the states follow the actions.
-    centre, spread : (C,) arrays
-    rows : int
-        Windows of a demonstration that are looked at, at most.
-    """
+    """Which columns the window holds: S states, then A actions, C in all."""
 
     column: Int[Array, " C"]
+    """Numbers of `MeasuredColumns`."""
     n_states: int
     lag: int
+    """Steps after which the states follow the actions."""
     centre: Float[Array, " C"]
     spread: Float[Array, " C"]
     rows: int
+    """Windows of a demonstration that are looked at, at most."""
 
     @cached_property
     def places(self) -> Int[Array, "C 3"]:

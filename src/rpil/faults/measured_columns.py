@@ -13,6 +13,7 @@ from rpil.data.names import LAST_ACTION
 from rpil.faults import segments
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
+from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 LEAST_RELATED = 0.5
@@ -21,38 +22,28 @@ LEAST_RELATED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class MeasuredColumns:
-    """The columns that the rules compare: C of them, observations before actions.
-
-    Attributes
-    ----------
-    names : tuple of str
-    number : (C,) int array
-        Number of the column among all observations and then all actions.
-    is_action : (C,) bool array
-    scale : (C,) array
-        Median of the changes that are not 0.
-    spread : (C,) array
-        Standard deviation, by the median distance from the median, which a few wrong demonstrations do not change.
-    moving : (C,) array
-        Share of the steps in motion in which the column changes.
-    memory : (C,) array
-        Rank correlation of the values of steps with those of the steps before.
-    motion : float
-        Median motion of the steps, see `motion_of`, of those that have any.
-    """
+    """The columns that the rules compare: C of them, observations before actions."""
 
     names: tuple[str, ...]
     number: Int[Array, " C"]
+    """Among all observations and then all actions."""
     is_action: Bool[Array, " C"]
     scale: Float[Array, " C"]
+    """Median of the changes that are not 0."""
     spread: Float[Array, " C"]
+    """Standard deviation, by the median distance from the median, which a few wrong demonstrations do not change."""
     moving: Float[Array, " C"]
+    """Share of the steps in motion in which the column changes."""
     memory: Float[Array, " C"]
+    """Rank correlation of the values of steps with those of the steps before."""
     motion: float = 1.0
+    """Median motion of the steps, see `motion_of`, of those that have any."""
     rotations: tuple[int, ...] = ()
     """The first of four observations that are a quaternion."""
     towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
     """Of each quaternion, a rotation whose sign the others take: q and -q are the same."""
+    partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    """The action that goes with an observation, or the observation with an action; -1 where none does."""
 
     def of(self, block: Block) -> Float[Array, "C T"]:
         """Their values in a block."""
@@ -64,9 +55,6 @@ class MeasuredColumns:
         for first, towards in zip(self.rotations, self.towards, strict=True):
             own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
         return own
-
-    partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
-    """The action that goes with an observation, or the observation with an action; -1 where none does."""
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
@@ -167,7 +155,7 @@ def learn_columns(
 
 
 def _memory(sample: MovingBlock) -> Float[Array, " C"]:
-    ranks: Array = np.array([_ranks(x) for x in sample.values]).reshape(sample.values.shape)
+    ranks: Array = np.array([mean_ranks(x) for x in sample.values]).reshape(sample.values.shape)
     ranks -= ranks.mean(axis=1, keepdims=True)
     later = np.delete(np.arange(ranks.shape[1]), sample.offsets[:-1])
     if not len(later):
@@ -175,12 +163,6 @@ def _memory(sample: MovingBlock) -> Float[Array, " C"]:
     return np.asarray(
         (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
     )
-
-
-def _ranks(values: Array) -> Array:
-    """Means of equal values; scipy.stats, which has them, takes long to import."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(counts) - counts / 2)[place])
 
 
 def _partners(sample: MovingBlock) -> Int[Array, " C"]:

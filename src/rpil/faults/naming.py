@@ -56,34 +56,23 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Namer:
-    """What names the fault of a demonstration.
-
-    Attributes
-    ----------
-    maps : (F, K, D) array
-        `fit_maps`.
-    usual : (K,) array
-        Mean squares.
-    reach : (F, C) array
-        Variances up to which the maps are known.
-    level : Level
-    limit : (H,) array
-        Gain from which a fault is named, NaN where nothing is known.
-    rest : float
-        What a demonstration leaves over beyond the usual, from which on that is unusual.
-    screen : float
-        The same, from which on faults other than offsets are tried.
-    """
+    """What names the fault of a demonstration."""
 
     window: Window
     tried: Tried
     maps: Float[Array, "F K D"]
+    """`fit_maps`."""
     usual: Float[Array, " K"]
+    """Mean squares of what they leave over."""
     reach: Float[Array, "F C"]
+    """Variances up to which the maps are known."""
     level: Level
     limit: Float[Array, " H"]
+    """Gain from which a fault is named, NaN where nothing is known."""
     rest: float
+    """What a demonstration leaves over beyond the usual, from which on that is unusual."""
     screen: float
+    """The same, from which on faults other than offsets are tried."""
 
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
         """The fault tried that a demonstration has, and what undoing it gains; 0 where it has none."""

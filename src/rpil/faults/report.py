@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
+from functools import cached_property
 from html import escape
 
-from rpil.data.archive import NOT_STORED, stored
+from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
@@ -87,12 +88,15 @@ class FaultReport:
     n_steps: int
     set_aside: tuple[Id, ...] = ()
     n_expected: int = 0
-    counts: Mapping[str, int] = field(init=False, metadata=NOT_STORED)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: -found.severity)))
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """The number of findings by rule, in the order of `RULES`; no rule without any."""
         counted = Counter(found.rule for found in self.findings)
-        object.__setattr__(self, "counts", {rule: counted[rule] for rule in RULES if counted[rule]})
+        return {rule: counted[rule] for rule in RULES if counted[rule]}
 
     @property
     def absent(self) -> set[Id]:
@@ -124,18 +128,7 @@ class FaultReport:
         return {"number": numbers, **columns, "id": [str(name) for name in columns["id"]]}
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
-        """A data frame of `table`.
-
-        Parameters
-        ----------
-        backend : {"pandas", "polars", "pyarrow"}, optional
-            By default the first of these that is installed; pyarrow always is.
-
-        Raises
-        ------
-        DataError
-            If the backend is unknown or not installed.
-        """
+        """A data frame of `table`; `backend` as in `rpil.Audit.to_frame`."""
         return data_frame(self.table(), backend)
 
     def write(self, path: StrPath) -> None:

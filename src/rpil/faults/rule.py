@@ -1,6 +1,6 @@
 """What every rule has, and what rules that compare demonstrations know of them.
 
-A rule is a class, found by its name in `rpil.faults.checking.RULES`. It has words, what must be there for it, what it
+A rule is a class, found by its name in `rpil.faults.report.RULES`. It has words, what must be there for it, what it
 measures of each demonstration, and how it compares what was measured.
 """
 
@@ -34,7 +34,7 @@ class Fault:
     Attributes
     ----------
     rule : str
-        One of `rpil.faults.checking.RULES`.
+        One of `rpil.faults.report.RULES`.
     id : int or str
         The demonstration.
     first, last : int
@@ -119,25 +119,17 @@ class Measurements:
 
 
 class Rule:
-    """A rule without a model; see docs/faults.md.
-
-    Attributes
-    ----------
-    name, words : str
-        Its name, and what it finds.
-    needs : tuple of str
-        What must be there, keys of `Measurements.lacking`.
-    unknown : str
-        Why it says nothing where it applies and nothing can be known.
-    causes : tuple of str
-        Rules whose findings explain those of this rule in the same demonstration.
-    """
+    """A rule without a model; see docs/faults.md."""
 
     name: str
     words: str
+    """What it finds."""
     needs: tuple[str, ...] = ()
+    """What must be there, keys of `Measurements.lacking`."""
     unknown = "demonstrations differ too much in this to know what is usual"
+    """Why it says nothing where it applies and nothing can be known."""
     causes: tuple[str, ...] = ()
+    """Rules whose findings explain those of this rule in the same demonstration."""
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
