@@ -57,7 +57,7 @@ def test_audit_prints_finding_table_and_next_step(folder):
     scores = [float(row[2]) for row in rows]
     assert scores == sorted(scores)
     assert "P(similar)" not in result.stdout
-    assert "\n12 demonstrations (1,160 steps): 6 similar, 0 open, 6 outliers. All: --all.\n" in result.stdout
+    assert "\n12 demonstrations (1,160 steps): 6 similar, 6 outliers. All: --all.\n" in result.stdout
     assert "\nNo recording faults found.\n" in result.stdout
     assert "\nWhich is better: " in result.stdout
     assert result.stderr == ""

@@ -35,7 +35,7 @@ def test_without_doubts_and_question_there_are_fewer_lines():
 
 def test_the_words_are_those_of_the_anchor():
     audit = make_audit(("good",) * 2 + ("bad",), anchor="answers", finding="answered", lengths=[700, 700, 1])
-    assert counts(audit) == "3 demonstrations, 1,401 steps: 2 good, 0 open, 1 bad."
+    assert counts(audit) == "3 demonstrations, 1,401 steps: 2 good, 1 bad."
     assert "bad, P(good)" in overview_text(audit)
 
 

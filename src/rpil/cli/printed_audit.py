@@ -81,13 +81,12 @@ def _widest(sentences: Iterable[str], most: int) -> list[str]:
 def verdict_sentence(audit: Audit) -> str:
     """How many demonstrations have which verdict."""
     from rpil.inference.findings import DECIDED
-    from rpil.results.vocabulary import numbered
+    from rpil.results.vocabulary import in_numbers
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
     if {*audit.verdicts} == {"open"} and audit.finding not in DECIDED:
         return f"{size} are ranked; all are open."
-    counts = ", ".join(numbered(count, verdict) for verdict, count in audit.verdict_counts().items())
-    return f"{size}: {counts}."
+    return f"{size}: {in_numbers(audit.verdict_counts())}."
 
 
 def odd_lines(report: FaultReport, command: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from html import escape
 from rpil.data.text import MAX_IDS, counted, listed, one_line, printable
 from rpil.inference.findings import FINDINGS
 from rpil.results.result import AuditResult
-from rpil.results.vocabulary import SIDES, numbered
+from rpil.results.vocabulary import SIDES, in_numbers, numbered
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -29,7 +29,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
     lists = ([named(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
     names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True) if most}
     if audit.finding == "answered":
-        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in counts.items())
+        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in counts.items() if size)
         return f"By your answers: {', '.join(said)}."
     if audit.finding in ACTING and below:
         n = counts[below[0]]
@@ -63,8 +63,8 @@ def overview_text(audit: AuditResult) -> str:
 
 def counts(audit: AuditResult) -> str:
     """How many demonstrations and steps there are, and how many have which verdict, in one line."""
-    words = ", ".join(numbered(n, verdict) for verdict, n in audit.verdict_counts().items())
-    return f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps: {words}."
+    size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
+    return f"{size}: {in_numbers(audit.verdict_counts())}."
 
 
 def shortened(name: object) -> str:

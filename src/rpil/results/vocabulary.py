@@ -5,7 +5,7 @@ Without an anchor the data alone can tell who differs from the others, and not w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -82,6 +82,11 @@ PLURALS = {"expert": "experts", "outlier": "outliers", "adversary": "adversaries
 def numbered(count: int, verdict: str) -> str:
     """``4 outliers``, ``1 outlier``, ``4 good``."""
     return f"{count:,} {verdict if count == 1 else PLURALS.get(verdict, verdict)}"
+
+
+def in_numbers(counts: Mapping[str, int]) -> str:
+    """``4 outliers, 1 open``: the numbers of the verdicts that there are."""
+    return ", ".join(numbered(count, verdict) for verdict, count in counts.items() if count)
 
 
 COLOURS: dict[Side, str] = {"upper": "#0072b2", "open": "#7f8790", "lower": "#d55e00"}

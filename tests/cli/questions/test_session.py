@@ -85,7 +85,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     assert session.question == audit.pair
     lines = session.answer(audit.pair, "1")
     assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
-    assert lines[0] == "Now: 20 similar, 0 good, 0 open, 4 outliers, 0 bad."
+    assert lines[0] == "Now: 20 similar, 4 outliers."
     assert session.version == len(session.given) == 1
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts

@@ -214,7 +214,7 @@ def test_marks_stay_in_memory_where_the_browser_keeps_nothing(browser: Browser, 
     browser.send("Page.addScriptToEvaluateOnNewDocument", source=denied)
     browser.open(write(tmp_path / "r.html", make_audit()))
     browser.press("b")
-    assert browser.text("[data-role=marked]") == "Your marks: 0 good, 1 bad."
+    assert browser.text("[data-role=marked]") == "Your marks: 1 bad."
     assert "does not keep them" in browser.text("[data-role=kept]")
 
 
@@ -256,7 +256,7 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     assert shown == set(HOSTILE)
     assert "\u202e" not in browser.evaluate("document.body.innerText")
     browser.reload()
-    browser.wait(marked(f"Your marks: 0 good, {len(HOSTILE)} bad."))
+    browser.wait(marked(f"Your marks: {len(HOSTILE)} bad."))
     downloaded(tmp_path, browser, "labels", "labels.csv")
     labels, _ = formats.read_answers(tmp_path / "labels.csv")
     assert labels == dict.fromkeys(HOSTILE, "bad")
@@ -317,7 +317,7 @@ def test_two_audits_are_shown_one_at_a_time(browser: Browser, tmp_path: Path) ->
     browser.press("b")
     marks = [browser.evaluate(f"localStorage.getItem('rpil-marks-{view['run']}')") for view in views]
     assert marks == [None, json.dumps({str(make_audit(seed=2).log_odds.argmin()): "bad"}, separators=(",", ":"))]
-    assert browser.text("#part-2 [data-role=marked]") == "Your marks: 0 good, 1 bad."
+    assert browser.text("#part-2 [data-role=marked]") == "Your marks: 1 bad."
 
 
 @pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, False)])

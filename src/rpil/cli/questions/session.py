@@ -21,7 +21,7 @@ from rpil.data.persons import AnswerRow, agreement_lines
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
-from rpil.results.vocabulary import numbered
+from rpil.results.vocabulary import in_numbers
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -187,7 +187,7 @@ def change_lines(old: Audit, new: Audit) -> Iterator[str]:
 
 def count_line(audit: Audit) -> str:
     """The number of each verdict."""
-    return f"Now: {', '.join(numbered(count, word) for word, count in audit.verdict_counts().items())}."
+    return f"Now: {in_numbers(audit.verdict_counts())}."
 
 
 def opinion_line(old: Audit, answered: Question) -> str:

@@ -53,8 +53,8 @@ const start = (article, prefix, before = null) => {
     else if (!shown.includes(chosen)) choose(shown[0], false);
   };
   const tell = () => {
-    const sizes = MARKS.map((word) => [...model.marks.values()].filter((mark) => mark === word).length);
-    part("marked").textContent = model.marks.size ? `Your marks: ${sizes[0]} good, ${sizes[1]} bad.` : "No marks yet.";
+    const sizes = MARKS.map((word) => [[...model.marks.values()].filter((mark) => mark === word).length, word]).filter(([size]) => size);
+    part("marked").textContent = sizes.length ? `Your marks: ${sizes.map((one) => one.join(" ")).join(", ")}.` : "No marks yet.";
     part("kept").textContent = model.lasts ? "This browser keeps them." : "This browser does not keep them: download them before you close the page.";
     part("undo").disabled = !model.canUndo();
     detail.marked();
