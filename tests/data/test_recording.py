@@ -255,7 +255,7 @@ def test_text_tables_beside_parquet_files_are_named(folder):
     (folder / "data" / "notes.csv").write_text("a,b\n1,2\n")
     for on_disk in (False, True):
         said = read_recording(folder, on_disk=on_disk).description
-        assert said.ignored["notes.csv"] == "a text table beside Parquet files"
+        assert said.ignored["notes.csv"] == "not read beside Parquet files"
 
 
 @pytest.mark.parametrize(

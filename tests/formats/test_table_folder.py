@@ -50,3 +50,29 @@ def test_a_folder_of_lerobot_within_is_named(tmp_path):
     for folder in (tmp_path / "sets", tmp_path / "sets" / "me"):
         with pytest.raises(DataError, match=r"in it is a folder of LeRobot, which is read alone; give .*lerobot"):
             formats.read_recording(folder)
+
+
+def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
+    table = "step,x,action\n" + "".join(f"{k},{k * k},{k % 2}\n" for k in range(6))
+    for folder, names in (("csv", ("a.csv", "b.csv", "c.txt")), ("txt", ("a.txt", "b.txt", "c.txt"))):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            (tmp_path / folder / name).write_text(table)
+        (tmp_path / folder / "LICENSE.txt").write_text("Permission is granted.\nTo all, and to any.\n")
+        (tmp_path / "csv" / "intrinsics.npz").write_bytes(b"x")
+        (tmp_path / folder / "README.md").write_text("Read me.")
+        recording = formats.read_recording(tmp_path / folder)
+        assert recording.ids == ("a", "b", "c")
+        ignored = recording.description.ignored
+        assert ignored["LICENSE.txt"] == "not read beside text tables"
+        assert ("intrinsics.npz" in ignored) == (folder == "csv")
+        formats.find(tmp_path / folder).keep(tmp_path / f"{folder}-kept", ["a"])
+        assert [file.stem for file in (tmp_path / f"{folder}-kept").iterdir()] == ["a"]
+    (tmp_path / "csv" / "notes.txt").write_text("")
+    assert len(formats.read_recording(tmp_path / "csv").demonstrations) == 3
+
+
+def test_a_folder_of_prose_alone_is_none_of_tables(tmp_path):
+    (tmp_path / "LOG.TXT").write_text("Tue Jul 29 16:44:36 2025\nWARNING: unstable\n")
+    with pytest.raises(DataError, match=r"no .parquet or .csv file is there, and LOG.TXT is no table; check"):
+        formats.read_recording(tmp_path)

@@ -184,6 +184,9 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     import pyarrow as pa
     from pyarrow import csv
 
+    if len(file.names) == 1:
+        said = f"it has one column, {file.names[0][:40]!r}; write commas, semicolons or tabs between columns"
+        raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
 
     def head(text: pa.NativeFile, *options: object) -> pa.Table:

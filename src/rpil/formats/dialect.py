@@ -75,16 +75,13 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     separator = max(_SEPARATORS, key=header.count)
     reader = csv.reader(lines[start:], delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
-    if len(names) == 1:
-        only = names[0][:40]
-        raise DataError(f"{path.name}: it has one column, {only!r}; write commas, semicolons or tabs between columns.")
     skip = start + reader.line_num
     if given := as_list(options.columns):
         names, skip, n_columns = given, start, len(names)
         if len(given) != n_columns:
             said = f"<option> names {len(given)} columns, and the first row has {n_columns}; correct it"
             raise DataError(f"{path.name}: {said}.", "columns")
-    elif 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
+    elif len(names) > 1 and 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
         said = f"the first row holds numbers, not names; name its {len(names)} columns with <option>"
         raise DataError(f"{path.name}: {said}, as in a,b,c, or put their names above it.", "columns")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]

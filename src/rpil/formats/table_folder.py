@@ -4,32 +4,64 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import without_suffix
+from rpil.formats.dialect import find_dialect, without_suffix
 from rpil.formats.format import Format, StepTables, check_found
 from rpil.formats.places import Cuts
 from rpil.formats.store import find_files, has_parquet
 
+if TYPE_CHECKING:
+    from pyarrow import fs
+
+_MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
+
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:
     """The recording in the Parquet files of a folder, or else in its text tables."""
-    filesystem, parquet_files, text_files = find_files(path)
+    filesystem, parquet_files, text_files, others = _found(path, options)
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
     if not parquet_files and not text_files:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
-        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
+        but = f", and {others[0]} is no table" if others else ""
+        raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
+    beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     if not parquet_files:
-        return csv.read_folder([Path(file) for file in text_files], options, source)
-    beside = {Path(file).name: "a text table beside Parquet files" for file in text_files}
+        return csv.read_folder([Path(file) for file in text_files], options, source).with_ignored(beside)
     return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
+
+
+def _found(path: StrPath, options: ColumnOptions) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:
+    """The file system, the Parquet files, or else the text tables, and the names of other files that may hold data.
+
+    A .txt file may be any text, as a licence: it is read where it has the columns of a table, or no file is called so.
+    """
+    filesystem, parquet_files, texts = find_files(path)
+    tables = [] if parquet_files else texts
+    named = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))]
+    if len(named) < len(tables):
+        first = _columns(named[0], options) if named else set()
+        rest = {one: _columns(one, options) for one in tables if one not in named}
+        tables = [one for one in tables if one in named or (rest[one] == first if named else len(rest[one]) != 1)]
+    arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
+    others = [Path(one).name for one in (*texts, *arrays) if one not in tables]
+    return filesystem, parquet_files, tables, others
+
+
+def _columns(path: str, options: ColumnOptions) -> set[str]:
+    """The names of the columns of a text table; none where it cannot be read."""
+    with suppress(DataError):
+        return {*find_dialect(Path(path), replace(options, on_disk=True)).names}
+    return set()
 
 
 def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
@@ -55,7 +87,7 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
 
     Files of other demonstrations are left out, and so is all that is not read.
     """
-    parquet_files, text_files = find_files(path)[1:]
+    _, parquet_files, text_files, _ = _found(path, options)
     files = [Path(file) for file in parquet_files or text_files]
     if not files:
         raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
