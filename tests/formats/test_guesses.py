@@ -115,6 +115,26 @@ def test_nothing_is_decided_by_a_guess(words, drive):
         rpil.open(drive, guess=True)
 
 
+def test_a_driver_of_several_runs_is_no_guess(tmp_path):
+    one = drives().drop_columns(["day", "trip"]).append_column("driver", [np.arange(300) // 100])
+    laps, action = np.arange(300) // STEPS % 4, ("--action", "steer")
+    said = "column 'lap' changes within this demonstration; .* or, if '{}' is one, say so with --id"
+    for name, more, words in (
+        (
+            "again",
+            {},
+            "'clock' starts again, .* only a guess; .* begins there, give --split-gap 1, else --id driver",
+        ),
+        ("lap", {"lap": laps, "clock": np.arange(300) / 20}, said.format("driver")),
+        ("run", {"run": laps}, said.format("run").replace("lap", "driver")),
+    ):
+        path = tmp_path / f"{name}.csv"
+        pa.csv.write_csv(pa.table({column: one[column] for column in one.column_names} | more), path)
+        refused(words, "info", path)
+    assert "3 demonstrations" in ok("info", tmp_path / "lap.csv", "--id", "driver").stdout
+    assert "12 demonstrations" in ok("info", tmp_path / "again.csv", "--split-gap", "1", *action).stdout
+
+
 def test_a_folder_of_csv_guesses_the_action(drive, tmp_path):
     (tmp_path / "drives").mkdir()
     for m in range(4):

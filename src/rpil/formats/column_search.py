@@ -15,7 +15,7 @@ from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.categories import are_few
 from rpil.formats.columns import LENGTH, STRETCH, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import guess_actions, guess_id, text_with_time
+from rpil.formats.guesses import OF_PART, guess_actions, guess_id, text_with_time
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -122,7 +122,9 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        parts = () if options.id or self.guessed else tuple(name for name in (*other_ids, operator, task) if name)
+        parts = tuple(name for name in (*other_ids, operator, task) if name)
+        if options.id or "id" in self.guessed:
+            parts = () if options.id else tuple(name for name in self.names if OF_PART.fullmatch(self.plain[name]))
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
             *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),

@@ -28,6 +28,9 @@ _CONTROL = re.compile(
 _OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s?(?:_.*)?")
 """Names of people who give many demonstrations each, as a participant or a driver need not."""
 
+OF_PART = re.compile(r"(?:lap|round|attempt|take|rep|repetition|leg|heat|stint)s?(?:_(?:index|ids?|no|num|number|nr))?")
+"""Names of the parts of what a driver did, each of which may be a demonstration."""
+
 TIME_OF_DAY = (
     r"(?P<date>\d{4}[-_]\d\d[-_]\d\d)[-_T ](?P<hour>\d\d)[-_:](?P<minute>\d\d)[-_:](?P<second>\d\d)"
     r"(?:[-_.](?P<millisecond>\d{3}))?"

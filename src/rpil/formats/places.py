@@ -265,8 +265,19 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
 def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
-    They are one where a column gives the order of its rows, unless they lie together only by a second column.
+    They are one where a column gives the order of its rows, unless they lie together only by a second column, or the
+    ids are a guess.
     """
+    is_guess = "id" in columns.guessed
+    for name in columns.orders if is_guess and order.column is None else ():
+        values = order_values(table[name])
+        again = [] if values is None else np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))
+        if len(again):
+            raise DataError(
+                f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
+                f"if a new demonstration begins there, give <option> 1, else <option> {columns.episode}.",
+                ("split_gap", "id"),
+            )
     for name in columns.parts:
         n_ids = len(np.unique(group))
         codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
@@ -274,7 +285,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
         together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together):
+        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together or is_guess):
             rows = np.sort(first)
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
