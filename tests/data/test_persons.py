@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import pytest
 
@@ -101,9 +102,17 @@ def test_a_label_replaces_that_of_the_same_person_alone(tmp_path):
     assert path.read_text().splitlines()[1:] == ["1,good,anna", "1,bad,bilal", "1,better than 2,bilal", "1,bad,"]
 
 
-def test_json_has_no_place_for_them(tmp_path):
-    with pytest.raises(
-        DataError, match=r"labels\.json: JSON has no place for notes, tags and names; give --labels FILE"
-    ):
-        write_answers(tmp_path / "labels.json", None, [AnswerRow("1", "bad", tag="drop")])
-    assert not list(tmp_path.iterdir())
+def test_json_holds_them_as_well(tmp_path):
+    path, before = tmp_path / "labels.json", b'{"1": ["good", "better than 2"], "3": {"label": "bad", "by": "anna"}}'
+    write_answers(path, before, [AnswerRow("1", "bad", "slips, =late", "drop", "bilal"), AnswerRow("3", "good")])
+    written = {"label": "bad", "note": "slips, =late", "tag": "drop", "by": "bilal"}
+    three = [{"label": "bad", "by": "anna"}, "good"]
+    assert json.loads(path.read_text()) == {"1": ["good", "better than 2", written], "3": three}
+    rows = read_answer_rows(path)
+    assert rows[2:] == [AnswerRow("1", *written.values()), AnswerRow("3", "bad", by="anna"), AnswerRow("3", "good")]
+    write_answers(path, path.read_bytes(), [AnswerRow("3", "bad", "", "", "anna")])
+    assert sorted(read_answer_rows(path)) == sorted(rows)
+    for wrong in ('{"label": "bad", "why": "x"}', '["good", {"label": "bad", "note": 1}]'):
+        path.write_text(f'{{"1": {wrong}}}')
+        with pytest.raises(DataError, match=r"labels.json, demonstration '1': an answer has .*; give it label, note"):
+            read_answer_rows(path)

@@ -8,7 +8,7 @@ import json
 import re
 import warnings
 from codecs import BOM_UTF8
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar, cast, get_args
 
@@ -73,10 +73,23 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
     """The answers of a file that `read_answers` reads, with their notes, tags and persons."""
-    path, rows = check_labels_file(path), list[AnswerRow]()
-    for m, given, *about in read_id_pairs(path, "label", "good", {*map(str, ids)}, AnswerRow._fields[2:]):
-        rows += [AnswerRow(m, word, *about) for word in (given if isinstance(given, list) and given else [given])]
-    return rows
+    path, about = check_labels_file(path), AnswerRow._fields[2:]
+    pairs = read_id_pairs(path, "label", "good", {*map(str, ids)}, about)
+    if path.suffix.lower() == ".csv":
+        return [AnswerRow(*row) for row in pairs]
+    return [row for m, given, *_ in pairs for row in _json_rows(m, given, path.name)]
+
+
+def _json_rows(m: str, given: Parsed, source: str) -> Iterator[AnswerRow]:
+    """The answers about a demonstration in JSON: a word, an object of label, note, tag and by, or a list of these."""
+    for one in given if isinstance(given, list) and given and not isinstance(given[0], tuple) else [given]:
+        pairs = dict(one) if isinstance(one, list) and one and isinstance(one[0], tuple) else {}  # of an object
+        said = pairs if "label" in pairs else {"label": one}
+        about = [said.get(name, "") for name in AnswerRow._fields[2:]]
+        if not {*said} <= {*AnswerRow._fields[1:]} or not all(isinstance(text, str) for text in about):
+            remedy = "give it label, note, tag and by, which are texts"
+            raise DataError(f"{source}, demonstration {m!r}: an answer has {quoted(said)}; {remedy}.")
+        yield AnswerRow(m, said["label"], *(text.strip() for text in about))
 
 
 def check_labels_file(path: StrPath) -> Path:
@@ -142,8 +155,6 @@ def write_answers(
     old = before or (b"id,label\n" if is_csv else b"{}")
     encoding = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8"
     text = old.decode(encoding)
-    if not is_csv and any(any(row[2:]) for row in answers):
-        raise DataError(f"{path}: JSON has no place for notes, tags and names; give --labels FILE.csv.")
     text = _csv_with(text, answers, {*map(str, ids)}) if is_csv else _json_with(text, answers)
     with replacing(path) as temporary:
         temporary.write_bytes(text.encode(encoding))
@@ -180,13 +191,11 @@ def csv_row(cells: Iterable[object], comma: str = ",") -> str:
 
 
 def _json_with(before: str, answers: Sequence[AnswerRow]) -> str:
-    words: dict[str, list[object]] = {}
-    labelled = {row.id for row in answers if _compared(row.label) is None}
-    for m, given in parse(before, "", LARGEST_TABLE, list):
-        old = given if isinstance(given, list) else [given]
-        words.setdefault(m, []).extend(word for word in old if m not in labelled or _compared(word))
-    for row in answers:
-        words.setdefault(row.id, []).append(row.label)
+    pairs = parse(before, "", LARGEST_TABLE, list)
+    words: dict[str, list[object]] = {m: [] for m, _ in pairs}
+    for row in with_new([row for m, given in pairs for row in _json_rows(m, given, "")], answers):
+        about = {name: text for name, text in row._asdict().items() if name in AnswerRow._fields[2:] and text}
+        words.setdefault(row.id, []).append({"label": row.label, **about} if about else row.label)
     content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
     return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 

@@ -67,14 +67,14 @@ def made(found: StepTables, options: ColumnOptions) -> StepTables:
         made=tuple(name for name in columns.made if name != STRETCH),
     )
     split: Iterable[pa.Table] = chain([first], tables)
-    said = []
+    notes = list[str]()
     if options.split_gap:
-        said.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
+        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
         split = _split(split, columns, options.split_gap, clock, unit)
     if options.segment:
-        said.append(f"Each stretch of {options.segment:g} s is a demonstration.")
+        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
         split = _divided(split, renamed if options.split_gap else columns, options.segment, clock, unit)
-    origin = replace(found.origin.only(()), notes=(*said, *found.origin.notes))
+    origin = replace(found.origin.only(()), notes=(*notes, *found.origin.notes))
     return replace(found, tables=split, columns=renamed, origin=origin)
 
 

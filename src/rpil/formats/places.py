@@ -271,8 +271,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
     is_guess = "id" in columns.guessed
     for name in columns.orders if is_guess and order.column is None else ():
         values = order_values(table[name])
-        again = [] if values is None else np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))
-        if len(again):
+        if values is not None and len(again := np.flatnonzero((np.diff(values) < 0) & (np.diff(group) == 0))):
             raise DataError(
                 f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
                 f"if a new demonstration begins there, give <option> 1, else <option> {columns.episode}.",
