@@ -256,7 +256,7 @@ def test_what_agents_cannot(tmp_path):
         "several agents act in a demonstration; check with an id for each agent in each"
     }
     assert report.findings == ()
-    assert report.headline.startswith("Recording faults were not looked for in 12 demonstrations (720 steps): several")
+    assert report.headline.startswith("No recording faults were looked for in 12 demonstrations (720 steps): several")
 
 
 def test_agents_that_do_not_act_have_no_score():

@@ -50,6 +50,9 @@ def test_a_folder_of_lerobot_within_is_named(tmp_path):
     for folder in (tmp_path / "sets", tmp_path / "sets" / "me"):
         with pytest.raises(DataError, match=r"in it is a folder of LeRobot, which is read alone; give .*lerobot"):
             formats.read_recording(folder)
+    meta = next(folder.glob("*/meta"))
+    with pytest.raises(DataError, match=rf"meta: it describes a folder of LeRobot; give that one, {meta.parent}"):
+        formats.read_recording(meta)
 
 
 def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):

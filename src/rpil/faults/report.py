@@ -115,13 +115,14 @@ class FaultReport:
         size = f"{counted(self.n_demonstrations, 'demonstration')} ({self.n_steps:,} steps)"
         n = sum(found.id in {*self.odd} for found in self.findings)
         n_other = len(self.findings) - n
-        found = f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}"
-        why = self.not_checked.get("duplicate")  # which is looked for wherever anything is
-        none = f"Recording faults were not looked for in {size}: {why}" if why else f"No recording faults found in {size}"
+        said = f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}"
+        if not n:
+            why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
+            said = f"No recording faults {f'were looked for in {size}: {why}' if why else f'found in {size}'}"
         other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
         absent = counted(len(self.absent), "more demonstration")
         more = f"; the recording names {absent}, which {'is' if len(self.absent) == 1 else 'are'} missing"
-        return f"{found if n else none}{other}{more * bool(self.absent)}."
+        return f"{said}{other}{more * bool(self.absent)}."
 
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""

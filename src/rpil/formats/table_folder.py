@@ -30,6 +30,8 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
+    if Path(path).name == "meta" and Path(path, "info.json").is_file():
+        raise DataError(f"{path}: it describes a folder of LeRobot; give that one, {Path(path).absolute().parent}.")
     if not parquet_files and not text_files:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         but = f", and {others[0]} is no table" if others else ""
