@@ -20,10 +20,9 @@ NAN, SETTINGS = np.nan, AnswerSettings()
 
 
 def test_what_is_known_is_counted():
-    assert not Answers.none(0).any
-    assert not answers_of([0, 0]).any
+    assert not Answers.none(0).count
+    assert not answers_of([0, 0]).count
     some = answers_of([1, 0, -1, 0], [(0, 1)], [NAN, 2.0, 3.0, NAN])
-    assert some.any
     assert some.count == 4  # the outcome of one that is labelled is no answer more
     assert answers_of([1, 0, -1, 0], [(0, 1)], tied=[(0, 2), (1, 3)]).count == 5
     labelled = Answers.of_labels(np.array([1, 0, -1]))

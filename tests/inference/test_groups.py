@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import expit, logit
@@ -172,9 +174,9 @@ def test_quantiles_are_of_all_scores():
 def test_the_bayes_factor_is_that_of_bic():
     variance = np.random.default_rng(0).gamma(2, 1e-3, size=len(TWO))
     groups = fitted(TWO, variance)
-    noises = SETTINGS.noise_shares
-    two = max((two_groups(TWO, variance, c, SETTINGS) for c in noises), key=lambda found: found[0])
-    one = max(one_group(TWO, c * variance) for c in noises)
+    each = (replace(SETTINGS, noise_shares=(c,)) for c in SETTINGS.noise_shares)
+    two = max((two_groups(TWO, variance, settings) for settings in each), key=lambda found: found[0])
+    one = max(one_group(TWO, c * variance) for c in SETTINGS.noise_shares)
     assert groups.log_bayes_factor == pytest.approx(two[0] - one - np.log(len(TWO)))
     np.testing.assert_allclose(groups.mean, two[1].mean)
     assert groups.noise == two[1].noise
@@ -194,7 +196,7 @@ def test_of_very_many_scores_quantiles_are_fitted():
 def test_two_groups_have_the_likelihood_that_they_say():
     rng = np.random.default_rng(1)
     variance = rng.gamma(2, 0.01, size=len(TWO))
-    log_likelihood, found = two_groups(TWO, variance, 0.5, SETTINGS)
+    log_likelihood, found = two_groups(TWO, variance, replace(SETTINGS, noise_shares=(0.5,)))
     widths = np.sqrt(found.spread + 0.5 * variance[:, None])
     density = norm.pdf(TWO[:, None], found.mean, widths) @ [1 - found.share, found.share]
     assert log_likelihood == pytest.approx(np.log(density).sum(), abs=1e-3)
@@ -205,7 +207,7 @@ def test_two_groups_are_where_em_stands_still():
     rng = np.random.default_rng(1)
     score = np.concatenate([rng.normal(0, 0.3, 12), rng.normal(1, 0.2, 9)])
     variance = rng.gamma(2, 0.01, size=21)
-    _, found = two_groups(score, variance, 0.5, GroupSettings(tol=1e-13, max_iter=5000))
+    _, found = two_groups(score, variance, GroupSettings(noise_shares=(0.5,), tol=1e-13, max_iter=5000))
     widths = found.spread + 0.5 * variance[:, None]
     joint = norm.pdf(score[:, None], found.mean, np.sqrt(widths)) * [1 - found.share, found.share]
     own = joint / joint.sum(axis=1, keepdims=True)
@@ -221,8 +223,8 @@ def test_two_groups_are_where_em_stands_still():
 
 
 def test_groups_of_one_are_no_groups():
-    assert two_groups(np.array([0.0, 5.0, 5.0, 5.0, 5.01]), np.full(5, 1e-6), 1.0, SETTINGS) is None
-    assert two_groups(np.arange(3.0), np.full(3, 1e-6), 1.0, SETTINGS) is None
+    assert two_groups(np.array([0.0, 5.0, 5.0, 5.0, 5.01]), np.full(5, 1e-6), SETTINGS) is None
+    assert two_groups(np.arange(3.0), np.full(3, 1e-6), SETTINGS) is None
 
 
 def test_interval_of_the_share():

@@ -14,8 +14,8 @@ from problems import fit_data_of, make
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.held_out import held_out_model
-from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from rpil.inference.trimming import best_explained, choose_ridge, fit_group, fit_trimmed
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, TrimmingSettings
+from rpil.inference.trimming import choose_ridge, fit_group, fit_trimmed
 
 STEPS = (40, 60)
 EVERYONE = np.ones(6, dtype=bool)
@@ -29,7 +29,9 @@ def written(gains):
 def test_training_group_is_the_best_explained():
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
     problem = fit_data_of(toy)
-    taught = fit_trimmed(problem, held_out_model(problem, 0, HeldOutSettings()), np.ones(20, dtype=bool), 1e-2, 0.6, 4)
+    taught = fit_trimmed(
+        problem, held_out_model(problem, 0, HeldOutSettings()), np.ones(20, dtype=bool), 1e-2, TrimmingSettings()
+    )
     score = problem.mean_steps(taught.log_prob)
     assert roc_auc_score(toy.is_good, score) == 1.0
     assert taught.group.sum() == 12
@@ -38,8 +40,8 @@ def test_training_group_is_the_best_explained():
 
 
 def test_best_explained_are_the_first_of_equals():
-    assert np.flatnonzero(best_explained(np.array([1.0, 3, 2, 2, 0]), 2)).tolist() == [1, 2]
-    assert not best_explained(np.arange(3.0), 0).any()
+    fit = fit_trimmed(*written(lambda group: np.zeros(6)), EVERYONE, 1e-2, TrimmingSettings(share=0.5))
+    assert np.flatnonzero(fit.group).tolist() == [0, 1, 2]
 
 
 def test_concentration_steps_end_where_the_group_stays():
@@ -50,20 +52,21 @@ def test_concentration_steps_end_where_the_group_stays():
         return np.isin(np.arange(6), ends[min(step, 3)]) * (1.0 + step)
 
     data, model = written(gains)
-    fit = fit_trimmed(data, model, EVERYONE, 1e-2, 0.5, 9)
+    fit = fit_trimmed(data, model, EVERYONE, 1e-2, TrimmingSettings(0.5, 9))
     assert [np.flatnonzero(group).tolist() for group in model.fitted] == [list(range(6)), *ends[:3]]
     assert np.flatnonzero(fit.group).tolist() == [2, 3, 4]
     base = data.mean_steps(fit.log_prob).min()
     np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
     assert fit.ridge == 1e-2
-    short = fit_trimmed(*written(gains), EVERYONE, 1e-2, 0.5, 1)
+    short = fit_trimmed(*written(gains), EVERYONE, 1e-2, TrimmingSettings(0.5, 1))
     assert np.flatnonzero(short.group).tolist() == [0, 1, 2]
     assert len(short.history) == 2
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.6, 4), (0.5, 3), (0.01, 2)])
 def test_a_training_group_has_its_share_and_two_at_least(share, count):
-    assert fit_trimmed(*written(lambda group: np.arange(6.0)), EVERYONE, 1e-2, share, 4).group.sum() == count
+    fit = fit_trimmed(*written(lambda group: np.arange(6.0)), EVERYONE, 1e-2, TrimmingSettings(share))
+    assert fit.group.sum() == count
 
 
 def test_a_group_is_fitted_as_it_is():

@@ -193,7 +193,7 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
     for count in (0, 2):
         words = ("similar",) * 5 + ("open",) + ("outlier",) * (4 if count else 2) + ("similar",) * (0 if count else 2)
         audit = audit_with(words, ["label"] * count, ids=ids)
-        write_verdicts(path, audit, {})
+        write_verdicts(path, audit, verdict_columns(audit, {}))
         for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"outlier"})):
             expected = choice_of(audit, asked)
             assert expected.kept

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from audits import make_audit
-from rpil.results.overview import counts, headline, overview_html, overview_text, shortened
+from rpil.results.overview import headline, overview_html, overview_text, shortened
 
 
 def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
@@ -35,12 +35,12 @@ def test_without_doubts_and_question_there_are_fewer_lines():
 
 def test_the_words_are_those_of_the_anchor():
     audit = make_audit(("good",) * 2 + ("bad",), anchor="answers", finding="answered", lengths=[700, 700, 1])
-    assert counts(audit) == "3 demonstrations, 1,401 steps: 2 good, 1 bad."
+    assert "\n3 demonstrations, 1,401 steps: 2 good, 1 bad.\n" in overview_text(audit)
     assert "bad, P(good)" in overview_text(audit)
 
 
 def test_one_demonstration_has_no_plural():
-    assert counts(make_audit(("open",), lengths=[5])).startswith("1 demonstration, 5 steps")
+    assert "\n1 demonstration, 5 steps: " in overview_text(make_audit(("open",), lengths=[5]))
 
 
 def test_names_stay_in_one_short_line():

@@ -12,7 +12,7 @@ import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
-from rpil.results.verdict_table import write_kept, write_verdicts
+from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
 
 COLUMNS = [
     "id", "verdict", "label", "rank", "expert_proba", "log_odds", "max_outliers", "from_actions", "from_demonstrator",
@@ -33,7 +33,8 @@ def read_rows(path: Path) -> list[dict[str, object]]:
 def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, ids):
     audit = make_audit(ids=ids)
     path = tmp_path / f"verdicts{extension}"
-    write_verdicts(path, audit, {str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
+    columns = verdict_columns(audit, {str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
+    write_verdicts(path, audit, columns)
     rows = read_rows(path)
     assert list(rows[0]) == COLUMNS
     quote = "'" if extension == ".csv" else ""  # a spreadsheet would compute =1
@@ -72,7 +73,7 @@ def test_kept_are_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept, rejected
     "write",
     [
         lambda path, audit: write_kept(path, audit, audit.choice),
-        lambda path, audit: write_verdicts(path, audit, {}),
+        lambda path, audit: write_verdicts(path, audit, verdict_columns(audit, {})),
     ],
 )
 def test_other_extensions_are_refused(tmp_path, write):

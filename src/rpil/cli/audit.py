@@ -41,23 +41,16 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("--report", type=OutputFile(".html"), metavar="OUT.html", help="Also write a report as a web page.")
-@click.option(
-    "--weights",
-    type=OutputFile(".parquet", ".csv"),
-    metavar="OUT.parquet|OUT.csv",
-    help="Also write a training weight for every step.",
-)
+@click.option("--report", type=OutputFile(".html"), help="Also write a report as a web page.")
+@click.option("--weights", type=OutputFile(".parquet", ".csv"), help="Also write a training weight for every step.")
 @click.option(
     "--verdicts",
     type=OutputFile(".csv", ".parquet", ".json"),
-    metavar="OUT.csv|OUT.parquet|OUT.json",
     help="Also write a table with one row for every demonstration.",
 )
 @click.option(
     "--keep",
     type=OutputFile(".json"),
-    metavar="OUT.json",
     help="Also write the ids of the demonstrations to keep, all but outliers and bad ones, as LeRobot takes them.",
 )
 @click.option(
@@ -147,9 +140,7 @@ def audit(
 
 @click.command()
 @click.argument("run", type=click.Path())
-@click.option(
-    "-o", "--output", type=OutputFile(".html"), metavar="OUT.html", required=True, help="The report, a web page."
-)
+@click.option("-o", "--output", type=OutputFile(".html"), required=True, help="The report, a web page.")
 def report(run: str, output: str) -> None:
     """Write the report of an audit again, from the RUN that rpil audit --save wrote."""
     check_paths((run,), output)

@@ -42,8 +42,7 @@ MAX_FINDINGS = 30
     "-o",
     "--output",
     type=OutputFile(".csv", ".parquet", ".json"),
-    metavar="OUT.csv",
-    help="Also write a row for each finding: CSV, Parquet or JSON.",
+    help="Also write a row for each finding.",
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")

@@ -114,13 +114,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
 @main.command()
 @click.option("--episodes", type=click.IntRange(2), default=100, show_default=True, help="Episodes for each policy.")
 @click.option(
-    "-o",
-    "--output",
-    type=OutputFile(".html"),
-    metavar="OUT.html",
-    default="rpil-demo.html",
-    show_default=True,
-    help="The report.",
+    "-o", "--output", type=OutputFile(".html"), default="rpil-demo.html", show_default=True, help="The report."
 )
 @seed_option
 @quiet_option

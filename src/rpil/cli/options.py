@@ -76,6 +76,9 @@ class OutputFile(click.Path):
         super().__init__(path_type=str)
         self.extensions = extensions
 
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "|".join(f"OUT{extension}" for extension in self.extensions)
+
     def convert(self, value: StrPath, param: click.Parameter | None, ctx: click.Context | None) -> str:
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 

@@ -40,10 +40,10 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     from rpil.results.html.page import Article, write_page
     from rpil.results.saved import write_audit
     from rpil.results.step_weights import why_equal
-    from rpil.results.verdict_table import write_kept, write_verdicts
+    from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
     from rpil.results.view import make_view
 
-    audit = run.audit
+    audit, findings = run.audit, run.faults.findings if run.faults else ()
 
     def write_keep(path: str) -> None:
         write_kept(path, audit, run.choice)
@@ -64,7 +64,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     writers: dict[str, Callable[[str], None]] = {
         "weights": write_step_weights,
         "verdicts": lambda path: write_verdicts(
-            path, audit, run.demonstrators, run.faults.findings if run.faults else (), run.recording.tasks
+            path, audit, verdict_columns(audit, run.demonstrators, findings, run.recording.tasks)
         ),
         "keep": write_keep,
         "report": lambda path: write_page(path, [Article(make_view(audit, about(run, seconds)))]),

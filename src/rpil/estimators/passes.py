@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
 from rpil.inference.fitted_judge import FittedJudge, ProductRatio, SoftmaxRatio
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
-from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import AdditivePolicy
@@ -95,7 +95,8 @@ class SampledFit(FullFit):
 
     def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
-        (log_ratio, share, step_weight), total = gather_steps(blocks.map(_steps), int(self.task.source.offsets[-1]))
+        found = blocks.map(attrgetter("log_ratio", "share", "weight"))
+        (log_ratio, share, step_weight), total = gather_steps(found, int(self.task.source.offsets[-1]))
         audit = replace(decided.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
         if audit.taken_over is not None:
             audit = replace(audit, step_weight=weights_of(audit))
@@ -128,7 +129,3 @@ def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge |
     assert judgement is not None
     assert judge is not None
     return JudgedSample(posed.data, posed.indices, judgement, judge)
-
-
-def _steps(block: WeightedBlock) -> tuple[Array, Array, Array]:
-    return block.log_ratio, block.share, block.weight

@@ -253,11 +253,8 @@ class FullFit:
         """The judgement of all demonstrations, the judge of others, and the data of all."""
         if posed.copies is None:
             return judgement, judge, posed.data
-        return (
-            repeated(judgement, posed.copies, self.task.source.offsets),
-            judge,
-            self._data(self.task.demonstrations, posed.features),
-        )
+        every = self._data(self.task.demonstrations, posed.features)
+        return repeated(judgement, posed.copies, every.offsets), judge, every
 
     def _single(self, demonstrations: Demonstrations) -> bool:
         """Whether design matrices are in single precision."""

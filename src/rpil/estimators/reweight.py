@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -222,9 +222,6 @@ def reweight(
     """
     if not isinstance(demonstrations, Demonstrations):
         raise DataError(f"reweight needs Demonstrations, not {type(demonstrations).__name__}; see rpil.read.")
-    unknown = options.keys() - {option.name for option in fields(ReweightOptions)}
-    if unknown:
-        raise TypeError(f"reweight() got an unexpected keyword argument {min(unknown)!r}")
     progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
     task = Task.of(demonstrations, chosen.action_box, answers_of(labels, None, demonstrations))
     copies = copies_among(demonstrations)

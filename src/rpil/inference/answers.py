@@ -77,11 +77,6 @@ class Answers:
         return Answers(np.zeros_like(self.labels), no_pairs(), self.outcome, no_pairs(), self._flag)
 
     @property
-    def any(self) -> bool:
-        """Whether anything is known."""
-        return self.count > 0
-
-    @property
     def count(self) -> int:
         """R, the number of labels, of known outcomes of other demonstrations, and of pairs."""
         return sum(self._counts)

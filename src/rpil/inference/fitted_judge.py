@@ -17,12 +17,7 @@ from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.regression import (
-    error_scale,
-    normal_equations,
-    solve_ridge,
-    student_log_density,
-)
+from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_density
 from rpil.numerics.types import Array, Float, Int, Shaped
 from rpil.policies.protocol import CrossFittedPolicy
 

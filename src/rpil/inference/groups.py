@@ -98,11 +98,10 @@ def fit_groups(
         chosen = np.argsort(score, kind="stable")[spaced]
         score, variance = score[chosen], variance[chosen]
     one = max(one_group(score, c * variance) for c in settings.noise_shares)
-    fits = [two_groups(score, variance, c, settings) for c in settings.noise_shares]
-    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
-    if best is None:
+    two = two_groups(score, variance, settings)
+    if two is None:
         return single
-    log_likelihood, groups = best
+    log_likelihood, groups = two
     log_bayes_factor = log_likelihood - one - np.log(len(score))  # BIC: two groups have two more parameters
     return replace(groups, log_bayes_factor=float(log_bayes_factor), quantiles=quantiles)
 
@@ -134,30 +133,22 @@ def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
 
 
 def two_groups(
-    score: Float[Array, " M"],
-    variance: Float[Array, " M"],
-    noise: float,
-    settings: GroupSettings,
+    score: Float[Array, " M"], variance: Float[Array, " M"], settings: GroupSettings
 ) -> tuple[float, Groups] | None:
-    """Log-likelihood of two normal groups, and the groups, by EM from several starts; None where no start ends in two
-    groups."""
+    """Log-likelihood of two normal groups, and the groups, by EM with each share of the variance, from several starts;
+    None where no start ends in two groups."""
     starts = [score > cut for cut in np.unique(np.quantile(score, settings.start_quantiles))]
     starts = [upper for upper in starts if 2 <= upper.sum() <= len(score) - 2]
-    fits = [_two_normals(score, noise * variance, upper, settings) for upper in starts]
-    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
-    if best is None:
-        return None
-    log_likelihood, mean, spread, share = best
-    return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1))
+    fits = [_two_normals(score, variance, c, upper, settings) for c in settings.noise_shares for upper in starts]
+    return max((fit for fit in fits if fit is not None), key=lambda fit: fit[0], default=None)
 
 
 def _two_normals(
-    score: Array, variance: Array, upper: Array, settings: GroupSettings
-) -> tuple[float, Array, Array, float] | None:
-    """EM for two normal groups from the division `upper` (M,) bool: log-likelihood, means, spreads and the share of the
-    upper group; None where a group is empty or above the other."""
-    total = float(score.var())
-    prior = settings.prior_spread * total
+    score: Array, variance: Array, noise: float, upper: Array, settings: GroupSettings
+) -> tuple[float, Groups] | None:
+    """EM for two normal groups from the division `upper` (M,) bool: log-likelihood and groups; None where a group is
+    empty or above the other."""
+    variance, prior = noise * variance, settings.prior_spread * float(score.var())
     mean = np.array([score[~upper].mean(), score[upper].mean()])
     spread = np.array([score[~upper].var(), score[upper].var()]) + prior
     share, last = float(upper.mean()), -np.inf
@@ -180,7 +171,7 @@ def _two_normals(
         spread = ((responsibility * moment).sum(axis=0) + prior) / (counts + 1)
     if counts.min() < 2 or mean[1] <= mean[0]:
         return None
-    return log_likelihood, mean, spread, share
+    return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1))
 
 
 def _log_normal(value: Array, mean: Array, variance: Array) -> Array:

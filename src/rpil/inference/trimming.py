@@ -18,6 +18,7 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel
+from rpil.inference.settings import TrimmingSettings
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -64,26 +65,19 @@ def fit_trimmed(
     model: HeldOutModel,
     group: Bool[Array, " M"],
     ridge: float,
-    share: float,
-    max_iter: int,
+    settings: TrimmingSettings,
     monotony: Float[Array, " M"] | float = 0.0,
 ) -> TrimmedFit:
-    """Policies fitted to the best explained `share` of the demonstrations, by concentration steps from `group`; what
-    explains a demonstration counts less its `monotony` (`rpil.inference.scores`)."""
-    count = max(2, round(share * data.n_demonstrations))
+    """Policies fitted to the share of the demonstrations that is explained best, by concentration steps from `group`;
+    what explains a demonstration counts less its `monotony` (`rpil.inference.scores`)."""
+    count, every = max(2, round(settings.share * data.n_demonstrations)), np.arange(data.n_demonstrations)
     fit = fit_group(data, model, group, ridge)
     history = [fit.history]
-    for _ in range(max_iter):
-        best = best_explained(data.mean_steps(fit.log_prob) - monotony, count)
+    for _ in range(settings.max_iter):
+        explained = data.mean_steps(fit.log_prob) - monotony
+        best = np.isin(every, np.argsort(-explained, kind="stable")[:count])
         if (best == fit.group).all():
             break
         fit = fit_group(data, model, best, ridge)
         history.append(fit.history)
     return TrimmedFit(fit.log_prob, fit.group, ridge, np.concatenate(history))
-
-
-def best_explained(score: Float[Array, " M"], count: int) -> Bool[Array, " M"]:
-    """The `count` demonstrations with the largest `score`."""
-    chosen = np.zeros(len(score), dtype=bool)
-    chosen[np.argsort(-score, kind="stable")[:count]] = True
-    return chosen

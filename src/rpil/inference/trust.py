@@ -114,8 +114,7 @@ def score_by_best_group(scoring: Scoring, start: Bool[Array, " M"]) -> Scores:
     there are two groups is asked once, of the last scores.
     """
     data, settings = scoring.data, scoring.settings
-    share, max_iter = settings.trimming.share, settings.trimming.max_iter
-    trimmed = fit_trimmed(data, scoring.model, start, scoring.ridge, share, max_iter, scoring.monotony)
+    trimmed = fit_trimmed(data, scoring.model, start, scoring.ridge, settings.trimming, scoring.monotony)
     first = scoring.score(trimmed)
     upper = first.groups.upper(first.score, first.variance)
     if not data.space.has_density:

@@ -60,7 +60,7 @@ def with_answers(audit: A, known: Answers) -> A:
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     check_copied_labels(known, audit.copy_of, audit.ids)
-    if not known.once(audit.copy_of).any:
+    if not known.once(audit.copy_of).count:
         return audit
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
@@ -165,7 +165,7 @@ def sentence_of(audit: Judged, known: Answers) -> str:
 
 def is_asked(audit: Judged) -> bool:
     """Whether the audit asks which of its pair is better: before any answer, unless all scores are the same."""
-    return audit.anchor == "none" and not audit.answers.any and len(audit.pair) == 2
+    return audit.anchor == "none" and not audit.answers.count and len(audit.pair) == 2
 
 
 def question(audit: Judged) -> str | None:

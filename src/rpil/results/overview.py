@@ -46,7 +46,8 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
 
 def overview_text(audit: AuditResult) -> str:
     """What ``repr`` of an audit is."""
-    lines = [f"Audit: {headline(audit)}", counts(audit)]
+    size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
+    lines = [f"Audit: {headline(audit)}", f"{size}: {in_numbers(audit.verdict_counts())}."]
     if audit.doubts:
         more = len(audit.doubts) - 1
         lines.append(f"Doubt: {audit.doubts[0]}" + f" ({more} more in doubts)" * (more > 0))
@@ -59,12 +60,6 @@ def overview_text(audit: AuditResult) -> str:
     for m, name in zip(lowest, names, strict=True):
         lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {audit.place(m)}, score {audit.log_odds[m]:+.1f}")
     return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
-
-
-def counts(audit: AuditResult) -> str:
-    """How many demonstrations and steps there are, and how many have which verdict, in one line."""
-    size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
-    return f"{size}: {in_numbers(audit.verdict_counts())}."
 
 
 def shortened(name: object) -> str:

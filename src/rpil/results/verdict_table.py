@@ -22,7 +22,14 @@ def verdict_columns(
     findings: Sequence[Fault] = (),
     tasks: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Sequence[object]]:
-    """The columns of the table, in the order of the data; `demonstrators` and `tasks` by ids as text."""
+    """The columns of the table, in the order of the data: a row for each demonstration.
+
+    They are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
+    expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
+    from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
+    fact_length and so on where they are known, faults (the rules of `findings`, the worst first), reason, and the run
+    id. `demonstrators` and `tasks` are by ids as text; who is not in them has an empty text.
+    """
     faults: dict[str, list[str]] = {}
     for found in findings:
         faults.setdefault(str(found.id), []).append(found.rule)
@@ -42,27 +49,10 @@ def verdict_columns(
     }
 
 
-def write_verdicts(
-    path: StrPath,
-    audit: AuditResult,
-    demonstrators: Mapping[str, str],
-    findings: Sequence[Fault] = (),
-    tasks: Mapping[str, str] = MappingProxyType({}),
-) -> None:
-    """Write one row for each demonstration to a .csv, .parquet or .json file, in the order of the data.
+def write_verdicts(path: StrPath, audit: AuditResult, columns: Mapping[str, Sequence[object]]) -> None:
+    """Write the `verdict_columns` of an audit to a .csv, .parquet or .json file.
 
-    The columns are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
-    expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
-    from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
-    fact_length and so on where they are known, faults, reason, and the run id. JSON holds a list of objects. Parquet
-    has the run id and the provenance among its metadata too.
-
-    Parameters
-    ----------
-    demonstrators, tasks : mapping of id, as text, to name
-        May be empty; a demonstration that is not in it gets an empty text.
-    findings : sequence of Fault
-        Recording faults; the column faults names the rules, the worst first.
+    JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
 
     Raises
     ------
@@ -72,7 +62,7 @@ def write_verdicts(
     said = {RUN_KEY: audit.run_id}
     if audit.provenance is not None:
         said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
-    write_columns(path, verdict_columns(audit, demonstrators, findings, tasks), "verdicts", said)
+    write_columns(path, columns, "verdicts", said)
 
 
 def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
