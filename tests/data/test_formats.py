@@ -209,7 +209,7 @@ def test_damaged_files(tmp_path, suffix):
 def test_unknown_extensions(tmp_path):
     path = tmp_path / "x.xlsx"
     path.write_text("x")
-    for call in (formats.read, formats.check_format, lambda path: formats.write(path, demonstrations())):
+    for call in (formats.read, lambda path: formats.write(path, demonstrations())):
         refused_file("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
     refused_file("there is no such file or folder; perhaps it is .*x.xlsx", formats.read, tmp_path / "x.xls")
 

@@ -183,7 +183,8 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
     with show_stages(quiet) as progress:
         from rpil import formats
 
-        check_paths((file, operator), formats.check_format(output))
+        formats.writer_of(output)
+        check_paths((file, operator), output)
         recording = open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)

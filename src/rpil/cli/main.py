@@ -96,7 +96,7 @@ def simulate(env: str, kind: str, good: int, bad: int, output: str, seed: int, q
     with show_stages(quiet) as progress:
         from rpil import formats
 
-        formats.check_format(output)
+        formats.writer_of(output)
         progress(f"playing {good + bad} episodes of {env}")
         from rpil.data.demonstrations import Demonstrations
         from rpil.simulation.simulate import simulate

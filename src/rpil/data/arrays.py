@@ -119,30 +119,25 @@ def as_actions(values: object, where: str, wanted: ActionKind = "auto") -> Array
             f"{where}: actions of shape {array.shape} and type {array.dtype} are neither (N,) discrete nor (N, A) "
             "floats; number the combinations, give codes with part_classes, or convert to float if they are continuous."
         )
-    if array.ndim == 1 and action_kind(array, where, wanted)[0] == "discrete":
-        if kind == "U":
-            return np.ascontiguousarray(array)
-        if kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-            raise DataError(f"{where}: actions do not fit into 64-bit integers; renumber them.")
-        return np.ascontiguousarray(array, dtype=np.int64)
+    if array.ndim == 1:
+        whole = kind != "f" or are_whole(array)
+        n_classes = len(np.unique(array)) if wanted == "auto" and whole else 0
+        if action_kind(n_classes, len(array), kind == "U", whole, wanted, where)[0] == "discrete":
+            if kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
+                raise DataError(f"{where}: actions do not fit into 64-bit integers; renumber them.")
+            return np.ascontiguousarray(array, dtype=None if kind == "U" else np.int64)
     array = array.reshape(len(array), -1)
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 
-def action_kind(actions: Array, where: str, wanted: ActionKind = "auto") -> tuple[ActionKind, str]:
-    """Whether actions (N,) of one number or text each are "discrete" or "continuous", and why in words.
-
-    A `DataError` where they cannot be what is `wanted`, or where nearly every step has a text of its own.
-    """
-    whole = actions.dtype.kind != "f" or are_whole(actions)
-    n_classes = len(np.unique(actions)) if wanted == "auto" and whole else 0
-    return kind_by_count(n_classes, len(actions), actions.dtype.kind == "U", whole, wanted, where)
-
-
-def kind_by_count(
+def action_kind(
     n_classes: int, n_steps: int, is_text: bool, whole: bool, wanted: ActionKind, where: str
 ) -> tuple[ActionKind, str]:
-    """`action_kind` by the number of different actions, and by whether they are text or whole numbers."""
+    """Whether actions of one number or text each are "discrete" or "continuous", and why in words.
+
+    That is by how many of them differ, and by whether they are text or `whole` numbers. A `DataError` where they cannot
+    be what is `wanted`, or where nearly every step has a text of its own.
+    """
     if wanted != "auto":
         if (is_text and wanted == "continuous") or (not whole and wanted == "discrete"):
             found = "text" if is_text else "numbers that are not whole"

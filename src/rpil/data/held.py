@@ -52,18 +52,14 @@ def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextMana
 
     `kind` tells apart what several libraries open.
     """
-    place = _open.get()
-    if place is None or place[2] != _here():  # two that read one open file would move each other's place
+    stack, found, owner = _open.get() or (None, {}, None)
+    key = str(path), kind
+    is_ours = owner == _here()  # two that read one open file would move each other's place
+    if stack is None or not is_ours or (key not in found and len(found) >= MOST_OPEN):
         with open_it() as one:
             yield one
         return
-    stack, found, _ = place
-    key = str(path), kind
     if key not in found:
-        if len(found) >= MOST_OPEN:
-            with open_it() as one:
-                yield one
-            return
         found[key] = stack.enter_context(open_it())
     yield cast(T, found[key])
 

@@ -33,7 +33,12 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     another type, such as `ValueError`.
     """
     check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
-    return [_read_array(archive, member, where) for member in members]
+    arrays = []
+    for member in members:
+        with archive.open(member) as stream:
+            array = npy.read_array(stream, allow_pickle=False)
+            arrays.append(as_array(array, f"the values of {member!r}", where))
+    return arrays
 
 
 @dataclass(frozen=True)
@@ -115,8 +120,3 @@ def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dt
             raise ValueError(f"{member}: version {version[0]}.{version[1]} of the format is not read")
         shape, _, dtype = _READ_HEAD[version](stream)
         return shape, dtype, stream.tell()
-
-
-def _read_array(archive: zipfile.ZipFile, member: str, where: str) -> Array:
-    with archive.open(member) as stream:
-        return as_array(npy.read_array(stream, allow_pickle=False), f"the values of {member!r}", where)

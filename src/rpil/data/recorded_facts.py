@@ -136,16 +136,15 @@ def _numbers(given: Sequence[float] | Array, name: str, ids: Sequence[Hashable],
 
 def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
     """A `DataError` where the `sessions` of M demonstrations, of the column `name` or by "file", divide nothing."""
-    if len(set(sessions)) == len(sessions):
-        what = "come from one file each" if name == FILE_SESSION else f"have a value of {name!r} of their own each"
-        raise DataError(
-            f"{source}: the demonstrations {what}, which makes no sessions to judge within; name a column that several "
-            "share with <option>, or leave it out.",
-            "session",
-        )
-    if name == FILE_SESSION and len(set(sessions)) == 1:
-        raise DataError(
-            f"{source}: the demonstrations come from one file, which makes no sessions to judge within; name a column "
-            "with <option>, or leave it out.",
-            "session",
-        )
+    n_sessions, by_file = len(set(sessions)), name == FILE_SESSION
+    if n_sessions == len(sessions):
+        what = "come from one file each" if by_file else f"have a value of {name!r} of their own each"
+    elif n_sessions == 1 and by_file:
+        what = "come from one file"
+    else:
+        return
+    raise DataError(
+        f"{source}: the demonstrations {what}, which makes no sessions to judge within; name a column that several "
+        "share with <option>, or leave it out.",
+        "session",
+    )

@@ -45,13 +45,8 @@ __all__ = [
     "read_answers",
     "read_labels",
     "write_weights",
+    "writer_of",
 ]
-
-
-def check_format(path: StrPath) -> Path:
-    """`path`, or a `DataError` naming the extensions of files that are written where it has none of them."""
-    writer_of(path)
-    return Path(path)
 
 
 class ReadOptions(TypedDict, total=False):
@@ -196,13 +191,7 @@ def opened(data: object, options: ColumnOptions) -> Recording:
 def read_recording(
     path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False
 ) -> Recording:
-    """The recording in a file or folder: a description, and the demonstrations when they are asked for.
-
-    `on_disk` leaves the demonstrations on disk, Parquet files where they are (see `open`), and of other formats
-    a copy that is removed when the process ends; None does so for folders of Parquet files, and where the data would
-    take too much memory. Errors are those of `read`; a value that is missing, or of the wrong kind, is an error only of
-    ``read_recording(...).demonstrations``.
-    """
+    """The recording in a file or folder, as `open` gives it; by default its demonstrations are in memory."""
     with holding():
         return find(path).read(options, on_disk=on_disk)
 

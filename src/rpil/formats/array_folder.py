@@ -208,11 +208,4 @@ def _text_beside(path: Path) -> dict[str, str | float]:
     return {**tasks, **{name: float(value) for name, value in ends.items()}}
 
 
-FORMAT = Format(
-    name="a file of arrays for each demonstration",
-    claims=claims,
-    read=read,
-    keep=keep,
-    has_own_ids=True,
-    check_output=lambda path, output, trim: None,
-)
+FORMAT = Format(name="a file of arrays for each demonstration", claims=claims, read=read, keep=keep, has_own_ids=True)

@@ -127,8 +127,8 @@ def n_actions(arrays: Tree) -> int:
 
 
 def tells(arrays: Tree) -> bool:
-    """Whether there are actions, and anything but ids says which steps are a demonstration."""
-    marked = first(arrays, ACTIONS) and first(arrays, (*_MARKS, *_NEXT))
+    """Whether there are actions, and anything says which steps are a demonstration, as in a file of D4RL."""
+    marked = first(arrays, ACTIONS) and first(arrays, (*EPISODE, *_MARKS, *_NEXT))
     return bool(marked or is_stacked(arrays) or (n_actions(arrays) and _lengths(arrays, n_actions(arrays))))
 
 
@@ -140,7 +140,7 @@ def read_arrays(
     notes: tuple[str, ...] = (),
     metadata: Metadata = Metadata(),
 ) -> StepTables:
-    """The recording in arrays that `tells` knows, or that have ids, which `options` may name."""
+    """The recording in arrays that `tells` knows; `options` may name the ids."""
     layout = layout_of(arrays, source, options.id)
     steps, ids = arrays, layout.ids
     if layout.is_step is not None:
@@ -153,7 +153,7 @@ def read_arrays(
 
 
 def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayout:
-    """The layout of arrays that `tells` knows, or that have ids, which may be `wanted` by their name.
+    """The layout of arrays that `tells` knows; ids may be `wanted` by their name.
 
     A `DataError` where the arrays do not fit together.
     """

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from rpil.data.arrays import check_any
-from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.formats import table as flat
 from rpil.formats.chosen import with_chosen
@@ -76,14 +73,3 @@ def plain_columns(table: pa.Table) -> pa.Table:
         if pa.types.is_string_view(kind):
             table = table.set_column(k, field.name, table[k].cast(pa.string()))
     return table
-
-
-def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
-    """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
-    import pyarrow as pa
-
-    check_any(len(tables), source)
-    try:
-        return pa.concat_tables(tables, promote_options="permissive")
-    except pa.ArrowException as error:
-        raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error

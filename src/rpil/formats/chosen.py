@@ -29,10 +29,8 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     if not (only or without or options.skip_bad):
         return recording
     ids, source = recording.ids, recording.description.source
-    mask = np.ones(len(ids), dtype=bool)
-    if only:
-        mask[:] = False
-        mask[[*_numbers(only, ids, source, "only")]] = True
+    mask = np.full(len(ids), not only)
+    mask[[*_numbers(only, ids, source, "only")]] = True
     mask[[*_numbers(without, ids, source, "without")]] = False
     if not mask.any():
         raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))

@@ -35,43 +35,20 @@ _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for it
 class ColumnOptions:
     """What decides how a file is read: what the user says of its columns, of which the others are found by name.
 
+    Most are the arguments of `rpil.read`; these are the others.
+
     Attributes
     ----------
-    id, order, operator, task : str
-        One column each: of the demonstration, of the order of its steps, of who gave it, of what was to be done.
+    operator, task : str
+        One column each: of who gave the demonstration, and of what was to be done.
     session : str
         The column of the session, or "file" for the file of each demonstration.
     outcome : str
         The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
-    action, observations, exclude : str or sequence of str
-        Any number of columns, or patterns such as ``joint_*``; those of `exclude` are not read.
-    columns : str or sequence of str
-        The names of the columns of a text table without a first row of names.
-    split_gap : float
-        Seconds: a demonstration ends where the times of two rows are further apart, or go back.
-    segment : float
-        Seconds: each demonstration is divided into stretches of this length, which are demonstrations then.
-    history : int
-        The last so many actions are observations as well.
-    agent : str
-        The column of the agent, where several act in a demonstration by one policy.
     guess : bool
         Whether the id and the action may be guessed from values where no name says them.
-    action_kind : {"auto", "discrete", "continuous"}
-        Whether columns of whole numbers hold classes; "auto" decides by how many there are.
-    embeddings : str
-        A Parquet or NPZ file with more observations of each step, by its ``index``.
-    only, without : str, int or sequence of these
-        Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
-    skip_bad : bool
-        Leave demonstrations out in which a value is missing or infinite.
     allow_missing : bool
         Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
-    memory : int or str
-        Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
-    fill_missing : bool
-        Whether chunks of Zarr and HDF5 that are not there are read as the value that the file names; else they are an
-        error.
     on_disk : bool
         Whether the rows go to disk instead of into memory; `rpil.formats.read_recording` decides it.
     """

@@ -27,7 +27,7 @@ from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import spool
-from rpil.formats.store import copied_rows
+from rpil.formats.store import copied_rows, other_columns
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -59,9 +59,7 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
-            raise DataError(
-                f"{name}: its columns are not those of {first_name}; give all files the same ones, or take it out."
-            )
+            raise other_columns(name, first_name)
     columns = find_text_columns(first, options, FILE)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():

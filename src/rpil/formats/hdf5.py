@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, optional
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
@@ -48,10 +48,7 @@ def is_hdf5(path: Path) -> bool:
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """The file, to be read; a `DataError` where it is none, or is damaged, a `MissingExtraError` without h5py."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError(f"{path.name} is HDF5, which", "hdf5") from error
+    h5py = optional("h5py", f"{path.name} is HDF5, which", "hdf5")
     fault = "no HDF5 file, or a damaged one", "copy or write it again"
     with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
         yield file

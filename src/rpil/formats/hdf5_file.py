@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
-from rpil.data.names import EPISODE
 from rpil.formats import array_folder, array_layout, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
@@ -26,13 +25,6 @@ class Hdf5Layout(NamedTuple):
     fits: Callable[[h5py.File], bool]
     read: Callable[[Path, ColumnOptions], StepTables]
     keep: Keep
-
-
-def _has_rows(file: h5py.File) -> bool:
-    """Whether actions are at the top of the file, as of D4RL, beside what says which steps are a demonstration."""
-    arrays = hdf5.Arrays(file)
-    has_ids = array_layout.first(arrays, array_layout.ACTIONS) and array_layout.first(arrays, EPISODE)
-    return bool(has_ids) or array_layout.tells(arrays)
 
 
 def _read_rows(path: Path, options: ColumnOptions) -> StepTables:
@@ -65,7 +57,7 @@ def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptio
 
 HDF5_LAYOUTS = (
     Hdf5Layout(robomimic.fits, robomimic.read, robomimic.keep),
-    Hdf5Layout(_has_rows, _read_rows, _keep_rows),
+    Hdf5Layout(lambda file: array_layout.tells(hdf5.Arrays(file)), _read_rows, _keep_rows),
     Hdf5Layout(array_folder.fits, array_folder.read, array_folder.keep),
 )
 

@@ -21,10 +21,11 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import StepTables, from_facts
 from rpil.formats.import_process import in_child
 from rpil.formats.parquet_file import input_file, read_table
-from rpil.formats.recording import Recording, from_rows, from_tables, one_table
+from rpil.formats.recording import Recording, from_rows, from_tables
 from rpil.formats.rows import TableRows
 from rpil.formats.spool import fill, new_copy
 from rpil.formats.store import copied_rows, size_of
+from rpil.formats.table import end_to_end
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -56,10 +57,11 @@ def imported(read: Callable[[], StepTables], path: StrPath, options: ColumnOptio
         if copy is not None:
             fill(copy, found.tables, found.origin.source)
         else:
-            n_bytes = max(table.nbytes for table in found.tables) if stays else _write(one_table(found), file)
+            tables, source = found.tables, found.origin.source
+            n_bytes = max(one.nbytes for one in tables) if stays else _write(end_to_end([*tables], source), file)
             if is_parquet and _peak() - before > 4 * n_bytes + _LARGEST_PAGE:
                 fault = "to decode a part of it takes far more memory than its rows"
-                raise DataError(f"{found.origin.source}: {fault}; it is damaged, or write it with smaller pages.")
+                raise DataError(f"{source}: {fault}; it is damaged, or write it with smaller pages.")
         return found.as_json()
 
     try:

@@ -16,7 +16,7 @@ from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_text
 from rpil.data.memory import check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
 from rpil.formats import table as flat
-from rpil.formats.arrow import end_to_end, from_arrow, plain_columns
+from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
@@ -59,7 +59,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     if path.is_dir() and not is_tub:
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
-    table = end_to_end([*tables.values()], path.name)
+    table = flat.end_to_end([*tables.values()], path.name)
     name = "Donkeycar tub" if is_tub else "JSON lines"
     return from_arrow(
         _with_last_commands(table) if is_tub else table,

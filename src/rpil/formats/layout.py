@@ -84,7 +84,7 @@ class Layout:
         action, n_parts = _stacked(types), sum(actions.values())
         column, numbers = next(iter(actions)), [name for name in observations if name not in columns.texts]
         is_one = columns.one_action and n_parts == 1 and column not in chosen.masks
-        if is_one and not (types[0].kind == "f" and _is_list(table, column)):
+        if is_one and not (types[0].kind == "f" and flat.kind_of_type(table[column].type) == "list"):
             n_parts, action = 0, action if types[0].kind == "f" else types[0]
         return cls(
             *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
@@ -236,10 +236,6 @@ class _Chosen:
                 f"<option> or <option> (found {quoted(close)}).",
                 ("exclude", "observations", "action"),
             )
-
-
-def _is_list(table: pa.Table, name: str) -> bool:
-    return flat.kind_of_type(table.schema.field(name).type) == "list"
 
 
 def _width(column: pa.ChunkedArray) -> int:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
@@ -198,15 +198,13 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     )
 
 
-def _is_size(value: object) -> bool:
+def _is_size(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
 
 
 def frame_rate(value: object) -> float | None:
     """Frames a second; None where it is no number above 0."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return None
-    return float(value) if 0 < value < 1e9 else None
+    return float(value) if _is_size(value) and 0 < value < 1e9 else None
 
 
 def _number(value: Parsed) -> Parsed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,8 @@ from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.formats import hdf5
-from rpil.formats.arrow import end_to_end, from_arrow
+from rpil.formats import table as flat
+from rpil.formats.arrow import from_arrow
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, StepTables, kept_of
@@ -96,11 +98,10 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
 
 def _json(path: Path) -> dict[str, Any]:
     """The entries of a JSON file; none where it cannot be read."""
-    try:
-        found = read_json(path)
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
+    with suppress(OSError, ValueError, RecursionError):
+        if isinstance(found := read_json(path), dict):
+            return found
+    return {}
 
 
 def _groups(file: h5py.File) -> dict[int, h5py.Group]:
@@ -160,7 +161,7 @@ def _read_tables(data: Path, kind: str, source: str, options: ColumnOptions, not
         empty += [] if n_steps else [number]
         tables.append(table.slice(0, n_steps).append_column(NUMBERED, pa.repeat(number, n_steps)))
     notes = (*notes, *([_LAST] if n_left_out else []), *without_steps(empty))
-    table = end_to_end(tables, source)
+    table = flat.end_to_end(tables, source)
     return from_arrow(table, options, source, f"Minari, {kind}", notes).with_ignored(images)
 
 

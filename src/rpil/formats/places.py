@@ -14,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import MARK, is_order, is_outcome, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.rows import Rows, TableRows, place_of, read_columns
+from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.table import Place, kind_of_type
 from rpil.numerics.types import Array, Int
 
@@ -118,7 +118,8 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     table = read_columns(rows, list(dict.fromkeys(names)))
 
     def at(row: int) -> str:
-        return place_of(rows, row, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
+        tables = rows.tables(row, row + 1, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
+        return next(tables)[2](0)
 
     _check_ids(names_of, group, columns, source)
     agent = _agents(table, columns.agent, group, source)
@@ -201,8 +202,6 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
     """
-    if not columns.orders:
-        return Order(words=_FILE_ORDER), None
     by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""

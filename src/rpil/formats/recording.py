@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import SMALLEST, Id, check_any
+from rpil.data.arrays import SMALLEST, Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -29,7 +29,7 @@ from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows
-from rpil.formats.table import id_codes, numbers_or_missing
+from rpil.formats.table import end_to_end, id_codes, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
@@ -190,20 +190,12 @@ class Recording:
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables; `on_disk` they never are in memory all."""
+    source = found.origin.source
     if found.in_place is not None:
         return from_rows(found.in_place, found)
     if on_disk:
-        return from_rows(copied_rows(spool(found.tables, found.origin.source), found.sizes), found)
-    return from_rows(TableRows(one_table(found), found.origin.source, sizes=found.sizes), found)
-
-
-def one_table(found: StepTables) -> pa.Table:
-    """All tables as one; a `DataError` where there is none."""
-    import pyarrow as pa
-
-    whole = list(found.tables)
-    check_any(len(whole), found.origin.source)
-    return pa.concat_tables(whole, promote_options="permissive")
+        return from_rows(copied_rows(spool(found.tables, source), found.sizes), found)
+    return from_rows(TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes), found)
 
 
 def from_rows(rows: Rows, found: StepTables) -> Recording:

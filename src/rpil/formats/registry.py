@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -153,13 +152,7 @@ class ClaimedPath:
         options: ColumnOptions = ColumnOptions(),
         cuts: Cuts = MappingProxyType({}),
     ) -> None:
-        """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
-
-        `ids` are as `read` gives them; the demonstrations come in the order of the file. A file at `output` is replaced
-        whole, a folder must not be there yet; what is at `path` is never changed. `cuts` are of what is read. A
-        `DataError` where an id is unknown, the output cannot be written or is in `path`, or the format cannot be given
-        back.
-        """
+        """Write some demonstrations as `Recording.keep` does; `cuts` are of what is read."""
         with holding(), guarded(str(self.path)):
             new, path = self.check_output(output, bool(cuts), options), Path(self.path)
             if not ids:
@@ -227,8 +220,12 @@ def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     place = downloaded(path)
     known = find_format(place)
-    name = "" if place == path else str(path)
-    return ClaimedPath(place, known if known is not None else _refuse(check_exists(place)), name)
+    if known is None:
+        there = check_exists(place)
+        table_folder.refuse_others(there, [there.name])
+        check_extension(there, suffixes())
+    assert known is not None, "an extension that is known is claimed"
+    return ClaimedPath(place, known, "" if place == path else str(path))
 
 
 def writer_of(path: StrPath) -> Format:
@@ -254,16 +251,6 @@ def _claims(one: Format, path: Path) -> bool:
         raise
     except Exception:  # damaged files make libraries raise errors of very many types
         return False
-
-
-def _refuse(path: Path) -> Format:
-    """The `DataError` on a file that no format claims: a damaged ZIP file, or another extension."""
-    if path.suffix.lower() == ".zip":
-        with guarded(path.name, "it is no ZIP file, or a damaged one", "copy or write it again"), zipfile.ZipFile(path):
-            pass
-    table_folder.refuse_others(path, [path.name])
-    check_extension(path, [suffix for suffix in suffixes() if suffix != path.suffix.lower()])
-    raise AssertionError("an extension that is known is claimed")
 
 
 def downloaded(path: StrPath) -> StrPath:

@@ -75,8 +75,6 @@ def _begins_with_time(states: h5py.Dataset) -> bool:
 
 def _without_time(states: StoredArray) -> StoredArray:
     """States without their first number."""
-    if not states.shape:
-        return states
     shape = (*states.shape[:-1], max(states.shape[-1] - 1, 0))
     return Closed(shape, states.dtype, lambda rows: np.asarray(states[rows])[..., 1:])
 

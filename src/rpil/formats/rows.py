@@ -160,8 +160,3 @@ def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa
     first, last = (0, len(rows)) if steps is None else (steps.start, steps.stop)
     tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
     return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
-
-
-def place_of(rows: Rows, row: int, columns: list[str], demonstration: Place = lambda _: "") -> str:
-    """The place of a row in messages; some of its `columns` are read."""
-    return next(rows.tables(row, row + 1, columns, demonstration))[2](0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, are_whole, as_actions, kind_by_count
+from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
 from rpil.data.errors import DataError
 from rpil.data.text import counted
 from rpil.formats import table as flat
@@ -101,7 +101,7 @@ class ScannedActions:
         self._pool()
         try:
             count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
-            self.kind, self.reason = kind_by_count(*count, "")
+            self.kind, self.reason = action_kind(*count, "")
         except DataError as error:
             self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
             self.fault = self.fault or DataError(f"{source}{error}")

@@ -68,8 +68,7 @@ def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
 
     waiting = iter(tables)
     first = next(waiting, None)
-    if first is None:
-        check_any(0, name)
+    check_any(int(first is not None), name)
     assert first is not None
     with _writing(name):
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)

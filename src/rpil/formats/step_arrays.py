@@ -126,7 +126,8 @@ def from_parts(
         arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
         check_memory(n_bytes, source, options.memory)
-    types = {name: _type_of_all(parts, name) for name in steps}
+    dtypes = {name: [part.arrays[name].dtype for part in parts] for name in steps}
+    types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
     tables = (
         pa.table(
             {m: _column(part, rows, m, source, types[m]) for m in steps}
@@ -192,13 +193,6 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
         if _kind(array) == "nested" or (name in first.arrays and shape[1:] != first.arrays[name].shape[1:]):
             fault = f"the shape {shape} and the type {array.dtype}"
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each step; exclude it.")
-
-
-def _type_of_all(parts: Sequence[Part], name: str) -> np.dtype[np.generic] | None:
-    """The type that holds a column of all parts; None for texts."""
-    if is_text(parts[0].arrays[name].dtype):
-        return None
-    return np.result_type(*{_native_type(part.arrays[name].dtype) for part in parts})
 
 
 def _column(part: Part, rows: slice, name: str, source: str, dtype: np.dtype[np.generic] | None) -> pa.Array:

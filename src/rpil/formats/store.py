@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -154,9 +154,10 @@ def may_be_many_files(path: StrPath) -> bool:
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
 
 
-def has_parquet(path: StrPath) -> bool:
-    """Whether `path` is a Parquet file, or names several files of which one is."""
-    return bool(_listed(path)[2]) if may_be_many_files(path) else str(path).lower().endswith(".parquet")
+def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
+    """The kind of the tables that are read: "Parquet" where one of the files that `path` names is such."""
+    files = _listed(path)[2] if may_be_many_files(path) else [str(path)]
+    return "Parquet" if any(file.lower().endswith(".parquet") for file in files) else "text"
 
 
 def has_tables(path: StrPath) -> bool:
@@ -266,7 +267,12 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
     """A `DataError` where the file `name` lacks columns that are read, or has more that hold data, than `first`."""
     names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
     if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
-        raise DataError(f"{name}: its columns are not those of {first}; give all files the same ones, or take it out.")
+        raise other_columns(name, first)
+
+
+def other_columns(name: str, first: str) -> DataError:
+    """The error that the file `name` has other columns than the file `first`."""
+    return DataError(f"{name}: its columns are not those of {first}; give all files the same ones, or take it out.")
 
 
 def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:
@@ -315,9 +321,7 @@ def open_rows(
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)
             if layout is not None and this.shape != layout.shape:
-                raise DataError(
-                    f"{name}: its columns are not those of {first}; give all files the same ones, or take it out."
-                )
+                raise other_columns(name, first)
             other = layout or this
             action = np.result_type(this.action, other.action) if this.action.kind == "f" else this.action
             layout = replace(this, observation=np.result_type(this.observation, other.observation), action=action)

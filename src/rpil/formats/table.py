@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array
+from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
@@ -103,6 +103,17 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
     )
 
 
+def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
+    """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
+    import pyarrow as pa
+
+    check_any(len(tables), source)
+    try:
+        return pa.concat_tables(tables, promote_options="permissive")
+    except pa.ArrowException as error:
+        raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error
+
+
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """A name for every number in columns of these `widths`; no two alike."""
     short = tuple(part for name, width in widths.items() for part in _parts(name, width, joints.get(name, ())))
@@ -141,12 +152,9 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
             raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with <option>.", "skip_bad")
 
     column = table[name]
-    kind = column.type
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
-    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-    if kind != column.type and not is_text:
-        column = column.cast(kind)
+    is_text = kind_of_type(column.type) == "text"
+    if pa.types.is_dictionary(column.type) and not is_text:
+        column = column.cast(column.type.value_type)
     if not (pa.types.is_floating(column.type) and allows_missing):
         refuse_nulls(column)
     if _is_list(column.type):

@@ -46,9 +46,7 @@ class Metadata:
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
     unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
-    facts: Mapping[str, Mapping[str, Parsed]] = field(
-        default_factory=dict
-    )  # column of ``meta/episodes`` -> id -> value
+    facts: Mapping[str, Mapping[str, Parsed]] = field(default_factory=dict)  # of ``meta/episodes``: column, id, value
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
@@ -185,10 +183,8 @@ def file_names(paths: Iterable[str]) -> list[str]:
     return short if len(set(short)) == len(set(whole)) else whole
 
 
-def pairs_of(table: pa.Table, name: str | None, ids: Sequence[Id], group: Array) -> list[tuple[str, object]]:
+def pairs_of(table: pa.Table, name: str, ids: Sequence[Id], group: Array) -> list[tuple[str, object]]:
     """The different pairs of id, as text, and value, in the order of the file."""
-    if name is None:
-        return []
     column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
     _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
@@ -16,7 +16,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect, without_suffix
 from rpil.formats.format import Format, StepTables, check_found
 from rpil.formats.places import Cuts
-from rpil.formats.store import find_files, has_parquet
+from rpil.formats.store import find_files, tables_of
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -66,11 +66,6 @@ def _columns(path: str, options: ColumnOptions) -> set[str]:
     return set()
 
 
-def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
-    """The kind of the tables that are read."""
-    return "Parquet" if has_parquet(path) else "text"
-
-
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:
     """A `DataError` with the way to go where files are called as recordings of ROS, or as data sets of RLDS are."""
     for name in names:
@@ -91,8 +86,6 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
     """
     _, parquet_files, text_files, _ = _found(path, options)
     files = [Path(file) for file in parquet_files or text_files]
-    if not files:
-        raise DataError(f"{path}: no .parquet or .csv file is there; check the path.")
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
         for name, file in csv.names_in_folder(files).items():

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, optional
 from rpil.data.guard import guarded
 from rpil.data.held import held
 from rpil.data.json_files import Parsed, parse
@@ -103,13 +103,10 @@ class Store:
     @cached_property
     def of_library(self) -> Any:
         """The store as the library has it; a `MissingExtraError` where that is not installed."""
-        try:
-            from zarr.storage import LocalStore, ZipStore
-        except ImportError as error:
-            raise MissingExtraError("To read Zarr", "zarr") from error
+        storage = optional("zarr.storage", "To read Zarr", "zarr")
         if not isinstance(self.root, zipfile.Path):
-            return LocalStore(self.path)
-        store = ZipStore(self.path)  # which would open the file a second time
+            return storage.LocalStore(self.path)
+        store = storage.ZipStore(self.path)  # which would open the file a second time
         store._lock, store._zf, store._is_open = threading.RLock(), self.root.root, True
         return store
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, optional
 from rpil.numerics.types import Array, Float, Num, Shaped
 
 Tensor = Any
@@ -32,11 +32,7 @@ EVALUATION_ROWS = 1 << 16
 
 def import_torch() -> Any:
     """The module torch; a `MissingExtraError` where it is not installed."""
-    try:
-        import torch  # lazily: it takes seconds, and most users do not need it
-    except ImportError as error:
-        raise MissingExtraError("A neural policy", "torch") from error
-    return torch
+    return optional("torch", "A neural policy", "torch")  # lazily: it takes seconds, and most users do not need it
 
 
 @contextmanager

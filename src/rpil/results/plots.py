@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.errors import MissingExtraError
+from rpil.data.errors import optional
 from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.result import AuditResult
@@ -105,10 +105,7 @@ class AuditPlots:
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
     """The axes of the caller, or new ones."""
     if ax is None:
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError as error:
-            raise MissingExtraError("To draw a picture", "plot") from error
+        plt = optional("matplotlib.pyplot", "To draw a picture", "plot")
         _, ax = plt.subplots(figsize=size, layout="constrained")
     ax.spines[["top", "right"]].set_visible(False)
     return ax

@@ -28,6 +28,7 @@ from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
 from rpil.formats.places import Cuts
+from rpil.formats.store import tables_of
 
 read = table_folder.read
 
@@ -189,7 +190,7 @@ FORMAT = Format(
     name="LeRobot",
     claims=claims,
     read=read,
-    tables=table_folder.tables_of,
+    tables=tables_of,
     keep=keep,
     has_own_ids=True,
     check_output=check_output,

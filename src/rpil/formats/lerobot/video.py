@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, optional
 from rpil.data.files import check_readable
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
@@ -36,11 +36,7 @@ _AT_ONCE = BoundedSemaphore(2)  # the review may ask for many frames
 
 def load_av() -> ModuleType:
     """The module av; a `MissingExtraError` where it is not installed."""
-    try:
-        import av
-    except ImportError as error:
-        raise MissingExtraError("To read or cut videos", "video") from error
-    module: ModuleType = av
+    module: ModuleType = optional("av", "To read or cut videos", "video")
     return module
 
 
