@@ -9,7 +9,7 @@ import pytest
 
 import rpil
 import samples
-from hdf5_files import aloha, d4rl, h5py, robomimic
+from hdf5_files import aloha, d4rl, h5py
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.registry import find
@@ -61,13 +61,6 @@ def test_other_names_stay(tmp_path):
         file.rename(folder / f"take_{file.name}")
     find(folder).keep(tmp_path / "kept", ["take_episode_2"])
     assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
-
-
-def test_a_file_of_another_layout_is_named(tmp_path):
-    folder = aloha(tmp_path / "cube")
-    robomimic(folder / "lift.hdf5")
-    with pytest.raises(DataError, match=r"lift.hdf5: in a folder each file is one demonstration"):
-        formats.read(folder)
 
 
 def test_a_folder_of_tables_is_read_as_tables(tmp_path):

@@ -55,9 +55,6 @@ def test_an_array_of_ids_comes_first(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"terminals": np.zeros(36)}, "nothing says where demonstrations begin"),
-        ({"terminals": np.zeros(35)}, r"terminals has the shape \(35,\)"),
-        ({"terminals": np.array([b"no"] * 36)}, "terminals has .* the type .S2"),
         ({"next_observations": np.ones((36, 4))}, "the order of the steps was lost"),
         ({"next_observations": np.ones((35, 4))}, r"next_observations has the shape \(35, 4\)"),
     ],

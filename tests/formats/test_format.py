@@ -6,14 +6,10 @@ from pathlib import Path
 
 import pytest
 
-import rpil
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats.format import Format
 from rpil.formats.registry import ClaimedPath, find
 from samples import SAMPLES
-
-TOY = Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1]), ([[3.0]], [1])])
 
 
 def test_what_is_left_out_cannot_be_done(tmp_path):
@@ -30,12 +26,6 @@ def test_a_folder_is_no_file(tmp_path, name):
     data = SAMPLES["folder of CSV"](tmp_path)
     with pytest.raises(DataError, match="the data are a folder, so name a folder"):
         find(data).keep(tmp_path / name, ["0"])
-
-
-def test_an_extension_of_another_format(tmp_path):
-    rpil.write(tmp_path / "a.csv", TOY)
-    with pytest.raises(DataError, match=r"give it the extension \.csv"):
-        find(tmp_path / "a.csv").keep(tmp_path / "b.parquet", [0])
 
 
 def test_addresses_are_not_given_back(tmp_path):

@@ -242,22 +242,6 @@ def test_damaged_lerobot_is_not_kept(damage):
     refused("", "keep", path, "-o", "kept", "--verdicts", "labels.csv")
 
 
-def test_ids_that_lerobot_cannot_have():
-    path = sample("LeRobot")
-    for name in ("a", "-1", "1.5"):
-        with pytest.raises(DataError, match=f"no demonstration is called '{name}'"):
-            find(path).keep("k.json", [name])
-    assert not Path("k.json").exists()
-
-
-def test_folders_without_tables_are_not_kept():
-    Path("notes").mkdir()
-    Path("notes/a.md").write_text("nothing")
-    with pytest.raises(DataError, match=r"notes: no \.parquet or \.csv file"):
-        find("notes").keep("kept", [0])
-    assert not Path("kept").exists()
-
-
 def test_texts_beyond_their_column_do_not_end_the_process():
     """To look at such a text reads memory that is not there."""
     path = sample("Minari, Arrow")

@@ -108,15 +108,6 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
     assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in outlier}
 
 
-def test_wrong_requests_leave_no_file(tmp_path):
-    path, output = robomimic(tmp_path / "all.hdf5"), tmp_path / "new.hdf5"
-    content = path.read_bytes()
-    with pytest.raises(DataError, match="no demonstration is called 'demo_7'"):
-        find(path).keep(output, ["demo_7"])
-    assert not output.exists()
-    assert path.read_bytes() == content
-
-
 def test_a_file_as_robosuite_wrote_it():
     recording = formats.read_recording(Path(__file__).parent / "files" / "robosuite_stack.hdf5")
     assert recording.description.tasks == ("Stack",)

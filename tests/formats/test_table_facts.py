@@ -74,15 +74,6 @@ def test_one_file_each_states_the_order_by_the_numbers_in_the_names(tmp_path, na
     assert facts(path).order is None
 
 
-def test_times_in_npz_state_the_order(tmp_path):
-    times = 1.7e9 + np.array([60.0, 0.0, 600.0])[OWNERS] + np.arange(len(OWNERS))
-    arrays = {"observations": STATES, "actions": STATES, "episode_ids": OWNERS}
-    np.savez(tmp_path / "a.npz", **arrays, timestamps=times)
-    assert np.argsort(facts(tmp_path / "a.npz").order).tolist() == [1, 0, 2]
-    np.savez(tmp_path / "b.npz", **arrays, timestamps=times - times.min())
-    assert facts(tmp_path / "b.npz").order is None
-
-
 def write_table(path: Path, frame: pa.Table) -> None:
     """As Parquet, or as CSV, which may be compressed."""
     if path.suffix == ".parquet":

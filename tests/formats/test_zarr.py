@@ -84,9 +84,6 @@ def test_zarr_without_data_or_of_another_length(tmp_path):
     shutil.rmtree(path / "data")
     with pytest.raises(DataError, match=r"3 demonstrations and 11 steps, but no array .*; copy the data as well\.$"):
         rpil.read(path)
-    with pytest.raises(DataError, match="no demonstration is called '3'"):
-        find(path).keep(tmp_path / "kept", [3])
-    assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
 
 
 def test_hostile_zarr(tmp_path):
