@@ -18,20 +18,13 @@ from rpil.cli.options import (
     OutputFile,
     RunOptions,
     Value,
-    VerdictLimit,
     command_words,
     format_option,
     json_option,
+    verdict_limit,
     with_options,
 )
-from rpil.cli.outputs import (
-    OUTPUTS,
-    choice_asked,
-    exit_code,
-    lines_after_output,
-    tell_if_too_many,
-    write_outputs,
-)
+from rpil.cli.outputs import OUTPUTS, choice_asked, exit_code, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.printed_audit import head_lines, next_steps, odd_lines, print_audit
 from rpil.cli.progress import show_stages
 
@@ -61,7 +54,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--fail-on",
-    type=VerdictLimit(),
+    callback=verdict_limit,
     metavar="outlier|bad[:N]",
     help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
 )

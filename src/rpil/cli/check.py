@@ -53,13 +53,7 @@ MAX_FINDINGS = 30
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
 def check(
-    file: str,
-    expected: str | None,
-    output: str | None,
-    fail_on: str | None,
-    form: str,
-    quiet: bool,
-    **options: Any,
+    file: str, expected: str | None, output: str | None, fail_on: str | None, form: str, quiet: bool, **options: Any
 ) -> None:
     """Find recording faults: dropped frames, frozen sensors, spikes, lag, idle ends, duplicates and others.
 

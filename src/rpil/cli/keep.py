@@ -165,12 +165,7 @@ def _verdicts_on(read: Recording, path: str) -> Table:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    metavar="OUT.parquet|OUT.csv|OUT.npz",
-    required=True,
-    help="The file to write.",
+    "-o", "--output", type=click.Path(), metavar="OUT.parquet|OUT.csv|OUT.npz", required=True, help="The file to write."
 )
 @quiet_option
 @with_options(*COLUMN_OPTIONS)

@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import (
-    AuditRun,
-    audit_data,
-    check_paths,
-    read_data,
-    tell_if_interrupted,
-    tell_of_set_aside,
-)
+from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_if_interrupted, tell_of_set_aside
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.progress import show_stages

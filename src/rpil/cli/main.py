@@ -16,15 +16,7 @@ from rpil.cli.evaluate import evaluate
 from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
 from rpil.cli.label import label
-from rpil.cli.options import (
-    ERROR_CHOICE,
-    FIT_OPTIONS,
-    OutputFile,
-    RunOptions,
-    quiet_option,
-    seed_option,
-    with_options,
-)
+from rpil.cli.options import ERROR_CHOICE, FIT_OPTIONS, OutputFile, RunOptions, quiet_option, seed_option, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.progress import LOADING, show_stages
 from rpil.cli.review import review

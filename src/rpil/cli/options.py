@@ -83,21 +83,11 @@ class OutputFile(click.Path):
         return str(check_extension(value, self.extensions, param.opts[-1] if param else ""))
 
 
-if TYPE_CHECKING:
-    TextType = click.ParamType[str]
-else:
-    TextType = click.ParamType  # click 8.2 takes no type there
-
-
-class VerdictLimit(TextType):
+def verdict_limit(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     """``outlier`` or ``bad``, with a number that is allowed, as ``outlier:2``."""
-
-    name = "verdict"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if re.fullmatch(r"(outlier|bad)(:\d{1,9})?", value) is None:
-            self.fail(f"{value!r} is neither outlier nor bad, with a number as in outlier:2", param, ctx)
-        return value
+    if value is not None and re.fullmatch(r"(outlier|bad)(:\d{1,9})?", value) is None:
+        raise click.BadParameter(f"{value!r} is neither outlier nor bad, with a number as in outlier:2")
+    return value
 
 
 def _rule_names(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:

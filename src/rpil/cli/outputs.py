@@ -165,7 +165,7 @@ def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
-    """The exit code under a `VerdictLimit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
+    """The exit code under a `verdict_limit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
     from rpil.results.vocabulary import PLURALS, SIDES
 
     (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower

@@ -49,9 +49,7 @@ def with_embeddings(recording: Recording, path: StrPath) -> Recording:
             raise DataError(f"{path}: {len(lost):,} steps are not in it, the first is {steps[lost[0]]}; add them.")
         observations = np.concatenate([demonstrations.observations, values[rows]], axis=1)
         return replace(
-            demonstrations,
-            observations=observations,
-            observation_names=(*demonstrations.observation_names, *names),
+            demonstrations, observations=observations, observation_names=(*demonstrations.observation_names, *names)
         )
 
     described = replace(description, observations=(*description.observations, *names), notes=(*description.notes, text))

@@ -81,12 +81,7 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
 
 def keep_rows(
-    path: Path,
-    output: Path,
-    ids: Set[str],
-    options: ColumnOptions,
-    cuts: Cuts,
-    change: Change = lambda table: table,
+    path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, change: Change = lambda table: table
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
     import pyarrow.parquet as pq

@@ -13,14 +13,7 @@ from types import MappingProxyType
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import (
-    StrPath,
-    check_exists,
-    check_extension,
-    check_readable,
-    check_writable,
-    remove_abandoned,
-)
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable, remove_abandoned
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding

@@ -102,10 +102,5 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
 
 
 FORMAT = Format(
-    name="a folder of tables",
-    claims=Path.is_dir,
-    read=read,
-    keep=keep,
-    read_address=read,
-    tables=tables_of,
+    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, tables=tables_of
 )

@@ -15,14 +15,7 @@ from markupsafe import Markup
 
 from rpil.cli.questions.curves import Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
-from rpil.cli.questions.session import (
-    Session,
-    choices,
-    count_line,
-    opinion_line,
-    question_sentence,
-    warning_lines,
-)
+from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError, MissingExtraError
