@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import rpil
@@ -30,6 +31,7 @@ def test_last_actions_are_no_measurements(tmp_path):
     assert plain.findings != ()
     assert with_history.findings == plain.findings
     assert with_history.usual == plain.usual
+    assert with_history.not_checked == plain.not_checked
 
 
 @pytest.mark.parametrize("scale", [1.0, 1 / 255])
@@ -61,6 +63,23 @@ def test_constant_columns_and_single_steps_are_no_faults():
     rng = np.random.default_rng(0)
     episodes = [(np.zeros((n, 2)), rng.normal(size=(n, 1))) for n in (1, 1, 2, 1, 3, 2)]
     assert check(Demonstrations.from_episodes(episodes)).findings == ()
+
+
+def test_a_single_step_is_short_and_does_not_stand_still():
+    episodes = recording(steps=(30, 31))
+    single = check(demonstrations([*episodes, (episodes[0][0][:1], episodes[0][1][:1])])).findings
+    assert [(fault.rule, fault.sentence[:14]) for fault in single] == [("length", "it has 1 step ")]
+
+
+def test_what_is_left_of_a_recording_after_its_stretches_is_not_too_short():
+    episodes = [(states[:n], actions[:n]) for n, (states, actions) in zip([121, *[150] * 11], recording(), strict=True)]
+    rows = [
+        (m, t / 30, *s, *a) for m, episode in enumerate(episodes) for t, (s, a) in enumerate(zip(*episode, strict=True))
+    ]
+    names = ["episode", "timestamp", *(f"observation.{k}" for k in range(3)), *(f"action.{k}" for k in range(3))]
+    report = rpil.check(pa.table([*np.transpose(rows)], names), segment=1.0)
+    assert report.findings == ()
+    assert report.not_checked["length"] == "--segment ends demonstrations by the clock"
 
 
 def test_many_problems_of_the_zoo_are_clean():

@@ -106,7 +106,7 @@ def share_of_next_states(observations, actions, before=4):
     rows = [np.concatenate([RNG.normal(size=(before, given.shape[1])), given]) for given in (observations, actions)]
     offsets = np.array([0, before, before + len(actions)])
     block = SimpleNamespace(block=Block(0, *rows, offsets), offsets=offsets, numbers=np.arange(2))
-    return NextState.measure(block, None)[0][1]
+    return NextState.measure(block, SimpleNamespace(states=slice(None)))[0][1]
 
 
 def test_actions_are_the_next_state_at_sixteen_steps():

@@ -317,4 +317,5 @@ class NeverMoves(ComparingRule):
         low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
         are_few = still.sum(axis=0) <= few(len(still))
         is_known = are_few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+        still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
         return above(still, np.where(is_known & (usual > 0), 0.5, np.inf))

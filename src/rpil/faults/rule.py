@@ -16,6 +16,7 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.names import LAST_ACTION
 from rpil.data.text import counted, duration, moment
 from rpil.faults.ends import Ends, learn_ends
 from rpil.faults.lag import Pair, find_lag
@@ -23,7 +24,7 @@ from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_la
 from rpil.faults.naming import Namer, learn_maps
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array, Bool, Int
 
 
 @stored()
@@ -72,15 +73,18 @@ class Learned:
     pairs: tuple[Pair, ...]
     namer: Namer | None
     ends: Ends | None
+    states: Bool[Array, " D"]
+    """Which observations are no last actions, as `--history` adds them."""
     settings: FaultSettings
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Learned:
         """From demonstrations spread evenly over the data."""
+        states = np.array([not LAST_ACTION.fullmatch(name) for name in demonstrations.observation_names], dtype=bool)
         sample = learn_columns(*pilot(demonstrations, settings), column_labels(demonstrations), settings)
         pairs, most_related = find_lag(sample)
         namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(sample.columns, pairs, namer, learn_ends(sample), settings)
+        return cls(sample.columns, pairs, namer, learn_ends(sample), states, settings)
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]

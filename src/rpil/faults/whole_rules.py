@@ -17,7 +17,7 @@ from rpil.numerics.types import Array
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
-    sentence = "it has {value:.0f} steps{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
+    sentence = "it has {value:.0f} {noun}{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
     causes = ("frame rate", "two episodes")
 
     @staticmethod
@@ -46,10 +46,11 @@ class Length(ComparingRule):
         seconds = self.data.seconds
         lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
         whose, (low, high), end = "usual", (self.low, self.high), ""
+        noun = "step" if fault.value == 1 else "steps"
         if self.is_cut[m]:
             whose, (low, high) = "half of all", np.quantile(self.data.lengths, [0.25, 0.75])
             end = " and ends where the others do not: perhaps it is cut off"
-        return super().say(fault, m, c, seconds=lasts, whose=whose, low=low, high=high, end=end)
+        return super().say(fault, m, c, noun=noun, seconds=lasts, whose=whose, low=low, high=high, end=end)
 
 
 class OtherLag(ComparingRule):
@@ -176,7 +177,7 @@ class NextState(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Share of the actions that move that are a state at the next step, at 16 steps."""
-        observations, actions = block.block.observations, block.block.actions
+        observations, actions = block.block.observations[:, learned.states], block.block.actions
         share = np.zeros(len(block.numbers))
         for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
             if actions.ndim == 2 and end - first > 2:

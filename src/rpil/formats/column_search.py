@@ -195,6 +195,9 @@ class _Search:
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
             if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
                 return found, len(found) == 1 and self.kinds[found[0]] == "text"
+        for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
+            said = "holds texts in lists, or nested values; write each part of the action as a column"
+            raise DataError(f"{self.source}: column {name!r} {said}.")
         guess = guess_actions(name for name, _ in free if self.options.guess and self.kinds[name] in _NUMBERS)
         if guess:
             self.guessed["action"] = ",".join(guess)
