@@ -8,8 +8,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from asked import write
 from command_line import ENV, ok
-from rpil import formats
+from rpil import RPIL, formats
+from small import FAST
 
 
 @pytest.fixture(scope="session")
@@ -33,6 +35,18 @@ def good_first(path):
     order = np.argsort(-truth["is_good"], kind="stable")
     made = replace(demonstrations.select(order), ids=tuple(range(len(order))))
     formats.write(path, made, {name: values[order] for name, values in truth.items()})
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory):
+    """Demonstrations of which some act at random, for tests that ask about them."""
+    return write(tmp_path_factory.mktemp("asked") / "d.parquet")
+
+
+@pytest.fixture(scope="session")
+def audit(data):
+    """Their audit."""
+    return RPIL(settings=FAST).fit(formats.read(data, observations=["x", "v"])).audit_
 
 
 @pytest.fixture(autouse=True)

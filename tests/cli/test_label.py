@@ -18,23 +18,12 @@ from click.testing import CliRunner
 
 from asked import BAD, N_STEPS, write
 from command_line import ok, refused
-from rpil import RPIL, read
 from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
 from rpil.cli.questions.session import Session
 from rpil.data.id_values import read_answers
 from rpil.estimators.pipeline import FitOptions
 from small import FAST
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("label") / "d.parquet")
-
-
-@pytest.fixture(scope="module")
-def audit(data):
-    return RPIL(settings=FAST).fit(read(data, observations=["x", "v"])).audit_
 
 
 def label(keys, *arguments):

@@ -24,11 +24,6 @@ from served import need_server, reviewing
 need_server()
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("review") / "d.parquet")
-
-
 @pytest.mark.slow
 def test_what_was_answered_outlives_the_server(data):
     """Ten answers, an end by force, and a second run that goes on with them and ends by Ctrl-C."""

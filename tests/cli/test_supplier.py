@@ -17,11 +17,6 @@ from served import need_server, reviewing
 need_server()
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return write(tmp_path_factory.mktemp("review") / "d.parquet")
-
-
 @pytest.mark.slow
 def test_what_is_finished_is_carried_out_by_one_command_and_told_to_the_supplier(tmp_path):
     other = write(tmp_path / "d & <b>.parquet")

@@ -175,11 +175,6 @@ def test_labels_of_copies_are_counted_once(copied):
     assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
 
 
-def test_an_answer_that_contradicts_an_earlier_one_is_refused(audit):
-    with pytest.raises(DataError, match="two answers contradict each other"):
-        audit.answered(pairs=[("d0", "d9")]).answered(pairs=[("d9", "d0")])
-
-
 def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
     with pytest.raises(DataError, match=r"give the labels to fit\(\)"):
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
@@ -237,13 +232,6 @@ def test_suggested_labels_have_no_label_yet(audit):
     assert len(known.suggest_labels(100)) == len(audit.ids) - 4
     with pytest.raises(DataError, match="ask for one at least"):
         audit.suggest_labels(0)
-
-
-def test_without_columns_labels_are_asked_for_in_the_middle_of_the_ranking():
-    made = make_audit()
-    assert {made.index(name) for name in made.suggest_labels(2)} == set(made.ranking()[4:6].tolist())
-    labelled = make_audit(labels=dict.fromkeys(made.suggest_labels(2), 1))
-    assert {made.index(name) for name in labelled.suggest_labels(2)} == set(made.ranking()[[3, 6]].tolist())
 
 
 def test_weights_of_steps_follow_the_answers(audit):

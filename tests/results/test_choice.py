@@ -135,19 +135,6 @@ def test_exactly_a_fifth_is_rejected_and_one_more_is_not():
     assert choose(table_of(["outlier"] * 2 + ["open"] * 3), SETTINGS).reason.startswith(reason)
 
 
-def test_unlike_ones_that_are_labelled_are_not_inferred():
-    words, labels = ["outlier"] * 5 + ["similar"] * 5, ["bad"] * 2 + ["good"] + [""] * 7
-    choice = choose(table_of(words, labels), SETTINGS)
-    assert choice.rejected == {"labels": ("d0", "d1"), "outlier": ("d3", "d4")}
-    assert "d2" in choice.kept
-
-
-def test_more_than_a_fifth_may_be_rejected_after_two_answers():
-    for n, most in ((0, 0.2), (1, 0.2), (2, 1.0), (5, 1.0)):
-        audit = audit_with(("open",) * 10, ["label"] * n)
-        assert {*verdict_columns(audit, {})["max_outliers"]} == {most}
-
-
 def test_a_share_or_a_probability_is_obeyed_in_full():
     table = {**table_of(["outlier"] * 9 + ["similar"], most=0.0), "log_odds": range(10), "expert_proba": [0.05] * 10}
     table["label"][9] = "bad"

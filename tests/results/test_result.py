@@ -30,19 +30,9 @@ def test_to_dict_has_the_documented_keys_and_is_json():
         *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
     }
     assert set(content["prior"]) == {"mean", "low", "high"}
-    keys = {
-        "id",
-        "n_steps",
-        "log_odds",
-        "evidence",
-        "rank",
-        "expert_proba",
-        "reliability",
-        "verdict",
-        "reason",
-        "worst_steps",
-    } | {"label"}
-    assert all(set(entry) == keys | {"facts"} for entry in content["demonstrations"])
+    keys = {"id", "verdict", "label", "rank", "expert_proba", "log_odds", "evidence", "reliability", "n_steps"}
+    keys |= {"reason", "worst_steps", "facts"}
+    assert all(set(entry) == keys for entry in content["demonstrations"])
     assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
     assert [entry["rank"] for entry in content["demonstrations"]] == [1, 2, 3, 4, 5]
     assert content["groups"] == []
