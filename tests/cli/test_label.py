@@ -240,12 +240,13 @@ def test_an_answer_that_contradicts_another_is_asked_again(audit, monkeypatch, c
 
 def test_the_last_lines_say_that_another_program_removed_the_answers(audit):
     session = Session(audit, "labels.csv", None, None)
-    assert "nothing was written" in "\n".join(last_lines(session, "rpil audit"))
+    assert "nothing was written" in "\n".join(last_lines(session, ["rpil", "audit"]))
     session.answer((1,), "g")
-    assert [*last_lines(session, "rpil audit")] == ["", "1 answer of this run in labels.csv.", "Then run: rpil audit"]
+    then = "Then run: rpil audit --labels labels.csv"
+    assert [*last_lines(session, ["rpil", "audit"])] == ["", "1 answer of this run in labels.csv.", then]
     Path("labels.csv").unlink()
     said = "Another program has changed or removed labels.csv; look whether your answers are in it."
-    assert [*last_lines(session, "rpil audit")] == ["", said]
+    assert [*last_lines(session, ["rpil", "audit"])] == ["", said]
 
 
 @pytest.mark.parametrize("command", ["label", "review"])

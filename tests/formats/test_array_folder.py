@@ -143,6 +143,7 @@ def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
 
 def test_npz_files_beside_tables_are_not_read(tmp_path, folder):
     (folder / "notes.txt").write_text("recorded on Monday")
+    (folder / "labels.csv").write_text("id,label\n0,good\n")  # of rpil label
     assert len(rpil.read(folder)) == 3
     (folder / "data").mkdir()
     shutil.copyfile(samples.parquet_lists(tmp_path), folder / "data" / "lists.parquet")

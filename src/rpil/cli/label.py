@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -75,16 +75,11 @@ def label(ctx: click.Context, /, file: str, by: str, **options: Value) -> None:
 
     session = Session(run.audit, path, before, MAX_QUESTIONS, by.strip())
     ask(session)
-    terminal.print_lines(last_lines(session, command_with_labels(ctx, path)))
+    terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
 
 
-def command_with_labels(ctx: click.Context, path: str) -> str:
-    """The command ``rpil audit`` with the arguments of `ctx` and the answers at `path`."""
-    return shlex.join([*command_words(ctx, "audit", WITHOUT), "--labels", path])
-
-
-def last_lines(session: Session, command: str) -> Iterator[str]:
-    """What was answered in a run that ends, and the command to run then."""
+def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
+    """What was answered in a run that ends, and the command to run then, which is `audit` with the answers."""
     yield ""
     if not session.rows and session.before is None:
         yield "No answer was given, and nothing was written."
@@ -94,7 +89,7 @@ def last_lines(session: Session, command: str) -> Iterator[str]:
         return
     yield f"{counted(len(session.rows), 'answer')} of this run in {session.path}."
     yield from session.agreement()
-    yield f"Then run: {command}"
+    yield f"Then run: {shlex.join([*audit, '--labels', session.path])}"
 
 
 def ask(session: Session) -> None:

@@ -17,7 +17,7 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import AuditRun, check_paths, look_for_faults
-from rpil.cli.label import WITHOUT, audit_with_answers, by_option, command_with_labels, last_lines
+from rpil.cli.label import WITHOUT, audit_with_answers, by_option, last_lines
 from rpil.cli.options import LABEL_OPTIONS, Value, command_words, with_options
 from rpil.cli.outputs import OUTPUTS, about, write_outputs
 from rpil.cli.progress import show_stages
@@ -74,7 +74,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, by
             threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
             serve(application(shown, gate), listening)
-    terminal.print_lines(last_lines(shown.session, command_with_labels(ctx, path)))
+    terminal.print_lines(last_lines(shown.session, command_words(ctx, "audit", WITHOUT)))
 
 
 def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) -> Review:

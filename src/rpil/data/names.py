@@ -35,6 +35,7 @@ OUTCOME = re.compile(
     r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
     r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
 )
+OWN_TABLES = {"labels.csv", "verdicts.csv", "labels-verdicts.csv"}  # as rpil calls what it writes, beside data perhaps
 _OWN_COLUMN = re.compile(r"weights?|expert_proba|log_odds|labels?|verdicts?")  # as rpil and its users write them
 NOT_SEEN = (
     (re.compile(r"(?:.*_)?subtask_(?:term|start)_signals?(?:_.*)?"), "labels of subtasks"),

@@ -112,7 +112,7 @@ class FaultReport:
     @property
     def headline(self) -> str:
         """How much is found, one sentence."""
-        size = f"{counted(self.n_demonstrations, 'demonstration')} ({self.n_steps:,} steps)"
+        size = f"{counted(self.n_demonstrations, 'demonstration')} ({counted(self.n_steps, 'step')})"
         n = sum(found.id in {*self.odd} for found in self.findings)
         n_other = len(self.findings) - n
         said = f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}"

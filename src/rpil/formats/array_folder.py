@@ -20,7 +20,7 @@ from rpil.data.files import new_folder, replacing
 from rpil.data.folders import copy_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
-from rpil.data.names import ACTION_COLUMNS, TASK, may_be_outcome, natural_key, plain_name
+from rpil.data.names import ACTION_COLUMNS, OWN_TABLES, TASK, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
@@ -46,7 +46,7 @@ def claims(path: Path) -> bool:
     """Whether `path` is a folder of such files and of no tables."""
     if not path.is_dir():
         return False
-    names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE}
+    names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE, *OWN_TABLES}
     return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
 
 

@@ -19,6 +19,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.memory import MIB
+from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
@@ -66,7 +67,7 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
         other = seen.setdefault(without_suffix(name), name)
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
-    return _read(files, columns, Origin(source, f"{first.words}, {len(paths):,} files"))
+    return _read(files, columns, Origin(source, f"{first.words}, {counted(len(paths), 'file')}"))
 
 
 def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:

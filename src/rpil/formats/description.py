@@ -95,7 +95,8 @@ class Description:
         return lines
 
     def _size(self) -> str:
-        size = f"{self.source}: {self.format}; {counted(self.demonstrations, 'demonstration')}, {self.steps:,} steps"
+        numbers = f"{counted(self.demonstrations, 'demonstration')}, {counted(self.steps, 'step')}"
+        size = f"{self.source}: {self.format}; {numbers}"
         if self.seconds is not None:
             size += f", {self.seconds:,.1f} s"
         return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."

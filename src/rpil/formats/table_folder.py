@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
+from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect, without_suffix
@@ -48,7 +49,7 @@ def _found(path: StrPath, options: ColumnOptions) -> tuple[fs.FileSystem, list[s
     A .txt file may be any text, as a licence: it is read where it has the columns of a table, or no file is called so.
     """
     filesystem, parquet_files, texts = find_files(path)
-    tables = [] if parquet_files else texts
+    tables = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
     named = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))]
     if len(named) < len(tables):
         first = _columns(named[0], options) if named else set()
