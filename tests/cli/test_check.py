@@ -67,11 +67,7 @@ def test_expected_findings_do_not_fail():
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [
-        ('{"spikes": [4]}', "no rule 'spikes'"),
-        ('{"spike": 4.5}', "needs a list"),
-        ('{"spike": [4', "JSON"),
-    ],
+    [('{"spikes": [4]}', "no rule 'spikes'"), ('{"spike": 4.5}', "needs a list"), ('{"spike": [4', "JSON")],
 )
 def test_expected_in_another_form_is_refused(text, match):
     write("data.parquet")

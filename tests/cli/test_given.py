@@ -241,13 +241,7 @@ LINE = "Set aside: 4, 20, because a value is missing or infinite."
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ["info"],
-        ["audit"],
-        ["fit", "-o", "policy"],
-        ["keep", "-o", "k.parquet"],
-        ["convert", "-o", "k.csv"],
-    ],
+    [["info"], ["audit"], ["fit", "-o", "policy"], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"]],
     ids=lambda words: words[0],
 )
 @pytest.mark.parametrize("stream", [[], ["--stream"]], ids=["memory", "disk"])

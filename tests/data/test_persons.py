@@ -9,13 +9,7 @@ import pytest
 
 from problems import refused
 from rpil.data.errors import DataError, DataWarning
-from rpil.data.id_values import (
-    answers_of_persons,
-    parse_answers,
-    read_answer_rows,
-    read_answers,
-    write_answers,
-)
+from rpil.data.id_values import answers_of_persons, parse_answers, read_answer_rows, read_answers, write_answers
 from rpil.data.persons import AnswerRow, agreement_lines
 
 BOTH = """id,label,by,note

@@ -120,11 +120,7 @@ def test_a_driver_of_several_runs_is_no_guess(tmp_path):
     laps, action = np.arange(300) // STEPS % 4, ("--action", "steer")
     said = "column 'lap' changes within this demonstration; .* or, if '{}' is one, say so with --id"
     for name, more, words in (
-        (
-            "again",
-            {},
-            "'clock' starts again, .* only a guess; .* begins there, give --split-gap 1, else --id driver",
-        ),
+        ("again", {}, "'clock' starts again, .* only a guess; .* begins there, give --split-gap 1, else --id driver"),
         ("lap", {"lap": laps, "clock": np.arange(300) / 20}, said.format("driver")),
         ("run", {"run": laps}, said.format("run").replace("lap", "driver")),
     ):

@@ -63,7 +63,6 @@ def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
             (tmp_path / folder / name).write_text(table)
         (tmp_path / folder / "LICENSE.txt").write_text("Permission is granted.\nTo all, and to any.\n")
         (tmp_path / "csv" / "intrinsics.npz").write_bytes(b"x")
-        (tmp_path / folder / "README.md").write_text("Read me.")
         recording = formats.read_recording(tmp_path / folder)
         assert recording.ids == ("a", "b", "c")
         ignored = recording.description.ignored
@@ -74,9 +73,7 @@ def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
     (tmp_path / "csv" / "notes.txt").write_text("")
     (tmp_path / "csv" / "labels.csv").write_text("id,label\na,good\n")
     assert len(formats.read_recording(tmp_path / "csv").demonstrations) == 3
-
-
-def test_a_folder_of_prose_alone_is_none_of_tables(tmp_path):
-    (tmp_path / "LOG.TXT").write_text("Tue Jul 29 16:44:36 2025\nWARNING: unstable\n")
+    (tmp_path / "prose").mkdir()
+    (tmp_path / "prose" / "LOG.TXT").write_text("Tue Jul 29 16:44:36 2025\nWARNING: unstable\n")
     with pytest.raises(DataError, match=r"no .parquet or .csv file is there, and LOG.TXT is no table; check"):
-        formats.read_recording(tmp_path)
+        formats.read_recording(tmp_path / "prose")
