@@ -17,6 +17,8 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Product
 from rpil.inference.held_out import held_out_model, log_reference
 from rpil.inference.settings import HeldOutSettings
+from rpil.policies.linear import linear_policy
+from rpil.simulation.rollouts import rollout
 from small import small_rpil
 
 N, STEPS = 16, 30
@@ -100,7 +102,6 @@ def test_many_features_have_one_constant_within_each_class():
 
 def test_other_demonstrations_are_judged_by_their_classes_and_not_by_codes(demonstrations, tmp_path):
     model = RPIL().fit(demonstrations)
-    assert model.policy_ is None
     rpil.save(model, tmp_path / "model.rpil")
     again, every = rpil.load(tmp_path / "model.rpil"), model.score_demonstrations(demonstrations)
     np.testing.assert_array_equal(again.score_demonstrations(demonstrations), every)
@@ -119,20 +120,71 @@ def test_other_demonstrations_are_judged_by_their_classes_and_not_by_codes(demon
         model.score_demonstrations(Demonstrations(few.observations, few.actions, [0, STEPS]))
 
 
-@pytest.mark.parametrize(
-    "learn",
-    [
-        lambda data: BehavioralCloning().fit(data),
-        lambda data: RMEnt(n_trusted=0.5).fit(data),
-        lambda data: RPIL(adversary="uniform").fit(data),
-        lambda data: RPIL(policy=HistGradientBoostingClassifier()).fit(data),
-        lambda data: RPIL().fit(data).predict(data.observations),
-        lambda data: RPIL().fit(data).log_prob(data.observations, data.actions),
-    ],
-)
-def test_no_policy_is_fitted_to_several_parts(demonstrations, learn):
-    with pytest.raises(DataError, match="No policy is fitted to actions of several parts"):
-        learn(demonstrations)
+@pytest.mark.parametrize("model", [BehavioralCloning(), RMEnt(0.5), RPIL(), RPIL("auto")])
+def test_a_policy_is_the_product_of_its_factors(demonstrations, model, tmp_path):
+    d = demonstrations
+    rpil.save(model.fit(d), tmp_path / "policy")
+    again, features = rpil.load(tmp_path / "policy"), model.features_.design(d.observations)
+    predicted, log_prob = model.predict(d.observations), model.log_prob(d.observations, d.actions)
+    np.testing.assert_array_equal(again.predict(d.observations), predicted)
+    np.testing.assert_array_equal(again.log_prob(d.observations, d.actions), log_prob)
+    skills, numbers = (factor.model for factor in model.policy_.factors)
+    (proba,) = model.predict_proba(d.observations)
+    np.testing.assert_array_equal(proba, np.exp(skills.outputs(features)))
+    np.testing.assert_array_equal(predicted[:, 0], proba.argmax(axis=1))
+    mean = [numbers.outputs(model.space_.given(features, each)) for each in (d.actions, predicted)]
+    expected = np.log(proba)[np.arange(d.n_steps), d.actions[:, 0].astype(int)]
+    np.testing.assert_allclose(log_prob, expected + numbers.log_prob(mean[0], d.actions[:, 1:]))
+    np.testing.assert_array_equal(predicted[:, 1:], model.space_.numbers.act(mean[1]))
+    away = predicted[:, 1] - d.actions[:, 1]
+    explained = 1 - (away**2).sum() / ((d.actions[:, 1] - d.actions[:, 1].mean()) ** 2).sum()
+    share = (predicted[:, 0] == d.actions[:, 0]).mean()
+    assert model.score(d.observations, d.actions) == pytest.approx((share + explained) / 2)
+
+
+def test_the_policy_of_each_factor_is_that_of_its_own_fit(demonstrations):
+    """Also where the factors have other sizes than the features: a part of one class, and one of four."""
+    d, rng = demonstrations, np.random.default_rng(0)
+    other = rng.integers(4, size=d.n_steps)
+    codes = np.column_stack([np.zeros(d.n_steps), d.actions[:, 0], other])
+    classes = (("only",), tuple(SKILLS), (0, 1, 2, 3))
+    several = Demonstrations(d.observations, codes, d.offsets, part_classes=classes)
+    model = BehavioralCloning().fit(several)
+    alone = [BehavioralCloning().fit(d.observations, part.astype(int)) for part in codes[:, 1:].T]
+    proba = model.predict_proba(d.observations)
+    np.testing.assert_array_equal(proba[0], 1.0)
+    for of_part, one in zip(proba[1:], alone, strict=True):
+        np.testing.assert_allclose(of_part, one.predict_proba(d.observations), atol=1e-7)
+    predicted = np.column_stack([one.predict(d.observations) for one in alone])
+    np.testing.assert_array_equal(model.predict(d.observations)[:, 1:], predicted)
+
+
+@pytest.mark.parametrize("n_features", [3, 200])
+def test_numbers_have_a_constant_within_each_class(n_features):
+    space = Product((tuple("abc"), ()), Box(np.zeros(1), np.ones(1)))
+    ridge = np.append(np.full(n_features, 2.0), 0.0)
+    numbers = linear_policy(space, ridge, 10.0).factors[1].model
+    given = space.given(np.ones((1, n_features + 1)), np.zeros((1, 2)))
+    np.testing.assert_array_equal(numbers.ridge, np.append(np.full(given.shape[1] - 1, 2.0), 0.0))
+
+
+@pytest.mark.parametrize("wrong", [[[3.0, 0.0]], [[-1.0, 0.0]], [[0.5, 0.0]], [[np.nan, 0.0]], [[0.0]], [0.0]])
+def test_actions_are_as_predict_has_them(demonstrations, wrong):
+    model = BehavioralCloning().fit(demonstrations)
+    with pytest.raises(DataError, match=r"give 2 parts .*, and each class as its number in space_\.part_classes"):
+        model.log_prob(demonstrations.observations[:1], np.array(wrong))
+
+
+@pytest.mark.parametrize("given", [{"adversary": "uniform"}, {"policy": HistGradientBoostingClassifier()}])
+def test_adversaries_and_policies_of_the_user_have_one_part(demonstrations, given):
+    with pytest.raises(DataError, match="Only the linear policy takes actions of several parts"):
+        RPIL(**given).fit(demonstrations)
+
+
+def test_one_policy_is_learned_from_several_tasks(table):
+    tasks = pa.array(np.repeat(["a", "b"], N // 2 * STEPS))
+    model = RPIL().fit(rpil.open(table.append_column("task", tasks), task="task"))
+    assert len(model.policy_.factors) == 2
 
 
 def test_bounds_are_of_numbers_alone(demonstrations):
@@ -140,12 +192,15 @@ def test_bounds_are_of_numbers_alone(demonstrations):
         RPIL(action_box=(-1, 1)).fit(demonstrations)
 
 
-def test_the_command_that_learns_a_policy_says_so(table, tmp_path):
+def test_a_policy_is_learned_by_the_command_and_played_in_no_environment_of_one_part(table, tmp_path):
     pq.write_table(table, tmp_path / "a.parquet")
-    run = CliRunner().invoke(main, ["fit", str(tmp_path / "a.parquet"), "-o", str(tmp_path / "policy"), "--quiet"])
-    assert run.exit_code == 2
-    assert "No policy is fitted to actions of several parts" in run.output
-    assert not (tmp_path / "policy").exists()
+    run = CliRunner().invoke(main, ["fit", str(tmp_path / "a.parquet"), "-o", str(tmp_path / "policy")])
+    assert run.exit_code == 0, run.output
+    assert "rpil evaluate" not in run.output
+    policy = rpil.load(tmp_path / "policy")
+    assert policy.predict(np.zeros((2, 3))).shape == (2, 2)
+    with pytest.raises(DataError, match=r"was fitted to .* the actions of several parts"):
+        rollout(policy, "Pendulum-v1", n_episodes=2, seed=0)
 
 
 @pytest.mark.parametrize("numbers", [True, False])
@@ -156,11 +211,15 @@ def test_a_sample_of_many_is_judged_and_weighed_alike_on_disk_and_in_memory(tmp_
     pq.write_table(frame(states, parts, 120), tmp_path / "a.parquet")
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     assert data.part_classes == (tuple(SKILLS), () if numbers else (0, 1))
-    here, there = small_rpil().fit(rpil.read(tmp_path / "a.parquet")), small_rpil().fit(data)
+    read = rpil.read(tmp_path / "a.parquet")
+    here, there = small_rpil().fit(read), small_rpil().fit(data)
     for name in ("log_odds", "step_weight", "step_log_ratio"):
         found, expected = getattr(there.audit_, name), getattr(here.audit_, name)
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
     assert len(there.audit_.step_weight) == 120 * STEPS
+    direct = BehavioralCloning().fit(read, sample_weight=there.audit_.step_weight)
+    of_steps = [model.log_prob(states, read.actions) for model in (there, direct)]
+    np.testing.assert_allclose(*of_steps, rtol=0.02, atol=0.02)
     if numbers:  # classes are taken for independent, given the state
         assert roc_auc_score(good, there.audit_.log_odds) > 0.95
 

@@ -54,19 +54,18 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     with show_stages(run.quiet) as progress:
         recording, _ = commands.read_data(file, run, progress)
         progress(LOADING)
-        from rpil.data.spaces import policy_space
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
         model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=ctx.obj, progress=progress)
         model.fit(recording, labels=run.labels, demonstrators=run.operator)
-        policy_space(model.space_)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
     terminal.print_lines(closing_lines(ctx, model.audit_))
     play = shlex.join(["rpil", "evaluate", output, "--env"])
-    click.echo(f"Policy: {output}" if run.quiet else f"Policy: {output}; to play it: {play} ID")
+    is_played = not run.quiet and model.space_.kind != "product"
+    click.echo(f"Policy: {output}; to play it: {play} ID" if is_played else f"Policy: {output}")
 
 
 @main.command()

@@ -7,7 +7,7 @@ action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -163,7 +163,7 @@ class Product:
     """Actions of A parts of which the first are classes, as a skill, and the others numbers, as its parameters.
 
     The probability of an action is the product of that of each class, and of the density of all numbers given the
-    classes. The judge takes such actions; policies do not.
+    classes. The judge and linear policies take such actions: the number of each class, and the numbers, (N, A).
     """
 
     part_classes: PartClasses
@@ -194,14 +194,22 @@ class Product:
         return np.hstack([within.reshape(len(features), -1), features])
 
 
+@stored(renews=("A", "F", "K"))
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """The model of one factor of a product, of sizes of its own."""
+
+    model: Any
+
+
 ActionSpace = Space | Product
 
 
-def policy_space(space: ActionSpace) -> Space:
-    """The space, for a policy; a `DataError` where it is a `Product`, which no policy takes."""
+def simple_space(space: ActionSpace) -> Space:
+    """The space, for a policy of the user or an adversary; a `DataError` where it is a `Product`."""
     if isinstance(space, Product):
         raise DataError(
-            "No policy is fitted to actions of several parts, of which some are classes; judge them with RPIL() or "
-            "rpil audit, and train a policy of your own by the weights."
+            "Only the linear policy takes actions of several parts, of which some are classes; leave out policy= and "
+            "adversary=, or train a policy of your own by the weights."
         )
     return space

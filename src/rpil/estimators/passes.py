@@ -11,14 +11,13 @@ import numpy as np
 
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import policy_space
+from rpil.data.spaces import Product
 from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
 from rpil.inference.fitted_judge import FittedJudge, ProductRatio, SoftmaxRatio
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import AdditivePolicy
+from rpil.policies.linear import factors_of, linear_policy, product_of
 from rpil.results.evidence import StepEvidence, similar_members, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
@@ -76,9 +75,9 @@ class SampledFit(FullFit):
         assert posed.blocks is not None
         sample = _sample(posed, decided.judgement, decided.judge)
         weights = StepWeights.of(decided.audit, sample, options.settings.judge)
-        if not self.keeps_policy or task.space.kind == "product":
+        if not self.keeps_policy:
             return replace(decided, audit=self._weigh(posed, decided, posed.blocks.then(weights))[0])
-        weight, space = weights.steps(data, sample.indices)[-1], policy_space(task.space)
+        weight, space = weights.steps(data, sample.indices)[-1], task.space
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, space)
         observations = posed.demonstrations.observations
         features = options.linear.feature_map(choice, observations, weight)
@@ -87,11 +86,15 @@ class SampledFit(FullFit):
         blocks = posed.blocks.then(weights).kept(int(task.source.offsets[-1]))
         audit, total = self._weigh(posed, decided, blocks)
         ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
-        first, _ = linear_policy(space, ridge, weight.sum()).fit(data, weight)
-        assert isinstance(first, AdditivePolicy)
-        start, hessian = first.with_preconditioner(data, weight, final_ridge, total / weight.sum())
-        policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
-        return replace(decided, audit=audit, features=features, policy=policy.with_temperature(choice.temperature))
+        zero, final = linear_policy(space, ridge, weight.sum()), linear_policy(space, final_ridge, total)
+        found = []
+        for j, (own, policy, goal) in enumerate(zip(data.factors, *map(factors_of, (zero, final)), strict=True)):
+            first, _ = policy.fit(own, weight)
+            start, hessian = first.with_preconditioner(own, weight, goal.ridge, total / weight.sum())
+            steps = blocks.then(partial(_factor_of, space=space, j=j)) if isinstance(space, Product) else blocks
+            found.append(ascend(steps, start, hessian, options.settings.ascent, options.progress))
+        final = product_of(space, found).with_temperature(choice.temperature)
+        return replace(decided, audit=audit, features=features, policy=final)
 
     def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
@@ -129,3 +132,9 @@ def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge |
     assert judgement is not None
     assert judge is not None
     return JudgedSample(posed.data, posed.indices, judgement, judge)
+
+
+def _factor_of(block: WeightedBlock, space: Product, j: int) -> WeightedBlock:
+    """The block for one of the factors of the actions."""
+    own = FitData.from_steps(block.features, block.actions, space).factors[j]
+    return block._replace(features=own.features, actions=own.actions)

@@ -24,7 +24,6 @@ from rpil.data.archive import (
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
-from rpil.data.spaces import Product
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
@@ -69,7 +68,7 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
-    if estimator.policy_ is not None and stored_name(estimator.policy_) is None:
+    if stored_name(estimator.policy_) is None:
         made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
         raise DataError(
             f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
@@ -176,11 +175,9 @@ def _try_out(estimator: SavedEstimator) -> None:
     """Use the estimator on one step, so that parts of different shapes fail here and not later."""
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     space = estimator.space_
-    outputs = action = np.zeros((1, space.n_parts))
-    if not isinstance(space, Product):
-        outputs = estimator.policy_.outputs(estimator.features_.design(observation))
-        action = space.act(outputs)
-    sound = np.isfinite(outputs).all() and (classes[:-1] < classes[1:]).all()
+    outputs = estimator.policy_.outputs(estimator.features_.design(observation))
+    action = estimator._act(outputs)
+    sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
     sound &= len(classes) == getattr(space, "n", 0)
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)

@@ -19,7 +19,7 @@ from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import ActionSpace, policy_space
+from rpil.data.spaces import ActionSpace, simple_space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
@@ -78,7 +78,7 @@ class FitOptions:
         """The user's policy before it is fitted."""
         from rpil.policies.cross_fitted import cross_fitted_policy
 
-        return cross_fitted_policy(self.policy, policy_space(space), n_steps, self.settings.cross_fit)
+        return cross_fitted_policy(self.policy, simple_space(space), n_steps, self.settings.cross_fit)
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
@@ -180,7 +180,7 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
 
     data, settings, n_steps = posed.data, options.settings, len(posed.data.actions)
     assert isinstance(posed.features, FeatureMap)
-    space = policy_space(data.space)
+    space = simple_space(data.space)
     start = linear_policy(space, ridge_of(posed.features, options.C, n_steps, space), n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
@@ -288,15 +288,14 @@ class FullFit:
             evidence = by_held_out_policies(judgement, judged.data, judged.copies, self.options.random_state, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
-        is_kept = self.keeps_policy and data.space.kind != "product"
-        features, policy = final_policy() if is_kept else (posed.features, None)
+        features, policy = final_policy() if self.keeps_policy else (posed.features, None)
         audit = replace(audit, deviations=phrases, traces=drawn)
         return replace(decided, audit=audit, features=features, policy=policy)
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
         data = posed.data
         if self.options.policy is None:
-            return self.options.linear.fit(posed.demonstrations, data.actions, weight, policy_space(data.space))
+            return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
         # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
         start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
         return posed.features, start.fit_all(data, weight)
@@ -308,4 +307,5 @@ def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     features = options.judge_features(demonstrations)
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
     options.progress("the policy")
-    return FullFit(task, options).fit_policy(posed, FitResult(audit, features, features))
+    final, policy = FullFit(task, options)._final_policy(posed, audit.step_weight)
+    return FitResult(audit, features, final, policy)

@@ -30,7 +30,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.settings_record import settings_record
-from rpil.data.spaces import policy_space
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.task import Task
@@ -223,7 +222,7 @@ class RMEnt(PolicyEstimator):
         """
         demonstrations = as_demonstrations(self, X, y, groups)
         task = Task.of(demonstrations)
-        space, self.space_, self.classes_ = policy_space(task.space), task.space, task.classes
+        space, self.space_, self.classes_ = task.space, task.space, task.classes
         n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]

@@ -90,7 +90,7 @@ class RPIL(PolicyEstimator):
     log_odds_, expert_proba_ : (M,) arrays
         In the order of ``audit_.ids``.
     classes_ : (K,) array
-        The discrete actions; empty for continuous actions.
+        The discrete actions; empty for continuous actions, and those of several parts.
     coef_, intercept_ : arrays
         Of a linear policy.
     judge_ : FittedJudge or None
@@ -231,7 +231,8 @@ class RPIL(PolicyEstimator):
         """Copy the result of a fit."""
         self.space_, self.classes_ = task.space, task.classes
         self.features_, self.judge_features_ = fitted.features, fitted.judge_features
-        self.policy_ = fitted.policy  # type: ignore[assignment]  # none for actions of several parts
+        assert fitted.policy is not None
+        self.policy_ = fitted.policy
         self.judge_, self.state_, self.audit_ = fitted.judge, fitted.state, fitted.audit
         self.n_iter_, self.lower_bound_, self.converged_ = fitted.n_iter, fitted.lower_bound, fitted.converged
         return self

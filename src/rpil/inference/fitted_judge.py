@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Product
+from rpil.data.spaces import Discrete, Factor, Product
 from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
@@ -93,14 +93,6 @@ class StudentRatio:
     def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
         """The actions, scaled."""
         return self.scaling(actions)
-
-
-@stored(renews=("A", "F", "K"))
-@dataclass(frozen=True, eq=False)
-class Factor:
-    """The log-ratio of one factor of a product, of sizes of its own."""
-
-    model: SoftmaxRatio | StudentRatio
 
 
 @stored()

@@ -14,7 +14,7 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.settings_record import check_settings
-from rpil.data.spaces import Space, policy_space
+from rpil.data.spaces import Space, simple_space
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 from rpil.policies.folds import deal, pieces
 from rpil.policies.heads import Head, initial_head
@@ -160,7 +160,7 @@ class TorchPolicy:
             last, trained = trained.head, replace(trained, head=trained.head.fit(data, weight, outputs))
             if trained.head is last:
                 break
-        return replace(self, space=policy_space(data.space), trained=trained), outputs
+        return replace(self, space=simple_space(data.space), trained=trained), outputs
 
     def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> TorchPolicy:
         """The policy of one new network that is trained on all weighted steps, for predicting.
@@ -174,9 +174,9 @@ class TorchPolicy:
         epochs = self.epochs
         if self.patience is not None:
             epochs = max(self._train(start, data, unit, weight)[1], 1)
-        single = replace(self, n_folds=1, space=policy_space(data.space), patience=None, epochs=epochs)
+        single = replace(self, n_folds=1, space=simple_space(data.space), patience=None, epochs=epochs)
         trained, _ = single._train(replace(single._initial(data, unit), head=head), data, unit, weight)
-        return replace(self, n_folds=1, space=policy_space(data.space), trained=trained)
+        return replace(self, n_folds=1, space=simple_space(data.space), trained=trained)
 
     @property
     def _head(self) -> Head:
@@ -190,7 +190,7 @@ class TorchPolicy:
         features = np.asarray(data.features, dtype=float)
         center, spread = features.mean(axis=0), features.std(axis=0)
         spread = np.where(spread > 1e-9 * np.maximum(np.abs(center), 1.0), spread, 1.0)
-        head = initial_head(policy_space(data.space), len(data.actions))
+        head = initial_head(simple_space(data.space), len(data.actions))
         n_networks = min(self.n_folds, int(unit.max()) + 1)
         sizes = (features.shape[1], *self.hidden, head.width)
         networks = initial_networks(sizes, n_networks, np.random.default_rng([self.seed, 0]))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.spaces import Box, Discrete, Space
+from rpil.data.spaces import Box, Discrete, Product, Space
 from rpil.numerics.types import Array, Float
 
 Untyped = Any
@@ -225,12 +225,13 @@ def _actions_that_fit(policy: Player, env_id: str, env: Untyped) -> Space:
     name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
     width, fitted = getattr(policy, "n_features_in_", None), getattr(policy, "classes_", None)
     classes, possible = np.asarray(actions.classes if fitted is None else fitted).tolist(), actions.classes.tolist()
-    do_actions_fit = bool(classes) == bool(possible) and set(classes) <= set(possible)
+    has_parts = isinstance(getattr(policy, "space_", None), Product)
+    do_actions_fit = not has_parts and bool(classes) == bool(possible) and set(classes) <= set(possible)
     if not do_actions_fit or (width is not None and (width,) != observed.shape):
         raise DataError(
             f"{env_id} has observations of shape {observed.shape} and {actions}, but {name} was fitted to observations "
-            f"of shape ({width},) and the actions {classes or 'of a box'}: play it in the environment its "
-            "demonstrations come from."
+            f"of shape ({width},) and the actions {classes or ('of several parts' if has_parts else 'of a box')}: "
+            "play it in the environment its demonstrations come from."
         )
     return actions
 
