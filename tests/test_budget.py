@@ -19,25 +19,25 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (3305, 28),
-    "data": (3502, 40),
-    "estimators": (2335, 18),
-    "faults": (2679, 83),
-    "formats": (9929, 100),
-    "inference": (2664, 89),
+    "cli": (3236, 28),
+    "data": (3520, 40),
+    "estimators": (2361, 18),
+    "faults": (2630, 83),
+    "formats": (9855, 100),
+    "inference": (2630, 89),
     "mixture": (804, 20),
     "numerics": (564, 14),
-    "policies": (1863, 64),
-    "results": (3413, 58),
+    "policies": (1932, 64),
+    "results": (3400, 58),
     "scale": (704, 21),
-    "simulation": (841, 2),
+    "simulation": (842, 2),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 1
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 788, 108
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 786, 108
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 PASSES = {"episode": 2, "step": 3, "observation.x": 3, "action": 3}

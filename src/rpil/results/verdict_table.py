@@ -28,7 +28,7 @@ def verdict_columns(
     expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
     from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
     fact_length and so on where they are known, faults (the rules of `findings`, the worst first), reason, and the run
-    id. `demonstrators` and `tasks` are by ids as text; who is not in them has an empty text.
+    id. `demonstrators` and `tasks` are by ids as text; a demonstration that is not in them has an empty text.
     """
     faults: dict[str, list[str]] = {}
     for found in findings:
