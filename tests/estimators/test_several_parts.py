@@ -1,4 +1,4 @@
-"""Actions of several parts, of which some are classes: the judge takes them as a product, wherever they are read."""
+"""Actions of several parts, of which some are classes: the judge and the policy take them as a product."""
 
 from __future__ import annotations
 
@@ -235,7 +235,6 @@ def test_a_class_that_others_hardly_choose_there_is_named():
     )
     assert roc_auc_score(good, audit.log_odds) > 0.95
     assert {part.name for part in audit.traces[0].parts} <= {"action.skill", "action.x"}
-    print(audit.finding, audit.deviations)
     assert any("which is rare there" in phrase for phrase in audit.deviations)
 
 
