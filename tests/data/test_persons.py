@@ -106,6 +106,12 @@ def test_json_holds_them_as_well(tmp_path):
     assert rows[2:] == [AnswerRow("1", *written.values()), AnswerRow("3", "bad", by="anna"), AnswerRow("3", "good")]
     write_answers(path, path.read_bytes(), [AnswerRow("3", "bad", "", "", "anna")])
     assert sorted(read_answer_rows(path)) == sorted(rows)
+    path.write_text('{"1": {"label": "good", "label": "bad"}}')
+    with pytest.raises(DataError, match="demonstration '1': unknown label"):
+        read_answers(path)
+    path.write_text(r'{"1": {"label": "good", "note": "\ud800"}}')
+    with pytest.raises(DataError, match=r"labels\.json, demonstration '1': a note, a tag or a name"):
+        read_answer_rows(path)
     for wrong in ('{"label": "bad", "why": "x"}', '["good", {"label": "bad", "note": 1}]'):
         path.write_text(f'{{"1": {wrong}}}')
         with pytest.raises(DataError, match=r"labels.json, demonstration '1': an answer has .*; give it label, note"):

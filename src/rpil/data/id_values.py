@@ -83,12 +83,15 @@ def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRo
 def _json_rows(m: str, given: Parsed, source: str) -> Iterator[AnswerRow]:
     """The answers about a demonstration in JSON: a word, an object of label, note, tag and by, or a list of these."""
     for one in given if isinstance(given, list) and given and not isinstance(given[0], tuple) else [given]:
-        pairs = dict(one) if isinstance(one, list) and one and isinstance(one[0], tuple) else {}  # of an object
-        said = pairs if "label" in pairs else {"label": one}
+        pairs = one if isinstance(one, list) and one and isinstance(one[0], tuple) else []  # of an object
+        names = [name for name, _ in pairs]
+        said = dict(pairs) if names.count("label") == 1 and len({*names}) == len(names) else {"label": one}
         about = [said.get(name, "") for name in AnswerRow._fields[2:]]
         if not {*said} <= {*AnswerRow._fields[1:]} or not all(isinstance(text, str) for text in about):
             remedy = "give it label, note, tag and by, which are texts"
             raise DataError(f"{source}, demonstration {m!r}: an answer has {quoted(said)}; {remedy}.")
+        for text in filter(None, about):
+            check_text(text, "a note, a tag or a name", f"{source}, demonstration {m!r}")
         yield AnswerRow(m, said["label"], *(text.strip() for text in about))
 
 
