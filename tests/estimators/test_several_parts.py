@@ -175,6 +175,16 @@ def test_actions_are_as_predict_has_them(demonstrations, wrong):
         model.log_prob(demonstrations.observations[:1], np.array(wrong))
 
 
+def test_a_file_with_the_policy_of_other_actions_is_refused(demonstrations, tmp_path):
+    d = demonstrations
+    several, model = BehavioralCloning().fit(d), BehavioralCloning()
+    for actions in (d.actions[:, 0].astype(int), d.actions[:, 1:]):
+        model.fit(d.observations, actions).policy_ = several.policy_
+        rpil.save(model, tmp_path / "policy")
+        with pytest.raises(DataError, match="do not belong together"):
+            rpil.load(tmp_path / "policy")
+
+
 @pytest.mark.parametrize("given", [{"adversary": "uniform"}, {"policy": HistGradientBoostingClassifier()}])
 def test_adversaries_and_policies_of_the_user_have_one_part(demonstrations, given):
     with pytest.raises(DataError, match="Only the linear policy takes actions of several parts"):

@@ -179,6 +179,9 @@ def _try_out(estimator: SavedEstimator) -> None:
     action = estimator._act(outputs)
     sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
     sound &= len(classes) == getattr(space, "n", 0)
+    spaces = space, getattr(estimator.policy_, "space", None)
+    of_space, of_policy = (getattr(one, "part_classes", None) for one in spaces)
+    sound &= of_space == of_policy
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
