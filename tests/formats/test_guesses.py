@@ -127,6 +127,9 @@ def test_a_driver_of_several_runs_is_no_guess(tmp_path):
         path = tmp_path / f"{name}.csv"
         pa.csv.write_csv(pa.table({column: one[column] for column in one.column_names} | more), path)
         refused(words, "info", path)
+    legs = pa.array([[0.5, 0.25]] * 300)
+    pq.write_table(one.append_column("legs", legs).drop_columns("clock"), tmp_path / "legs.parquet")
+    assert "3 demonstrations" in ok("info", tmp_path / "legs.parquet").stdout  # a list is the number of no part
     assert "3 demonstrations" in ok("info", tmp_path / "lap.csv", "--id", "driver").stdout
     assert "12 demonstrations" in ok("info", tmp_path / "again.csv", "--split-gap", "1", *action).stdout
 

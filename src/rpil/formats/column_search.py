@@ -99,8 +99,7 @@ class _Search:
     def columns(self, default_id: str | None) -> Columns:
         """All roles."""
         options = self.options
-        asked = self.matching(options.observations, "observations")
-        actions = self.matching(options.action, "action")
+        asked, actions = (self.matching(getattr(options, role), role) for role in ("observations", "action"))
         roles = "order", "operator", "task", "agent"
         order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
         given: set[str | None] = {*asked, *actions, order, operator, task, agent}
@@ -124,7 +123,8 @@ class _Search:
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
         parts = tuple(name for name in (*other_ids, operator, task) if name)
         if options.id or "id" in self.guessed:
-            parts = () if options.id else tuple(name for name in self.names if OF_PART.fullmatch(self.plain[name]))
+            plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
+            parts = () if options.id else tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
             *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),
