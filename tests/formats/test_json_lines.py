@@ -69,6 +69,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
         write(tmp_path / "runs" / f"run_{m}.jsonl", rows)
     write(tmp_path / "runs" / "meta" / "notes.jsonl", [{"of": "all"}])
     (tmp_path / "runs" / "README.txt").write_text("a,b\n1,2\n")
+    (tmp_path / "runs" / "labels.csv").write_text("id,label\nrun_0,good\n")  # of rpil label
     assert rpil.read("runs").ids == ("run_0", "run_1", "run_10")
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)

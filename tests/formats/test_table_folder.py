@@ -75,5 +75,5 @@ def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
     assert len(formats.read_recording(tmp_path / "csv").demonstrations) == 3
     (tmp_path / "prose").mkdir()
     (tmp_path / "prose" / "LOG.TXT").write_text("Tue Jul 29 16:44:36 2025\nWARNING: unstable\n")
-    with pytest.raises(DataError, match=r"no .parquet or .csv file is there, and LOG.TXT is no table; check"):
+    with pytest.raises(DataError, match=r"no .parquet or .csv file is there, and LOG.TXT is no table of steps; check"):
         formats.read_recording(tmp_path / "prose")

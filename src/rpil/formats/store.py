@@ -17,7 +17,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guarded, in_words
-from rpil.data.names import is_data
+from rpil.data.names import OWN_TABLES, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
@@ -161,9 +161,10 @@ def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
 
 
 def has_tables(path: StrPath) -> bool:
-    """Whether a folder has Parquet files, or text tables that are called so: a .txt file may be any text."""
+    """Whether a folder has Parquet files, or text tables but those of rpil: a .txt file may be any text."""
     _, _, files, texts = _listed(path)
-    return bool(files) or not all(text.lower().endswith((".txt", ".txt.gz")) for text in texts)
+    tables = (text for text in texts if PurePath(text).name not in OWN_TABLES)
+    return bool(files) or not all(text.lower().endswith((".txt", ".txt.gz")) for text in tables)
 
 
 def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:

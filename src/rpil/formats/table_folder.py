@@ -35,7 +35,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         raise DataError(f"{path}: it describes a folder of LeRobot; give that one, {Path(path).absolute().parent}.")
     if not parquet_files and not text_files:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
-        but = f", and {others[0]} is no table" if others else ""
+        but = f", and {others[0]} is no table of steps" if others else ""
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
     beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     if not parquet_files:
@@ -55,8 +55,9 @@ def _found(path: StrPath, options: ColumnOptions) -> tuple[fs.FileSystem, list[s
         first = _columns(named[0], options) if named else set()
         rest = {one: _columns(one, options) for one in tables if one not in named}
         tables = [one for one in tables if one in named or (rest[one] == first if named else len(rest[one]) != 1)]
+    read = {*tables}
     arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
-    others = [Path(one).name for one in (*texts, *arrays) if one not in tables]
+    others = [Path(one).name for one in (*texts, *arrays) if one not in read]
     return filesystem, parquet_files, tables, others
 
 
