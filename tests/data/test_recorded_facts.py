@@ -101,7 +101,7 @@ def test_a_fit_checks_outcome_and_order_and_its_task_holds_them():
     task = Task.of(data, None, answers_of(None, outcome, data), order=range(len(data)))
     np.testing.assert_array_equal(task.answers.outcome, [1, NAN, 0] + [NAN] * (len(data) - 3))
     np.testing.assert_array_equal(task.order, np.arange(len(data)))
-    assert (Task.of(data).answers.any, Task.of(data).order) == (False, None)
+    assert (Task.of(data).answers.count, Task.of(data).order) == (0, None)
     for given in ({"outcome": np.ones(len(data))}, {"order": [0.0]}):
         with refused():
             RPIL().fit(data, **given)
