@@ -22,7 +22,8 @@ def all_files(folder):
 
 
 @pytest.fixture
-def source(tmp_path):
+def source(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # refused() reads all files of the working directory
     return write(tmp_path / "set", [12, 9, 15, 11, 13])
 
 
