@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (3523, 40),
     "estimators": (2364, 18),
     "faults": (2630, 83),
-    "formats": (9857, 100),
+    "formats": (9858, 100),
     "inference": (2630, 89),
     "mixture": (804, 20),
     "numerics": (564, 14),

@@ -99,7 +99,8 @@ class _Search:
     def columns(self, default_id: str | None) -> Columns:
         """All roles."""
         options = self.options
-        asked, actions = (self.matching(getattr(options, role), role) for role in ("observations", "action"))
+        asked = self.matching(options.observations, "observations")
+        actions = self.matching(options.action, "action")
         roles = "order", "operator", "task", "agent"
         order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
         given: set[str | None] = {*asked, *actions, order, operator, task, agent}
