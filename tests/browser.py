@@ -23,6 +23,8 @@ TIMEOUT = 60.0
 """Seconds for an answer of the browser, or for a page to be ready."""
 
 _QUIET = [f"--disable-{name}" for name in ("gpu", "quic", "background-networking", "component-update", "sync")]
+# A busy Chromium drops keys that are pressed before it has painted a page for the first time.
+_QUIET += ["--allow-pre-commit-input"]
 _KEYS = {"ArrowDown": 40, "ArrowUp": 38, "Enter": 13, "Escape": 27, "Tab": 9, "Home": 36, "End": 35}
 
 

@@ -122,10 +122,7 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        parts = tuple(name for name in (*other_ids, operator, task) if name)
-        if options.id or "id" in self.guessed:
-            plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
-            parts = () if options.id else tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
+        parts = self.parts(name for name in (*other_ids, operator, task) if name)
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
             *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),
@@ -144,6 +141,15 @@ class _Search:
         )
         read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
         return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))
+
+    def parts(self, others: Iterable[str]) -> tuple[str, ...]:
+        """What may divide a demonstration: `others`; laps where its id is guessed, nothing where it is named."""
+        if self.options.id:
+            return ()
+        if "id" not in self.guessed:
+            return tuple(others)
+        plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
+        return tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
 
     def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
         """The timestamps that are neither data nor the order, and for pauses a text with a time."""

@@ -118,6 +118,17 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
         distance = abs(phases[0] - phases[1]).mean(axis=0) / [one["spread"] for one in columns]
         most = [columns[c]["name"] for c in np.argsort(-distance, kind="stable")]
         assert [name.partition(" ")[0] for name in names] == most
+        top = "document.querySelector('.answers').getBoundingClientRect().top"
+        before = browser.evaluate(top)
+        browser.evaluate(
+            f"tops = []; new MutationObserver(() => tops.push({top}))"
+            ".observe(document.body, { childList: true, subtree: true })"
+        )
+        browser.press("1")
+        browser.wait(f"{VERSION} === 1 && document.querySelectorAll('.ask .overlays canvas').length === 2")
+        tops = browser.evaluate("tops")
+        assert len(tops) > 1
+        assert min(tops) > before - 30, "buttons stay where they are while the next is drawn"
         shown = "document.querySelector('.ask .overlays canvas').toDataURL()"
         light = browser.evaluate(shown)
         browser.resize(1280, 900, dark=True)

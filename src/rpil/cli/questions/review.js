@@ -24,10 +24,11 @@ const live = (() => {
   const refresh = async () => {
     const text = await ask("/"), made = new DOMParser().parseFromString(text, "text/html").querySelector("main > article");
     const kept = parts[0].kept(), focus = document.activeElement?.dataset?.role;
-    const wasAsked = asked.includes(kept.chosen);
+    const wasAsked = asked.includes(kept.chosen), stageOf = (box) => box.querySelector('[data-role="stage"]');
     seen.clear();
     const next = JSON.parse(made.querySelector('[data-role="ask"]').dataset.asked);
     if (String(asked) !== String(next)) release(panel()); // else its films play on
+    if (next.length) stageOf(made).style.minHeight = `${stageOf(panel()).offsetHeight}px`; // until it is drawn: no button moves
     leave();
     articles[0].replaceWith(made);
     articles[0] = made;

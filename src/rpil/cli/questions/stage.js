@@ -78,7 +78,9 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
       showFilms(found.map((one) => one.videos), found[0].frames);
     } else {
       plots.open = true;
+      await showCurves();
     }
+    place.style.minHeight = "";
     player.seek(begin);
     if (plays && hasFilms && !isStill() && !player.isPlaying()) player.toggle();
   };
