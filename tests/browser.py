@@ -125,7 +125,8 @@ class Browser:
         return self.evaluate(f"document.querySelector({json.dumps(selector)}).innerText")
 
     def click(self, selector: str) -> None:
-        """Click the middle of an element with the mouse."""
+        """Click the middle of an element with the mouse, once nothing above it is still to be drawn."""
+        self.wait("document.querySelector('[aria-busy]') === null")
         one = f"document.querySelector({json.dumps(selector)})"
         self.evaluate(f"{one}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
         x, y = self.evaluate(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({one}.getBoundingClientRect())")

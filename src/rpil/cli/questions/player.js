@@ -5,22 +5,32 @@ const LATE = 0.12; // seconds that a film may be behind the others
 // A film of a video: `shot` is its file, and where the demonstration begins in it; `n` are its steps.
 const videoFilm = (place, m, k, shot, n, fps) => {
   const film = el("video", { muted: true, playsinline: true, preload: "auto", src: `/video/${m}/${k}#t=${shot.start}` });
-  const last = (n - 0.5) / fps, at = (time) => shot.start + Math.min(time + 0.01 / fps, last); // a little into the frame
+  // A film that ends too soon stays at its last frame: a browser that plays on begins with another episode.
+  const end = () => Math.min(shot.start + (n - 0.5) / fps, (film.duration || Infinity) - 0.01);
+  const at = (time) => Math.min(shot.start + time + 0.01 / fps, end()); // a little into the frame
+  let wanted = null;
+  // A browser that is told to seek or to play while it seeks may never end: the last place that was wanted comes after.
+  const move = () => {
+    if (wanted === null || film.readyState < 1 || film.seeking) return;
+    film.currentTime = wanted;
+    wanted = null;
+  };
+  for (const event of ["loadedmetadata", "seeked"]) film.addEventListener(event, move);
   film.muted = true;
   place.replaceChildren(film);
   return {
     isReady: () => film.readyState >= 2 && !film.seeking,
     show: (time) => {
       film.pause();
-      if (film.readyState < 1) film.addEventListener("loadedmetadata", () => { film.currentTime = at(time); }, { once: true });
-      else film.currentTime = at(time);
+      wanted = at(time);
+      move();
     },
     follow: (time, speed) => {
-      const off = film.currentTime - at(time);
+      if (film.seeking) return;
       film.playbackRate = speed;
-      if (time >= last) film.pause();
+      if (at(time) === end()) film.pause();
       else if (film.paused) film.play().catch(() => {});
-      if (Math.abs(off) > LATE * Math.max(1, speed) && !film.seeking) film.currentTime = at(time);
+      if (Math.abs(film.currentTime - at(time)) > LATE * Math.max(1, speed)) film.currentTime = at(time);
     },
     failed: (then) => film.addEventListener("error", then, { once: true }),
     pause: () => film.pause(),

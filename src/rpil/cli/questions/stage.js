@@ -80,11 +80,14 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
       plots.open = true;
       await showCurves();
     }
-    place.style.minHeight = "";
     player.seek(begin);
     if (plays && hasFilms && !isStill() && !player.isPlaying()) player.toggle();
   };
-  open().catch((error) => { note.textContent = error.message; });
+  place.setAttribute("aria-busy", "true");
+  open().catch((error) => { note.textContent = error.message; }).finally(() => {
+    place.removeAttribute("aria-busy");
+    place.style.minHeight = "";
+  });
   const redraw = () => {
     curves?.show();
     requestAnimationFrame(() => curves?.at(player.step()));

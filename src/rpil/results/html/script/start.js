@@ -190,8 +190,12 @@ const turnTo = (k) => {
   links.forEach((link, other) => (other === k ? link.setAttribute("aria-current", "true") : link.removeAttribute("aria-current")));
   parts[k].show();
 };
-const turnToHash = () => { if (!parts[current].follow(location.hash)) turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash))); };
-addEventListener("hashchange", turnToHash);
+const partOf = (address) => Math.max(0, articles.findIndex((article) => `#${article.id}` === address));
+// The address of the event: that of the page may have been replaced by what is shown since.
+addEventListener("hashchange", ({ newURL }) => {
+  const { hash } = new URL(newURL);
+  if (!parts[current].follow(hash)) turnTo(partOf(hash));
+});
 addEventListener("keydown", (event) => {
   const { target } = event, typing = target.matches?.("input:not([type=range]), select, textarea");
   const own = event.key === " " && target.matches?.("button:focus-visible, summary:focus-visible, a:focus-visible"); // pressed by the keyboard
@@ -212,4 +216,4 @@ const print = (on) => {
 };
 addEventListener("beforeprint", () => print(true));
 addEventListener("afterprint", () => print(false));
-turnTo(Math.max(0, articles.findIndex((article) => `#${article.id}` === location.hash)));
+turnTo(partOf(location.hash));
