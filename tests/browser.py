@@ -23,8 +23,6 @@ TIMEOUT = 60.0
 """Seconds for an answer of the browser, or for a page to be ready."""
 
 _QUIET = [f"--disable-{name}" for name in ("gpu", "quic", "background-networking", "component-update", "sync")]
-# A busy Chromium drops keys that are pressed before it has painted a page for the first time.
-_QUIET += ["--allow-pre-commit-input"]
 _KEYS = {"ArrowDown": 40, "ArrowUp": 38, "Enter": 13, "Escape": 27, "Tab": 9, "Home": 36, "End": 35}
 
 
@@ -86,7 +84,7 @@ class Browser:
     def open(self, url: str | Path) -> None:
         """Open a page, or a file, and wait until it is ready."""
         self.send("Page.navigate", url=url.resolve().as_uri() if isinstance(url, Path) else url)
-        self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
+        self.wait("location.href !== 'about:blank'")
 
     def reload(self) -> None:
         """Load the page again, with what it has written to the storage.
@@ -98,7 +96,7 @@ class Browser:
         added = self.send("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
         self.evaluate("window.isOld = true")
         self.send("Page.reload")
-        self.wait("!window.isOld && document.readyState === 'complete'")
+        self.wait("!window.isOld")
         self.send("Page.removeScriptToEvaluateOnNewDocument", identifier=added)
 
     def evaluate(self, code: str) -> Any:
@@ -109,11 +107,11 @@ class Browser:
         return found["result"].get("value")
 
     def wait(self, code: str) -> None:
-        """Wait until an expression is true; one that fails while a page is loading is not."""
+        """Wait until an expression is true of a page that is loaded with its scripts, perhaps after another one."""
         deadline = time.monotonic() + TIMEOUT
         while time.monotonic() < deadline:
             try:
-                if self.evaluate(code):
+                if self.evaluate(f"document.readyState === 'complete' && ({code})"):
                     return
             except BrowserError:
                 self.process.poll()
