@@ -27,6 +27,7 @@ const videoFilm = (place, m, k, shot, n, fps) => {
     },
     follow: (time, speed) => {
       if (film.seeking) return;
+      wanted = null;
       film.playbackRate = speed;
       if (at(time) === end()) film.pause();
       else if (film.paused) film.play().catch(() => {});

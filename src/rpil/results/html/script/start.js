@@ -193,7 +193,7 @@ const turnTo = (k) => {
 const partOf = (address) => Math.max(0, articles.findIndex((article) => `#${article.id}` === address));
 // The address of the event: that of the page may have been replaced by what is shown since.
 addEventListener("hashchange", ({ newURL }) => {
-  const { hash } = new URL(newURL);
+  const hash = newURL.match(/#.*/)?.[0] ?? "";
   if (!parts[current].follow(hash)) turnTo(partOf(hash));
 });
 addEventListener("keydown", (event) => {
