@@ -107,7 +107,7 @@ class Browser:
         return found["result"].get("value")
 
     def wait(self, code: str) -> None:
-        """Wait until an expression is true of a page that is loaded with its scripts, perhaps after another one."""
+        """Wait until an expression is true of a page that has loaded and run its scripts, perhaps after another one."""
         deadline = time.monotonic() + TIMEOUT
         while time.monotonic() < deadline:
             try:

@@ -93,7 +93,9 @@ def serving(review):
 
     with listen(0) as at:
         gate = Gate.new(at.getsockname()[1])
-        config = uvicorn.Config(application(review, gate), log_level="warning", ws="none", lifespan="off")
+        config = uvicorn.Config(
+            application(review, gate), log_level="warning", ws="none", lifespan="off", timeout_graceful_shutdown=1
+        )
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [at]})
         thread.start()

@@ -47,7 +47,7 @@ def test_a_small_data_set_is_fitted_in_memory(tmp_path):
     np.testing.assert_array_equal(here.log_odds_, there.log_odds_)
 
 
-# Not ru_maxrss: a child begins with that of its parent. On one core, as how many blocks several hold is chance.
+# Not ru_maxrss: a child begins with that of its parent. One core: how many blocks several hold at once is chance.
 MEASURE = """
 import os, re, sys
 from pathlib import Path
@@ -70,7 +70,7 @@ print(peak() - before)
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not say how much memory was taken")
 def test_memory_does_not_grow_with_the_data(tmp_path):
-    """Six times the steps in hardly more memory: the least of three measurements, as threads take more by chance."""
+    """Six times the steps in hardly more memory: the least of three measurements."""
     taken = []
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread of BLAS has buffers of its own
     environment = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1"} | one_thread

@@ -143,7 +143,7 @@ class _Search:
         return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))
 
     def parts(self, others: Iterable[str]) -> tuple[str, ...]:
-        """What may divide a demonstration: `others`; laps where its id is guessed, nothing where it is named."""
+        """What may divide a demonstration: nothing if its id is named, laps if it is guessed, else `others`."""
         if self.options.id:
             return ()
         if "id" not in self.guessed:

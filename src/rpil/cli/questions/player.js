@@ -5,33 +5,34 @@ const LATE = 0.12; // seconds that a film may be behind the others
 // A film of a video: `shot` is its file, and where the demonstration begins in it; `n` are its steps.
 const videoFilm = (place, m, k, shot, n, fps) => {
   const film = el("video", { muted: true, playsinline: true, preload: "auto", src: `/video/${m}/${k}#t=${shot.start}` });
-  // A film that ends too soon stays at its last frame: a browser that plays on begins with another episode.
+  // A film whose file ends too soon rests at its last frame: told to play on, a browser begins the file again, with another episode.
   const end = () => Math.min(shot.start + (n - 0.5) / fps, (film.duration || Infinity) - 0.01);
   const at = (time) => Math.min(shot.start + time + 0.01 / fps, end()); // a little into the frame
+  // A browser that is told to seek or to play while it seeks may seek for ever: the last time wanted follows when it is done.
   let wanted = null;
-  // A browser that is told to seek or to play while it seeks may never end: the last place that was wanted comes after.
+  const isBusy = () => film.readyState < 1 || film.seeking;
   const move = () => {
-    if (wanted === null || film.readyState < 1 || film.seeking) return;
-    film.currentTime = wanted;
+    if (wanted === null || isBusy()) return;
+    film.currentTime = at(wanted);
     wanted = null;
   };
   for (const event of ["loadedmetadata", "seeked"]) film.addEventListener(event, move);
   film.muted = true;
   place.replaceChildren(film);
   return {
-    isReady: () => film.readyState >= 2 && !film.seeking,
+    isReady: () => film.readyState >= 2 && !film.seeking && wanted === null,
     show: (time) => {
       film.pause();
-      wanted = at(time);
+      wanted = time;
       move();
     },
     follow: (time, speed) => {
-      if (film.seeking) return;
-      wanted = null;
+      if (isBusy() || wanted !== null) return;
+      const to = at(time), isOver = to === end();
       film.playbackRate = speed;
-      if (at(time) === end()) film.pause();
-      else if (film.paused) film.play().catch(() => {});
-      if (Math.abs(film.currentTime - at(time)) > LATE * Math.max(1, speed)) film.currentTime = at(time);
+      if (isOver) film.pause();
+      else if (film.paused && !film.ended) film.play().catch(() => {});
+      if (Math.abs(film.currentTime - to) > (isOver ? 0.5 / fps : LATE * Math.max(1, speed))) film.currentTime = to;
     },
     failed: (then) => film.addEventListener("error", then, { once: true }),
     pause: () => film.pause(),

@@ -46,6 +46,7 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
   const note = el("p", { class: "muted" }), choice = el("p", { class: "buttons cameras" });
   const plots = el("details", { class: "plots" }, el("summary", {}, "What was recorded"), legend);
   place.replaceChildren(films, choice, player.box, plots, note, sliders(model, numbers));
+  player.seek(begin);
 
   const showFilms = (shots, hasFrames) => {
     player.clearFilms();
@@ -80,7 +81,6 @@ const makeStage = (model, place, numbers, { load, isAsked, begin = 0, plays = fa
       plots.open = true;
       await showCurves();
     }
-    player.seek(begin);
     if (plays && hasFilms && !isStill() && !player.isPlaying()) player.toggle();
   };
   place.setAttribute("aria-busy", "true");
