@@ -147,7 +147,6 @@ def test_a_note_a_tag_and_a_name_go_with_the_next_answer(audit, browser):
         assert browser.evaluate("document.querySelector('.why [data-role=by]').value") == "anna"
         browser.evaluate(f"document.querySelector('[data-row=\"{audit.index(audit.pair[0])}\"]').click()")
         browser.wait("document.querySelector('.detail .said') !== null")
-        browser.wait("document.querySelector('.ask .overlays canvas') !== null")
         assert browser.text(".detail .said") == f"anna: bad drop {HOSTILE}"
         browser.click(".why .chip")
         assert browser.evaluate("document.querySelector('.why [data-role=tag]').value") == "drop"
