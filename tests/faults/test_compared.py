@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
+from rpil.faults.idle import IdleEnd, IdleHead, IdleTail
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import FrozenSensor, HeldValue, IdleEnd, IdleHead, IdleTail, Jump, NeverMoves, Saturation, Spike
+from rpil.faults.motion import FrozenSensor, HeldValue, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.settings import FaultSettings
@@ -251,7 +252,10 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
         own = np.concatenate([[0.04], motion[::-1], moving] if at_head else [moving, motion])
         every = np.concatenate([before, own, before])
         offsets = np.cumsum([0, 5, len(own), 5])
-        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, settings=FaultSettings(), motion=every)
+        codes = SimpleNamespace(actions=np.zeros(len(every), dtype=int))
+        block = SimpleNamespace(
+            moves=every > 0.05, offsets=offsets, settings=FaultSettings(), motion=every, block=codes
+        )
         head, tail = IdleEnd.measure(block, None)
         n = len(motion)
         assert (head if at_head else tail)[1] == (n if is_idle or n < 10 else 0)

@@ -136,7 +136,7 @@ def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[
         lengths = dict(zip(read.demonstrations.ids, read.demonstrations.lengths.tolist(), strict=True))
         n = sum(lengths[name] - end + first for name, (first, end) in trims.items())
         cut = f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves."
-        click.echo(cut if trims else "Nothing was trimmed: their ends are not idle.")
+        click.echo(cut if trims else "Nothing was trimmed: no idle ends were found.")
 
 
 def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:

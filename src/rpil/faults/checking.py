@@ -16,8 +16,8 @@ from rpil.data.files import StrPath
 from rpil.faults.duplicates import Duplicate
 from rpil.faults.expected import leave_out
 from rpil.faults.folder_rules import BY_LOOKING, TIMESTAMPS, find_beside, find_other_rate
+from rpil.faults.idle import trims
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
-from rpil.faults.motion import trims
 from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements

@@ -1,4 +1,4 @@
-"""The rules about how columns move: what leaps, rests, repeats, or has another scale."""
+"""The rules about how columns move: what leaps, stays the same, repeats, or has another scale."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 
-from rpil.data.arrays import Id
 from rpil.data.text import moment
 from rpil.faults import segments
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, above
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
 OF_COLUMNS = "columns", "several"
@@ -127,7 +126,7 @@ class HeldValue(ComparingRule):
     """One value for long, while others move."""
 
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
-    causes = ("length",)
+    causes = ("length", "idle tail")
     kinds: tuple[bool, ...] = (False, True)
     """Whether the columns that the rule is about are actions."""
     is_extreme = False
@@ -158,6 +157,11 @@ class HeldValue(ComparingRule):
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """What is held until the end is a part of an idle tail, whose sensors have noise."""
+        return fault.last == cause.last if cause.rule == "idle tail" else super().follows(fault, cause)
 
 
 class FrozenSensor(HeldValue):
@@ -210,57 +214,6 @@ class RepeatedFrames(ComparingRule):
         rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
         most = int(fault.threshold)
         return super().say(fault, m, c, rows=rows, usual=f"up to {most}" if most else "none")
-
-
-class IdleEnd(ComparingRule):
-    """Idle beginnings and ends, which may be trimmed."""
-
-    needs = OF_COLUMNS
-    at_head = False
-
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
-        or decays as that of a controller that settles, nothing is idle."""
-        moves, offsets, s = block.moves, block.offsets, block.settings
-        n, steps = len(moves), np.arange(len(moves))
-        first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
-        last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
-        nothing = first == n
-        head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
-        tail = np.where(nothing, 0, offsets[1:] - 1 - last)
-        for idle, begins, way in ((head, offsets[:-1], 1), (tail, offsets[1:] - tail, -1)):
-            for m in np.flatnonzero(idle >= s.min_idle).tolist():
-                motion = block.motion[begins[m] + 1 : begins[m] + idle[m]][::way]
-                third = len(motion) // 3
-                if 0 < s.settling * motion[1 : third + 1].mean() < motion[-third:].mean():
-                    idle[m] = 0
-        return head, tail
-
-    def compare(self) -> Compared:
-        idle, s = self.measured[0 if self.at_head else 1], self.settings
-        self.first, self.last = (self.first, idle - 1) if self.at_head else (self.data.lengths - idle, self.last)
-        return above(idle, np.maximum(self.fence(idle, s.usual_factor, s.min_idle / s.usual_factor), s.min_idle))
-
-
-class IdleHead(IdleEnd):
-    name, words = "idle head", "nothing moves for long at the beginning"
-    sentence = "nothing moves for the first {long} (usual: up to {most})"
-    at_head = True
-
-
-class IdleTail(IdleEnd):
-    name, words = "idle tail", "nothing moves for long at the end"
-    sentence = "nothing moves for the last {long} (usual: up to {most})"
-
-
-def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
-    """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
-    least = data.learned.settings.min_idle
-    head, tail = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure])
-    end = data.lengths - tail
-    idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
-    return {data.ids[m]: (int(head[m]), int(end[m])) for m in idle}
 
 
 class Scale(ComparingRule):

@@ -13,7 +13,7 @@ from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import duplicates, folder_rules, motion, recorded, whole_rules
+from rpil.faults import duplicates, folder_rules, idle, motion, recorded, whole_rules
 from rpil.faults.rule import Fault, Rule
 from rpil.faults.rule_numbers import NUMBERS
 from rpil.formats.columns_file import write_columns
@@ -41,8 +41,8 @@ RULES: dict[str, type[Rule]] = {
         whole_rules.NextState,
         whole_rules.TwoEpisodes,
         motion.NeverMoves,
-        motion.IdleHead,
-        motion.IdleTail,
+        idle.IdleHead,
+        idle.IdleTail,
         duplicates.Duplicate,
         whole_rules.Length,
     )
