@@ -117,7 +117,7 @@ PLANTED = {
     ),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},
-        *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.0),
+        *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.7942906),
     ),
     "two episodes": (
         {name: np.vstack([CLEAN[M][k], CLEAN[3][k]]) for k, name in enumerate(("observations", "actions"))},

@@ -24,6 +24,7 @@ class Duplicate(Rule):
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
 
     name, words = "duplicate", "another demonstration is the same, or nearly"
+    causes = ("never moves",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -38,6 +39,11 @@ class Duplicate(Rule):
         parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
         signatures = np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
         return digests(block.block.observations, block.block.actions, offsets), signatures
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """What does not move is alike, but not the same."""
+        return fault.value > 0
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:

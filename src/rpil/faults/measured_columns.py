@@ -19,6 +19,10 @@ from rpil.numerics.types import Array, Bool, Float, Int
 LEAST_RELATED = 0.5
 """Correlation of an observation with an action from which on they go together."""
 
+MOST_ABSENT = 0.5
+"""Share of the demonstrations in which columns are not recorded, and of the steps of the others in which they are 0, at
+most; and share of the others that move, at least."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredColumns:
@@ -107,11 +111,32 @@ def all_values(block: Block) -> Float[Array, "T K"]:
 def set_aside(block: Block) -> tuple[Block, Bool[Array, " M"]]:
     """The block without the demonstrations that have values that are NaN or infinite, and a mask of those it keeps."""
     kept = np.logical_and.reduceat(np.isfinite(all_values(block)).all(axis=1), block.offsets[:-1])
+    return _chosen(block, kept), kept
+
+
+def _chosen(block: Block, kept: Bool[Array, " M"]) -> Block:
+    """The block of these demonstrations alone."""
     if kept.all():
-        return block, kept
+        return block
     lengths = np.diff(block.offsets)
     chosen, offsets = np.repeat(kept, lengths), np.append(0, np.cumsum(lengths[kept]))
-    return Block(block.first, block.observations[chosen], block.actions[chosen], offsets), kept
+    return Block(block.first, block.observations[chosen], block.actions[chosen], offsets)
+
+
+def ranges_and_zeros(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array]:
+    """The range of each column in each demonstration, and the share of the steps in which it is 0, (M, C)."""
+    high, low = (of.reduceat(values, offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
+    return (high - low).T, segments.means(values == 0, offsets)
+
+
+def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
+    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: no more than half of the demonstrations
+    have such a column, most others move, and are not at 0 in most of their steps, as a brake is."""
+    absent = zeros == 1
+    n_others = np.maximum((~absent).sum(axis=0), 1)
+    moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))
+    absent &= (absent.mean(axis=0) <= MOST_ABSENT) & (moving > MOST_ABSENT) & (resting <= MOST_ABSENT)
+    return np.asarray(absent & (absent.sum(axis=1) > 1)[:, None])
 
 
 def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> tuple[Block, Array]:
@@ -131,13 +156,17 @@ def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> 
 def learn_columns(
     sample: Block, numbers: Int[Array, " M"], labels: tuple[str, ...], settings: FaultSettings
 ) -> MovingBlock:
-    """The columns of the sample that measure something, and how they move; `labels` are those of `column_labels`."""
+    """The columns of the sample that measure something, and how they move; `labels` are those of `column_labels`.
+    Demonstrations in which columns are not recorded are left out, unless these are most."""
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.max_columns else 0
     everything = all_values(sample).T
     compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
     own = [k for k in compared.tolist() if not LAST_ACTION.fullmatch(labels[k])]  # which are actions, too
     number = np.array([k for k in own if _is_measurement(everything[k], settings)], dtype=np.int64)
+    recorded = ~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1)
+    if recorded.mean() >= MOST_ABSENT:
+        sample, numbers = _chosen(sample, recorded), numbers[recorded]
     ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
     towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
     columns = MeasuredColumns(

@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.text import moment
 from rpil.faults import segments
-from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
@@ -243,7 +243,7 @@ class Scale(ComparingRule):
         beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / s.scale_factor
         larger = np.minimum(levels / high, changes / fast)
         smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
-        severity = np.maximum(larger, smaller)
+        severity = np.where(self.measured[1] > 0, np.maximum(larger, smaller), 0.0)  # what never moves has no unit
         severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.least_moving)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity
 
@@ -254,21 +254,32 @@ class Scale(ComparingRule):
 
 
 class NeverMoves(ComparingRule):
-    """Columns that move in the others, about as far in each, and never in this one."""
+    """Columns that move in the others, about as far in each, and never in this one, which more than a few may have
+    where the columns are not recorded."""
 
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
     needs = OF_COLUMNS
 
-    measure = staticmethod(HeldValue.measure)
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """The range of each column, and the share of its steps in which it is 0."""
+        return ranges_and_zeros(block.values, block.offsets)
 
     def compare(self) -> Compared:
-        s, (*_, lowest, highest) = self.settings, self.measured
-        self.names, ranges = self.columns.names, highest - lowest
-        usual = np.median(ranges, axis=0)
+        s, (ranges, zeros) = self.settings, self.measured
+        self.names, self.absent = self.columns.names, not_recorded(ranges, zeros)
+        usual = np.nanmedian(np.where(self.absent, np.nan, ranges), axis=0)
         still = ranges <= s.least_range * usual
         low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
         are_few = still.sum(axis=0) <= few(len(still))
         is_known = are_few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
         still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
-        return above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
+        value, threshold, severity = above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
+        alike = still * np.minimum(low, high) / np.maximum(high, 1e-300)  # the more it moves so in all others
+        return value, threshold, np.where(self.absent, 1e6, severity) + alike
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        if self.absent[m, c]:
+            return f"these columns are not recorded here: {fault.column} is 0 in every step, and in the others it moves"
+        return super().say(fault, m, c)
