@@ -309,3 +309,9 @@ def test_the_worst_finding_of_each_rule_stays_without_those_that_follow_from_ano
     assert without_consequences([lighter, jump]) == [jump]
     assert without_consequences([lighter, jump, frozen]) == [frozen]
     assert without_consequences([jump, replace(frozen, id=4)]) == [jump, replace(frozen, id=4)]
+
+
+def test_a_finding_that_follows_from_another_explains_none():
+    rests, rate, length = fault("never moves"), fault("frame rate"), fault("length")
+    assert without_consequences([rate, length]) == [rate]
+    assert without_consequences([rests, rate, length]) == [rests, length]

@@ -165,6 +165,30 @@ def test_an_action_that_stays_at_its_end_is_no_fault_where_the_state_does(share)
     assert found == (set() if share == 1.0 else {"action 1"})
 
 
+@pytest.mark.parametrize("n", [19, 20])
+def test_a_scale_and_a_sign_take_twenty_steps(n):
+    swift = [(x[::5], a[::5]) for x, a in CLEAN]  # as a robot that is looked at less often
+    for rule, changes in (("scale", {"observations": 57.3 * swift[M][0]}), ("sign", {"actions": swift[M][1] * SECOND})):
+        short = {name: changes.get(name, swift[M][k])[:n] for k, name in enumerate(("observations", "actions"))}
+        report = check(demonstrations(changed(swift, M, **short)))
+        assert (rule in report.counts) == (n == 20)
+        assert rule not in report.not_checked
+    shorter = check(demonstrations([(x[:n], a[:n]) for x, a in swift]))
+    reasons = [shorter.not_checked.get(rule) for rule in ("scale", "sign")]
+    assert (reasons == ["no demonstration has 20 steps"] * 2) == (n == 19)
+
+
+def test_small_values_follow_from_a_length_that_is_odd():
+    grow = [np.linspace(0, 1, len(x))[:, None] ** 3 for x, _ in CLEAN]
+    slow = [(x * g, a * g) for (x, a), g in zip(CLEAN, grow, strict=True)]
+    cut = check(demonstrations(changed(slow, M, observations=slow[M][0][:30], actions=slow[M][1][:30])))
+    assert "length" in cut.counts
+    assert "scale" not in cut.counts
+    larger = [57.3 * values[:30] for values in CLEAN[M]]
+    both = check(demonstrations(changed(CLEAN, M, observations=larger[0], actions=larger[1])))
+    assert {"length", "scale"} <= set(both.counts)
+
+
 def test_without_it_there_is_no_fault_and_nothing_is_unknown():
     report = check(demonstrations(CLEAN))
     assert (report.findings, report.unknown, report.trims) == ((), {}, {})

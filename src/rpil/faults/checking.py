@@ -203,24 +203,23 @@ def _compare(data: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict
             applied = rule(data)
             findings += applied.findings()
             if applied.silent == applied.names != ():
-                why[rule.name] = rule.unknown
+                why[rule.name] = applied.unknown
             elif applied.silent:
                 unknown[rule.name] = applied.silent
     return findings, unknown
 
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
-    """The worst finding of each rule and demonstration, without those that follow from another finding in it."""
+    """The worst finding of each rule and demonstration, without those that follow from another finding in it, which
+    itself follows from none."""
     worst: dict[tuple[str, Id], Fault] = {}
     of_id: dict[Id, list[Fault]] = defaultdict(list)
     for fault in sorted(findings, key=lambda fault: -fault.severity):
         if worst.setdefault((fault.rule, fault.id), fault) is fault:
             of_id[fault.id].append(fault)
-    return [
-        fault
-        for fault in worst.values()
-        if not any(
-            cause.rule in RULES[fault.rule].causes and RULES[fault.rule].follows(fault, cause)
-            for cause in of_id[fault.id]
-        )
-    ]
+
+    def stands(fault: Fault) -> bool:
+        rule = RULES[fault.rule]
+        return not any(c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in of_id[fault.id])
+
+    return [fault for fault in worst.values() if stands(fault)]

@@ -225,7 +225,8 @@ class Scale(ComparingRule):
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
-    needs = OF_COLUMNS
+    needs, causes = OF_COLUMNS, ("length",)
+    least_steps = 20
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -251,6 +252,11 @@ class Scale(ComparingRule):
         if fault.value >= 1:
             return super().say(fault, m, c, times=f"{fault.value:.3g} times larger", motion="wild motion")
         return super().say(fault, m, c, times=f"{1 / fault.value:.3g} times smaller", motion="little motion")
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """A demonstration that is cut off, or rests for long, has small values and changes in the mean."""
+        return fault.value < 1
 
 
 class NeverMoves(ComparingRule):

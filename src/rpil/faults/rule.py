@@ -158,6 +158,8 @@ class ComparingRule(Rule):
     needs: tuple[str, ...] = ("several",)
     sentence: str
     """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
+    least_steps = 1
+    """Steps of a demonstration from which the rule knows anything of it."""
 
     def __init__(self, data: Measurements) -> None:
         self.data, self.columns, self.settings = data, data.learned.columns, data.learned.settings
@@ -165,6 +167,10 @@ class ComparingRule(Rule):
         self.measured = data.measured[type(self).measure]
         self.first, self.last = np.zeros(len(data.ids), dtype=int), data.lengths - 1
         value, threshold, severity = self.compare()
+        is_short = np.reshape(data.lengths < self.least_steps, (-1,) + (1,) * (np.ndim(severity) - 1))
+        severity = np.where(is_short, np.nan, severity)
+        if is_short.all():
+            self.unknown = f"no demonstration has {self.least_steps} steps"
         shape = len(data.ids), len(self.names)
         every = value, np.broadcast_to(threshold, np.shape(value)), severity, self.first, self.last
         self.value, self.threshold, self.severity, self.first, self.last = (

@@ -134,6 +134,7 @@ class Undone(ComparingRule):
 
 class Sign(Undone):
     name, words = "sign", "a column fits the others once its sign is changed"
+    least_steps = 20
     sentences: ClassVar = {"sign": "{} fits the others once its sign is changed: perhaps it has the other sign"}
 
 
