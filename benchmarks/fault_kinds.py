@@ -167,26 +167,13 @@ def _idle(at_head: bool) -> Fault:
     return idle
 
 
-def exchange(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
-    """Two actions are exchanged, or two observations where there is one action."""
-    known, other = clean.columns("exchanged"), episode.copy()
-    own = known[known >= clean.n_observations]
-    own = own if len(own) > 1 else known[known < clean.n_observations]
-    unknown = clean.report.unknown.get("exchanged", ())
-    pairs = [[a, b] for a in own for b in own if a < b and f"{clean.names[a]} and {clean.names[b]}" not in unknown]
-    if pairs:
-        pair = pairs[int(rng.integers(len(pairs)))]
-        other[:, pair] = episode[:, pair[::-1]]
-    return other if pairs else None
-
-
-def _rows(change: Callable[[Array, int, Array], Array]) -> Fault:
-    """All rows are changed, given the number of observations and another demonstration; the clock goes on."""
+def _rows(change: Callable[[Array, int], Array]) -> Fault:
+    """All rows are changed, given the number of observations; the clock goes on."""
 
     def make(episode: Array, clean: Clean, size: float, rng: np.random.Generator) -> Array | None:
         if clean.demonstrations.is_discrete:
             return None
-        other = change(episode[:, :-1], clean.n_observations, clean.episodes[int(rng.integers(len(clean.episodes)))])
+        other = change(episode[:, :-1], clean.n_observations)
         return np.column_stack([other, np.arange(len(other)) / FPS])
 
     return make
@@ -222,23 +209,12 @@ KINDS: dict[str, Kind] = {
     "idle tail": Kind(_idle(False), (1,), IDLE_UNIT, "idle tail"),
     "length, cut": Kind(_cut, (4, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
-    "exchanged": Kind(exchange, (1,), "pair", "exchanged"),
     "offset": Kind(
         _column("offset", lambda x, size, sd, way: x + size * sd * way), (0.5,), "sd of the column", "offset"
     ),
-    "action early": Kind(
-        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"
-    ),
-    "next state": Kind(
-        _rows(lambda e, n, _: np.column_stack([e[:-1, :n], np.resize(e[1:, :n].T, (e.shape[1] - n, len(e) - 1)).T])),
-        (1,),
-        "step",
-        "next state",
-    ),
+    "action early": Kind(_rows(lambda e, n: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"),
     "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
-    "frame rate": Kind(_rows(lambda e, n, _: e[::2]), (0.5,), "times the rate", "frame rate"),
-    "two episodes": Kind(_rows(lambda e, n, other: np.concatenate([e, other])), (2,), "in one", "two episodes"),
-    "reversed": Kind(_rows(lambda e, n, _: e[::-1]), (1,), "time", "reversed"),
+    "frame rate": Kind(_rows(lambda e, n: e[::2]), (0.5,), "times the rate", "frame rate"),
 }
 
 

@@ -36,8 +36,6 @@ OUTSIDE = "<!-- outside robots, by benchmarks/faults.py -->"
 SHARE, SEED, NOISES = 0.1, 0, (0.0, 0.01)  # so many of the demonstrations have the fault; noise of copies
 ABLATED = [rule for rule, it in RULES.items() if "map" in it.needs] + [
     "lag",
-    "next state",
-    "two episodes",
     "never moves",
 ]
 

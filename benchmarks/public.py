@@ -66,7 +66,7 @@ SETS = (
         "d1d3bb45f16a",
         "",
         "the arms and hands of a humanoid, LeRobot 2.1",
-        "Episode 61 moves out, comes back and moves out again: a second try. At 7.0 s of 71 the joints of the "
+        "At 7.0 s of 71 the joints of the "
         "right arm go in one step as far as in four before, and their commands as far as in two: perhaps frames "
         "are missing. The jump of a command in 9 is three usual steps, and the ring finger in 53 stays while its "
         "command moves a little: false alarms.",

@@ -15,7 +15,7 @@ from rpil.faults.motion import FrozenSensor, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.settings import FaultSettings
-from rpil.faults.whole_rules import Length, OtherLag, TwoEpisodes
+from rpil.faults.whole_rules import Length, OtherLag
 
 M = 8
 
@@ -125,16 +125,6 @@ def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
     assert rule.silent == (("",) if expected == "unknown" else ())
     worst = max((fault.severity for fault in rule.findings()), default=None)
     assert worst == (None if expected in ("unknown", None) else pytest.approx(expected))
-
-
-@pytest.mark.parametrize(("n_like_two", "n_findings"), [(4, 4), (5, 0)])
-def test_what_more_than_a_few_hold_is_no_second_episode(n_like_two, n_findings):
-    """In tasks that come back to where they began, clean demonstrations hold ends and beginnings."""
-    rule = applied(TwoEpisodes, np.repeat([0.1, 5.0], [n_like_two, 40 - n_like_two]), np.full(40, 50))
-    rule.data.learned.ends = SimpleNamespace(limit=2.0)
-    severity = rule.compare()[2]
-    assert (severity > 1).sum() == n_findings
-    assert np.isnan(severity).all() == (n_findings == 0)
 
 
 def test_a_lag_of_few_steps_may_be_another_by_chance():
@@ -291,8 +281,6 @@ def fault(rule, column="x", first=5, last=6, value=1.0, threshold=2.0):
     [
         (fault("length", value=300), True),  # what is too long holds more
         (fault("length", value=1), False),
-        (fault("two episodes", last=6), True),
-        (fault("two episodes", last=7), False),
         (fault("frozen sensor", first=6), True),  # it freezes there
         (fault("frozen sensor", first=1, last=5), True),  # or moves on
         (fault("frozen sensor", first=5, last=6), False),

@@ -99,10 +99,6 @@ PLANTED = {
     ),
     "sign": ({"observations": X * SECOND}, WHOLE, "action 1", "once its sign is changed: perhaps", 12.340311),
     "sign of an action": ({"actions": A * SECOND}, WHOLE, "observation 1", "once its sign is changed", 13.280863),
-    "exchanged": (
-        {"actions": A[:, [2, 1, 0]]},
-        *(WHOLE, "observation 0 and observation 2", "fit the others once they are exchanged", 23.498759),
-    ),
     "offset": (
         {"actions": A + 0.5 * (SECOND < 0)},
         *(WHOLE, "observation 1", "once a constant is taken off: perhaps its zero has moved", 54.170076),
@@ -111,23 +107,15 @@ PLANTED = {
         {"observations": X[:-1], "actions": A[1:]},
         *((0, T - 2), "", "once they are one step later: perhaps they are recorded early", 16.043488),
     ),
-    "next state": (
-        {"observations": X[:-1], "actions": X[1:]},
-        *((0, T - 2), "", "100 % of the actions that move are the next state (usual: up to 50 %)", 2.0),
-    ),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},
         *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.7942906),
-    ),
-    "two episodes": (
-        {name: np.vstack([CLEAN[M][k], CLEAN[3][k]]) for k, name in enumerate(("observations", "actions"))},
-        *((T - 1, T), "", f"at step {T} it looks like an end and a new beginning: perhaps two episodes", 3.1417666),
     ),
 }
 """What is changed, and the finding: its steps, its column, a part of its sentence, and its severity."""
 
 DIFFER = Rule.unknown
-OTHERS = {"scale": {"jump", "spike"}, "scale of less": {"never moves"}, "lag": {"reversed"}}
+OTHERS = {"scale": {"jump", "spike"}, "scale of less": {"never moves"}}
 OTHERS |= {"jump at the last steps": {"offset"}}
 """Rules that find a planted fault as well."""
 
@@ -208,18 +196,11 @@ def slow_motor(rows):
     return demonstrations(changed(episodes, M, observations=x[rows], actions=a[rows]))
 
 
-@pytest.mark.parametrize(
-    ("rule", "rows", "words", "severity"),
-    [
-        ("frame rate", slice(None, None, 2), "perhaps steps are missing, perhaps it is fast", 8.8425021),
-        ("reversed", slice(None, None, -1), "once its steps are reversed: perhaps time runs backwards", 17.064414),
-    ],
-)
-def test_other_times_are_found_where_a_motor_is_slow(rule, rows, words, severity):
-    (fault,) = [fault for fault in check(slow_motor(rows)).findings if fault.rule == rule]
+def test_another_rate_is_found_where_a_motor_is_slow():
+    (fault,) = [fault for fault in check(slow_motor(slice(None, None, 2))).findings if fault.rule == "frame rate"]
     assert (fault.id, fault.first) == (M, 0)
-    assert words in fault.sentence
-    assert fault.severity == pytest.approx(severity, rel=1e-6)
+    assert "perhaps steps are missing, perhaps it is fast" in fault.sentence
+    assert fault.severity == pytest.approx(8.8425021, rel=1e-6)
     assert check(slow_motor(slice(None))).findings == ()
 
 
@@ -295,18 +276,16 @@ UNKNOWN = {
     "resting": [(resting(x), resting(a)) for x, a in CLEAN],
     "repeating": [repeating(m) for m in range(len(CLEAN))],
     "idling": [idling(m) for m in range(len(CLEAN))],
-    "states": [(x[:-1], x[1:]) for x, _ in CLEAN],
     "levels": [(x + 9 * RNG.normal(size=3), a + 9 * RNG.normal(size=3)) for x, a in CLEAN],
     "noise": [(RNG.normal(size=(60, 2)), RNG.normal(size=(60, 1))) for _ in range(12)],
 }
-MAPS = {"sign", "exchanged", "shifted action", "reversed", "frame rate"}
+MAPS = {"sign", "shifted action", "frame rate"}
 NOTHING = {
     "sizes": {"scale", "never moves", *MAPS},
-    "lengths": {"length", "two episodes", "frame rate"},
+    "lengths": {"length", "frame rate"},
     "resting": set(),
     "repeating": {"repeated frames"},
     "idling": {"idle head", "idle tail"},
-    "states": {"next state"},
     "levels": {"scale", "offset"},
     "noise": {"spike", "lag", "offset", *MAPS},
 }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recordings import recording
-from rpil.faults.maps import OF_ROWS, Tried, Window, gains, maps_of, misfit, undo
+from rpil.faults.maps import OF_ROWS, Window, gains, maps_of, misfit, undo
 from rpil.faults.naming import Level, Namer
 from rpil.faults.settings import FaultSettings
 
@@ -24,15 +24,15 @@ def test_what_is_undone_was_there_before(kind):
 def test_gains_are_those_of_demonstrations_changed_by_hand():
     moments = [g for x in ROWS if (g := FRAME.moments(x)) is not None]
     maps = maps_of(np.mean(moments, axis=0), FRAME, 1e-4)
-    tried = Tried.of(FRAME)
-    found = gains(ROWS[0], moments[0], maps, FRAME, tried)
+    kinds, columns = FRAME.tried
+    found = gains(ROWS[0], moments[0], maps, FRAME)
     changes = {
-        ("sign", (1, -1)): ROWS[0] * np.where(np.arange(6) == 1, -1, 1),
-        ("exchanged", (3, 5)): ROWS[0][:, [0, 1, 2, 5, 4, 3]],
-        ("reversed", (-1, -1)): ROWS[0][::-1],
+        ("sign", 1): ROWS[0] * np.where(np.arange(6) == 1, -1, 1),
+        ("sign", 4): ROWS[0] * np.where(np.arange(6) == 4, -1, 1),
+        ("doubled rate", -1): ROWS[0][::2],
     }
-    for (kind, columns), values in changes.items():
-        (h,) = np.flatnonzero((tried.kind == kind) & (tried.columns == columns).all(axis=1))
+    for (kind, column), values in changes.items():
+        (h,) = np.flatnonzero((kinds == kind) & (columns == column))
         gain = np.log(misfit(maps, moments[0]) / misfit(maps, FRAME.moments(values))).sum() / 2
         np.testing.assert_allclose(found[h], gain, atol=1e-6)
 
@@ -40,32 +40,20 @@ def test_gains_are_those_of_demonstrations_changed_by_hand():
 def test_a_demonstration_that_is_too_short_without_every_other_step_gains_nothing_by_it():
     short = ROWS[0][:10]
     moments = FRAME.moments(short)
-    tried, maps = Tried.of(FRAME), maps_of(np.mean([FRAME.moments(x) for x in ROWS], axis=0), FRAME, 1e-4)
-    gain = gains(short, moments, maps, FRAME, tried)
-    assert gain[tried.kind[: len(gain)] == "doubled rate"] == 0
+    maps = maps_of(np.mean([FRAME.moments(x) for x in ROWS], axis=0), FRAME, 1e-4)
+    gain = gains(short, moments, maps, FRAME)
+    assert gain[FRAME.tried[0][: len(gain)] == "doubled rate"] == 0
     assert FRAME.moments(short[:9]) is None
 
 
-def test_where_a_column_moves_too_far_only_an_exchange_that_explains_it_is_tried():
-    tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
-    reach[1] = 200.0
-    namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
-    moments = np.eye(18)
-    assert namer._within(moments, reach).all()
-    wide = FRAME.places[2]
-    moments[wide, wide] = 100 / FRAME.spread[2] ** 2
-    within = namer._within(moments, reach)
-    assert [tuple(c) for c in tried.columns[within]] == [(1, 2)]
-
-
 def test_columns_reach_as_far_as_the_variance_of_the_others_tells():
-    tried, reach = Tried.of(FRAME), 16 * FRAME.spread**2
-    namer = Namer(FRAME, tried, *[np.empty(0)] * 2, reach, *[None] * 4)
+    reach = 16 * FRAME.spread**2
+    namer = Namer(FRAME, *[np.empty(0)] * 2, reach, *[None] * 4)
     for place in FRAME.places[:, 1]:
         for variance, within in ((15.99, True), (16.01, False)):
             moments = np.eye(18)
             moments[place, place] = variance
-            assert namer._within(moments, reach)[tried.kind == "reversed"] == within
+            assert namer._is_far(moments, reach) != within
 
 
 def test_constant_of_a_column_is_found_among_levels():

@@ -21,7 +21,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.progress import show_stages
-from rpil.data.text import MAX_IDS, counted, listed, printable
+from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -114,11 +114,9 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     if report.n_expected:
         lines += ["", f"{report.n_expected:,} more {'is' if report.n_expected == 1 else 'are'} expected and left out."]
     if report.trims:
-        trims = [f"{printable(name)}: {a} to {b - 1}" for name, (a, b) in report.trims.items()]
-        more = "; ..." * (len(trims) > MAX_IDS)
-        n = f"{len(trims):,} of {counted(report.n_demonstrations, 'demonstration')}"
-        heads = f"idle heads in {sum(first > 0 for first, _ in report.trims.values()):,}"
-        lines += ["", f"Idle ends may be trimmed in {n} ({heads}); steps to keep: {'; '.join(trims[:MAX_IDS])}{more}."]
+        steps = listed([f"{name}: {a} to {b - 1}" for name, (a, b) in report.trims.items()], MAX_IDS, ", ")
+        n, m, heads = len(report.trims), report.n_demonstrations, sum(first > 0 for first, _ in report.trims.values())
+        lines += ["", f"Idle ends of {n:,} of {m:,} may be trimmed ({heads:,} idle heads); steps to keep: {steps}."]
     lines += ["", f"Usual: {'; '.join(report.usual.values())}."] if report.usual else []
     lines += ["", "Not checked:", *_not_checked_lines(report)] if report.not_checked or report.unknown else []
     return lines

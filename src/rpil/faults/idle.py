@@ -10,8 +10,8 @@ from rpil.faults.motion import OF_COLUMNS
 from rpil.faults.rule import Compared, ComparingRule, Learned, Measurements, above
 from rpil.numerics.types import Array, Float
 
-THIRD_DIFFERENCE = 0.6745 * 20**0.5
-"""Median size of the third difference of noise of standard deviation 1: motion adds little to it, as it is smooth."""
+THIRD_DIFFERENCE = 3.016
+"""Median size of the third difference, .6745 sqrt(20), of noise of standard deviation 1: smooth motion adds little."""
 
 NOISE_BAND = 5.0
 """Standard deviations of the noise of a state within which it is at rest."""

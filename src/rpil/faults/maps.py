@@ -6,8 +6,8 @@ demonstrations: a_t from s_{t-1..t+1}, and s_{t+1} - s_t from s_t, a_{t-1}, a_t.
 controller rather than of who demonstrates. `B z` are their residuals in a window z. With the mean G of z z' over a
 demonstration, the mean squares e are the diagonal of B G B'.
 
-Undoing a fault gains sum_k log(e_k / e'_k) / 2, with e' afterwards. Signs and exchanged columns are linear in z: what
-is left over becomes r + q, and e' = e + 2 <r, q> + <q, q>.
+Undoing a fault gains sum_k log(e_k / e'_k) / 2, with e' afterwards. Signs are linear in z: what is left over
+becomes r + q, and e' = e + 2 <r, q> + <q, q>.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ FLOOR = 1e-7
 """Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
 
 OF_ROWS = {
-    "reversed": "reversed",
     "frame rate": "doubled rate",
     "doubled rate": "frame rate",
     "actions late": "actions early",
@@ -56,6 +55,14 @@ class Window:
         n, width, step = self.n_states, len(self.column), np.arange(WIDTH)
         states = np.arange(n)[:, None] + n * step
         return np.concatenate([states, WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
+
+    @cached_property
+    def tried(self) -> tuple[Array, Int[Array, " H"]]:
+        """The kinds of the faults that are tried, H of them, and the positions of their columns, -1 where all have it:
+        each sign, `OF_ROWS`, and each offset."""
+        columns = np.arange(len(self.column))
+        kinds = ["sign"] * len(columns) + [*OF_ROWS] + ["offset"] * len(columns)
+        return np.array(kinds), np.concatenate([columns, np.full(len(OF_ROWS), -1), columns])
 
     def moments(self, values: Float[Array, "T C"]) -> Float[Array, "D D"] | None:
         """G of a demonstration, whose columns are those of the window; None where it is too short."""
@@ -122,8 +129,8 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Win
 
 def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:
     """Apply the inverse of a whole-demonstration fault, one of `OF_ROWS`."""
-    if kind in ("reversed", "doubled rate"):
-        return values[::-1] if kind == "reversed" else values[::2]
+    if kind == "doubled rate":
+        return values[::2]
     if kind == "frame rate":
         out = np.repeat(values, 2, axis=0)[:-1].astype(float)
         out[1::2] = (values[1:] + values[:-1]) / 2
@@ -133,40 +140,11 @@ def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, 
     return np.concatenate([states, actions], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Tried:
-    """The faults that are tried, H of them: `n_linear` signs and exchanged columns, `OF_ROWS`, and offsets. `columns`
-    are positions in the window, -1 where none is meant."""
-
-    kind: Array
-    columns: Int[Array, "H 2"]
-    n_linear: int
-
-    @classmethod
-    def of(cls, window: Window) -> Tried:
-        """All faults of the columns of a window: each sign, pairs of states or of actions, and those of all columns."""
-        width, n = len(window.column), window.n_states
-        pairs = [(i, j) for low, high in ((0, n), (n, width)) for i in range(low, high) for j in range(i + 1, high)]
-        alone = [(c, -1) for c in range(width)]
-        kind = ["sign"] * width + ["exchanged"] * len(pairs) + list(OF_ROWS) + ["offset"] * width
-        return cls(np.array(kind), np.array(alone + pairs + [(-1, -1)] * len(OF_ROWS) + alone), len(alone + pairs))
-
-    def changes(self, maps: Float[Array, "K D"], window: Window) -> tuple[Float[Array, "Q K 6"], Int[Array, "Q 6"]]:
-        """How undoing the linear faults, Q of them, changes B, and at which entries of a window."""
-        at, first = window.places, self.columns[: self.n_linear, 0]
-        second = np.where(self.columns[: len(first), 1] < 0, first, self.columns[: len(first), 1])
-        own, other = maps[:, at[first]], maps[:, at[second]]
-        ratio = (window.spread[first] / window.spread[second])[:, None]
-        is_sign = (first == second)[:, None]
-        change = np.where(is_sign, -2 * own, other * ratio - own), np.where(is_sign, 0.0, own / ratio - other)
-        return np.concatenate(change, axis=2).transpose(1, 0, 2), np.concatenate([at[first], at[second]], axis=1)
-
-
-def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Window, tried: Tried) -> Float[Array, " H"]:
+def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Window) -> Float[Array, " H"]:
     """What undoing each fault but offsets gains in a demonstration."""
-    change, place = tried.changes(maps, window)
-    seen, left = maps @ moments, misfit(maps, moments)
-    first = (change * seen[:, place].transpose(1, 0, 2)).sum(axis=2)
+    place, left = window.places, misfit(maps, moments)
+    change, seen = -2.0 * maps[:, place].transpose(1, 0, 2), (maps @ moments)[:, place].transpose(1, 0, 2)
+    first = (change * seen).sum(axis=2)
     second = (np.matmul(change, moments[place[:, :, None], place[:, None, :]]) * change).sum(axis=2)
     gain = np.log(left / np.maximum(left + 2 * first + second, FLOOR)).sum(axis=1) / 2
     undone = [window.moments(undo(kind, values, window.n_states)) for kind in OF_ROWS]  # None: it is too short

@@ -19,6 +19,12 @@ from rpil.numerics.types import Array, Bool, Float, Int
 LEAST_RELATED = 0.5
 """Correlation of an observation with an action from which on they go together."""
 
+FARTHEST = 25.0
+"""Squared distance of a last step in one column, in spreads, at most."""
+
+LEAST_SPREAD = 0.02
+"""Standard deviations of a column by which last steps do not differ."""
+
 MOST_ABSENT = 0.5
 """Share of the demonstrations in which columns are not recorded, and of the steps of the others in which they are 0, at
 most; and share of the others that move, at least."""
@@ -92,6 +98,30 @@ class MovingBlock:
         motion = columns.motion_of(size)
         moves = motion > s.idle_motion * columns.motion
         return cls(block, numbers, block.offsets, columns, s, values, change, size, largest, motion, moves)
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """The last steps of demonstrations, (C,)."""
+
+    centre: Float[Array, " C"]
+    spread: Float[Array, " C"]
+
+    @classmethod
+    def of(cls, sample: MovingBlock) -> Ends | None:
+        """From a sample; None where it tells too little."""
+        columns = sample.columns
+        if len(sample.numbers) < sample.settings.min_demonstrations or columns.is_action.all():
+            return None
+        last = sample.values[~columns.is_action][:, sample.offsets[1:] - 1]
+        centre = np.median(last, axis=1)
+        off = np.median(np.abs(last - centre[:, None]), axis=1)
+        return cls(centre, off / 0.6745 + LEAST_SPREAD * columns.spread[~columns.is_action])
+
+    def far(self, last: Float[Array, "C M"]) -> Float[Array, " M"]:
+        """Squared distances of last steps from the usual ones, in spreads."""
+        off = (last - self.centre[:, None]) / self.spread[:, None]
+        return np.asarray(np.minimum(off**2, FARTHEST).mean(axis=0))
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:

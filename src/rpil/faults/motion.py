@@ -67,7 +67,7 @@ class Spike(Leap):
 
 class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
-    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
+    causes = ("length", "frozen sensor", "frozen action", "saturation")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
 
     @staticmethod
@@ -114,11 +114,9 @@ class Jump(Leap):
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """At the ends of frozen and saturated stretches, and where two episodes meet."""
+        """At the ends of frozen and saturated stretches."""
         if cause.rule == "length":
             return super().follows(fault, cause)
-        if cause.rule == "two episodes":
-            return fault.last == cause.last
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
 
@@ -226,7 +224,7 @@ class Scale(ComparingRule):
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
     needs, causes = OF_COLUMNS, ("length",)
-    least_steps = 20
+    takes_steps = True
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.faults.lag import Pair
-from rpil.faults.maps import FLOOR, OF_ROWS, Tried, Window, fit_maps, gains, levels, misfit, others, per_column
+from rpil.faults.maps import FLOOR, OF_ROWS, Window, fit_maps, gains, levels, misfit, others, per_column
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
@@ -59,7 +59,6 @@ class Namer:
     """What names the fault of a demonstration."""
 
     window: Window
-    tried: Tried
     maps: Float[Array, "F K D"]
     """`fit_maps`."""
     usual: Float[Array, " K"]
@@ -77,29 +76,23 @@ class Namer:
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
         """The fault tried that a demonstration has, and what undoing it gains; 0 where it has none."""
         maps, moments = self.maps[number % len(self.maps)], self.window.moments(values)
-        if moments is None:
+        if moments is None or self._is_far(moments, self.reach[number % len(self.maps)]):
             return 0, 0.0
         gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.window.column)
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
-        within = self._within(moments, self.reach[number % len(self.maps)])
         if excess > self.screen:
-            gain[:n] = gains(values, moments, maps, self.window, self.tried)
-            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED) & within[:n]
-        if not gain.any() and excess <= self.rest and within[n]:  # an offset changes the level alone
+            gain[:n] = gains(values, moments, maps, self.window)
+            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED)
+        if not gain.any() and excess <= self.rest:  # an offset changes the level alone
             level = levels(values, maps, self.window)
             off = self.level.gains(level, per_column(maps, self.window))
             gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
         best = int(np.argmax(gain))
         return best, float(gain[best])
 
-    def _within(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> Array:
-        """Whether no column, once a fault is undone, moves farther than where the maps are known, (H,)."""
-        wide = moments.diagonal()[self.window.places[:, 1]] * self.window.spread**2
-        first, second = self.tried.columns.T
-        second, far = np.where(second < 0, first, second), wide > reach
-        own = far[first].astype(int) + np.where(first == second, 0, far[second])
-        after = (wide[first] > reach[second]) | (wide[second] > reach[first])
-        return np.asarray(np.where(first < 0, ~far.any(), (far.sum() == own) & ~after))
+    def _is_far(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> bool:
+        """Whether a column moves farther than where the maps are known."""
+        return bool((moments.diagonal()[self.window.places[:, 1]] * self.window.spread**2 > reach).any())
 
 
 def learn_maps(
@@ -141,8 +134,8 @@ def _namer(
     usual = np.median(left, axis=0)
     excess = (left - usual).sum(axis=1) / 2
     share = max(1.0 - s.pilot_demonstrations / n_all, 0.0)
-    tried, some = Tried.of(window), np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
-    gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], window, tried) for k in some])
+    some = np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
+    gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], window) for k in some])
     offs = np.array([levels(rows[m], maps[f], window) for m, f in zip(kept, fold, strict=True)])
     level, column = Level.of(offs, s), per_column(maps, window)
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
@@ -155,8 +148,8 @@ def _namer(
     usual_ones = excess[some] <= np.quantile(excess, s.map_power)
     power = np.append(_planted(gain[usual_ones], s), s.least_offset**2 / 2 * level.power(column[0]))
     known = np.where(power > limit, limit, np.nan)
-    apart = float(-np.median(gain, axis=0)[tried.n_linear :].sum())
-    return apart, Namer(window, tried, maps, np.exp(usual), reach, level, known, rest, screen)
+    apart = float(-np.median(gain, axis=0)[len(window.column) :].sum())
+    return apart, Namer(window, maps, np.exp(usual), reach, level, known, rest, screen)
 
 
 def _planted(gain: Float[Array, "M H"], s: FaultSettings) -> Float[Array, " H"]:

@@ -16,15 +16,16 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.names import LAST_ACTION
 from rpil.data.text import counted, duration, moment
-from rpil.faults.ends import Ends, learn_ends
 from rpil.faults.lag import Pair, find_lag
-from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
+from rpil.faults.measured_columns import Ends, MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.naming import Namer, learn_maps
 from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
-from rpil.numerics.types import Array, Bool, Int
+from rpil.numerics.types import Array, Int
+
+LEAST_STEPS = 20
+"""Steps of a demonstration from which its scale, and the sign of a column, are known."""
 
 
 @stored()
@@ -73,18 +74,15 @@ class Learned:
     pairs: tuple[Pair, ...]
     namer: Namer | None
     ends: Ends | None
-    states: Bool[Array, " D"]
-    """Which observations are no last actions, as `--history` adds them."""
     settings: FaultSettings
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Learned:
         """From demonstrations spread evenly over the data."""
-        states = np.array([not LAST_ACTION.fullmatch(name) for name in demonstrations.observation_names], dtype=bool)
         sample = learn_columns(*pilot(demonstrations, settings), column_labels(demonstrations), settings)
         pairs, most_related = find_lag(sample)
         namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(sample.columns, pairs, namer, learn_ends(sample), states, settings)
+        return cls(sample.columns, pairs, namer, Ends.of(sample), settings)
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
@@ -158,8 +156,8 @@ class ComparingRule(Rule):
     needs: tuple[str, ...] = ("several",)
     sentence: str
     """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
-    least_steps = 1
-    """Steps of a demonstration from which the rule knows anything of it."""
+    takes_steps = False
+    """Whether it says nothing of demonstrations of fewer than `LEAST_STEPS`."""
 
     def __init__(self, data: Measurements) -> None:
         self.data, self.columns, self.settings = data, data.learned.columns, data.learned.settings
@@ -167,10 +165,10 @@ class ComparingRule(Rule):
         self.measured = data.measured[type(self).measure]
         self.first, self.last = np.zeros(len(data.ids), dtype=int), data.lengths - 1
         value, threshold, severity = self.compare()
-        is_short = np.reshape(data.lengths < self.least_steps, (-1,) + (1,) * (np.ndim(severity) - 1))
-        severity = np.where(is_short, np.nan, severity)
+        is_short = self.takes_steps & (data.lengths < LEAST_STEPS)
+        severity = np.where(is_short, np.nan, np.transpose(severity)).T
         if is_short.all():
-            self.unknown = f"no demonstration has {self.least_steps} steps"
+            self.unknown = f"no demonstration has {LEAST_STEPS} steps"
         shape = len(data.ids), len(self.names)
         every = value, np.broadcast_to(threshold, np.shape(value)), severity, self.first, self.last
         self.value, self.threshold, self.severity, self.first, self.last = (

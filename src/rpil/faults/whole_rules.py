@@ -18,7 +18,7 @@ from rpil.numerics.types import Array
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
     sentence = "it has {value:.0f} {noun}{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
-    causes = ("frame rate", "two episodes")
+    causes = ("frame rate",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -27,8 +27,8 @@ class Length(ComparingRule):
         if ends is None:
             return (np.zeros(len(block.offsets) - 1),)
         lasting = block.columns.memory[states] >= block.settings.least_memory
-        last = np.where(lasting[:, None], block.values[states][:, block.offsets[1:] - 1], ends.centre[1][:, None])
-        return (ends.far(np.stack([last, last]))[1],)
+        last = np.where(lasting[:, None], block.values[states][:, block.offsets[1:] - 1], ends.centre[:, None])
+        return (ends.far(last),)
 
     def compare(self) -> Compared:
         s, lengths, (far,) = self.settings, self.data.lengths.astype(float), self.measured
@@ -57,7 +57,7 @@ class OtherLag(ComparingRule):
     name, words = "lag", "the state follows the action sooner or later than usual"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
-    causes = ("next state", "frame rate", "exchanged", "two episodes", "shifted action")
+    causes = ("frame rate", "shifted action")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
@@ -99,7 +99,7 @@ class Undone(ComparingRule):
 
     needs = ("map", "several")
     unknown = "these data could not show it"
-    causes = ("never moves", "next state", "two episodes")
+    causes = ("never moves",)
     sentences: ClassVar[dict[str, str]]
     """What is said of each kind of fault that is tried."""
 
@@ -117,15 +117,16 @@ class Undone(ComparingRule):
         namer, (named, gain) = self.data.learned.namer, self.measured
         assert namer is not None  # the rule needs it
         every, chosen = np.array(self.columns.names), namer.window.column
-        tried = np.flatnonzero(np.isin(namer.tried.kind, [*self.sentences]))
-        columns, limit = namer.tried.columns[tried], np.nan_to_num(namer.limit[tried], nan=np.inf)
-        self.texts = [self.sentences[kind] for kind in namer.tried.kind[tried]]
-        self.names = tuple(" and ".join(every[chosen[c[c >= 0]]]) for c in columns)
+        kinds, columns = namer.window.tried
+        tried = np.flatnonzero(np.isin(kinds, [*self.sentences]))
+        columns, limit = columns[tried], np.nan_to_num(namer.limit[tried], nan=np.inf)
+        self.texts = [self.sentences[kind] for kind in kinds[tried]]
         value = np.where(named[:, None] == tried, gain[:, None], 0.0)
-        if (columns[:, :1] < 0).any():  # a rule that knows one direction would miss the other
+        if (columns < 0).any():  # a rule that knows one direction would miss the other
+            self.names = ("",) * len(tried)
             return above(value, np.where(np.isinf(limit).any(), np.inf, limit))
-        outside = np.delete(every, chosen) if len(tried) else every[:0]  # one column cannot be exchanged
-        self.names += tuple(outside.tolist())
+        outside = np.delete(every, chosen)
+        self.names = (*every[chosen[columns]].tolist(), *outside.tolist())
         return above(np.pad(value, ((0, 0), (0, len(outside)))), np.append(limit, np.full(len(outside), np.inf)))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
@@ -134,13 +135,8 @@ class Undone(ComparingRule):
 
 class Sign(Undone):
     name, words = "sign", "a column fits the others once its sign is changed"
-    least_steps = 20
+    takes_steps = True
     sentences: ClassVar = {"sign": "{} fits the others once its sign is changed: perhaps it has the other sign"}
-
-
-class Exchanged(Undone):
-    name, words = "exchanged", "two columns fit the others once they are exchanged"
-    sentences: ClassVar = {"exchanged": "{} fit the others once they are exchanged: perhaps each has the other's name"}
 
 
 class Offset(Undone):
@@ -156,70 +152,8 @@ class ShiftedAction(Undone):
     }
 
 
-class Reversed(Undone):
-    name, words = "reversed", "it fits the others once its steps are reversed"
-    sentences: ClassVar = {"reversed": "it fits the others once its steps are reversed: perhaps time runs backwards"}
-
-
 class FrameRate(Undone):
     name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
     sentences: ClassVar = {
         "frame rate": "it moves in one step as the others do in two: perhaps steps are missing, perhaps it is fast"
     }
-
-
-class NextState(ComparingRule):
-    """The actions are the next state, and in the others they are not."""
-
-    name, words = "next state", "the action is the next state, and in the others it is not"
-    sentence = "{share} of the actions that move are the next state (usual: up to {most_usual}): perhaps no commands"
-    unknown = "the action is the next state in most"
-
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Share of the actions that move that are a state at the next step, at 16 steps."""
-        observations, actions = block.block.observations[:, learned.states], block.block.actions
-        share = np.zeros(len(block.numbers))
-        for m, (first, end) in enumerate(itertools.pairwise(block.offsets)):
-            if actions.ndim == 2 and end - first > 2:
-                at = np.unique(np.linspace(first, end - 2, 16).astype(int))
-                distance = np.abs(actions[at][:, :, None] - observations[at + 1][:, None, :])
-                wide = np.ptp(actions[at], axis=0)
-                same = (distance <= 1e-6 * wide[:, None]).all(axis=0).any(axis=1)
-                share[m] = (same & (wide > 0)).sum() / max((wide > 0).sum(), 1)
-        return (share,)
-
-    def compare(self) -> Compared:
-        (share,) = self.measured
-        usual = float(np.median(share))
-        return above(share, (1.0 + usual) / 2 if usual < 1 else np.inf)
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        shares = {"share": fault.value, "most_usual": fault.threshold}
-        return super().say(fault, m, c, **{name: f"{100 * share:.0f} %" for name, share in shares.items()})
-
-
-class TwoEpisodes(ComparingRule):
-    """It holds an end and then a beginning."""
-
-    name, words = "two episodes", "an end is followed by a beginning"
-    sentence = "at {last} it looks like an end and a new beginning: perhaps two episodes, perhaps a second try"
-    needs, unknown = ("observations", "several"), "beginnings and ends look like the rest"
-
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """How unlike a boundary between two demonstrations the best step is, and that step."""
-        ends, values = learned.ends, block.values[~block.columns.is_action]
-        n = len(block.numbers)
-        if ends is None or np.isnan(ends.limit):
-            return np.full(n, np.inf), np.zeros(n, dtype=int)
-        unlike, step = zip(*(ends.boundary(values[:, a:b]) for a, b in itertools.pairwise(block.offsets)), strict=True)
-        return np.array(unlike), np.array(step)
-
-    def compare(self) -> Compared:
-        ends, (unlike, self.last) = self.data.learned.ends, self.measured
-        self.first = self.last - 1
-        limit = np.nan if ends is None else ends.limit
-        if (unlike < limit).sum() > few(len(unlike)):  # many come back to where they began: no fault of one
-            limit = np.nan
-        return unlike, limit, 1.0 + (limit - unlike)
