@@ -123,7 +123,7 @@ def _columns(audit: Audit, shown: Sequence[int]) -> dict[str, list[str]]:
         **({"verdict": _verdicts(audit, shown)} if decided else {}),
         **({} if decided else {"place": [f"{audit.ranks[m]:,}" for m in shown]}),
         "score": _scores(audit.log_odds[[*shown]]),
-        **{title: cells for title, cells in said.items() if len({*cells}) > 1 or (len(cells) == 1 and cells[0])},
+        **{title: of for title, of in said.items() if len({*of}) > 1 or (of[0] and (decided or len(of) == 1))},
     }
 
 

@@ -6,7 +6,6 @@ The log-ratio of a step is a sum over the parts j of a continuous action, and di
 
 with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
 demonstration m is what it adds more than in the median similar one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
-`rpil.inference.rivals.evidence_by_part` says which parts have most of it.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete, Product
 from rpil.data.text import printable
+from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
@@ -189,20 +189,19 @@ def _traces(evidence: StepEvidence, place: int) -> Traces:
 def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: PolicyOutputs) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
-    Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is
-    the part with most of the evidence in these steps, beside what similar ones do, in the units of the data. Without a
-    trusted group there is nothing to compare with.
+    Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is a
+    part that moves in most others alone, or that with most of the evidence. It takes a trusted group to compare with.
     """
     if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
         return ()
-    phrases, data = [], evidence.data
+    phrases, data, never = [], evidence.data, never_moves(evidence.data.actions, evidence.data.offsets)
     for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
         steps = _worst_steps(audit, m)
         rows = data.offsets[place] + steps
         if not len(steps):
             phrases.append("")
         elif data.space.kind != "discrete":
-            phrases.append(_far_part(evidence, rows, steps))
+            phrases.append(_far_part(evidence, rows, steps, never[place]))
         else:
             likely = outputs(audit.offsets[m] + steps).argmax(axis=1)
             phrases.append(_other_action(classes[data.actions[rows]], classes[likely]))
@@ -221,21 +220,22 @@ def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
 
 def _other_action(taken: Array, likely: Array) -> str:
     """The most frequent pair of an action taken, and another that the trusted most likely take."""
-    pairs = Counter(pair for pair in zip(taken.tolist(), likely.tolist(), strict=True) if pair[0] != pair[1])
-    if not pairs:
+    pairs = Counter(p for p in zip(taken.tolist(), likely.tolist(), strict=True) if p[0] != p[1]).most_common(1)
+    if not pairs or pairs[0][1] < MIN_SHARE * len(taken):
         return ""
-    (own, other), count = pairs.most_common(1)[0]
-    if count < MIN_SHARE * len(taken):
-        return ""
+    (own, other), count = pairs[0]
     compared = f"it takes action {printable(own)} where others most likely take {printable(other)}"
     return f"{compared} ({count} of its {len(taken)} worst steps)"
 
 
-def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
-    """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
-    of similar ones by the median distance; "" where it does not."""
-    parts = evidence_by_part(evidence.nats[rows].sum(axis=0))
-    if not parts:
+def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"], never: Bool[Array, " J"]) -> str:
+    """The part of the action with most of the evidence in these steps, of those that `never` move if there are any, in
+    that step of them in which it leaves the band of similar ones by the median distance; "" where it does not."""
+    nats = evidence.nats[rows].sum(axis=0)
+    if never.any():
+        j = int(np.argmin(np.where(never, nats, np.inf)))
+        return f"{part_name(evidence.data, j)} stays at {evidence.value[rows[0], j]:.4g}, and moves in the others"
+    if not (parts := evidence_by_part(nats)):
         return ""
     j, _ = parts[0]
     value, low, high = (each[rows, j] for each in (evidence.value, evidence.low, evidence.high))
