@@ -14,7 +14,6 @@ from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.motion import FrozenSensor, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
-from rpil.faults.settings import FaultSettings
 from rpil.faults.whole_rules import Length, OtherLag
 
 M = 8
@@ -31,11 +30,11 @@ def columns(n=1, moving=1.0, is_action=False, memory=1.0):
     )
 
 
-def applied(rule, *measured, lengths=None, of=None, **settings):
+def applied(rule, *measured, lengths=None, of=None):
     """A rule, of arrays (M,) or (M, C) of what its measure gave."""
     n = len(measured[0]) if measured else len(lengths)
     pairs = (SimpleNamespace(usual=np.full(100, 1.0)),)
-    learned = SimpleNamespace(columns=of or columns(), settings=FaultSettings(**settings), pairs=pairs, ends=None)
+    learned = SimpleNamespace(columns=of or columns(), pairs=pairs, ends=None)
     lengths = np.full(n, 100) if lengths is None else lengths
     return rule(Measurements(learned, {rule.measure: measured}, tuple(range(n)), lengths, None))
 
@@ -241,9 +240,7 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
         every = np.concatenate([before, own, before])
         offsets = np.cumsum([0, 5, len(own), 5])
         codes = SimpleNamespace(actions=np.zeros(len(every), dtype=int))
-        block = SimpleNamespace(
-            moves=every > 0.05, offsets=offsets, settings=FaultSettings(), motion=every, block=codes
-        )
+        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, motion=every, block=codes)
         head, tail = IdleEnd.measure(block, None)
         n = len(motion)
         assert (head if at_head else tail)[1] == (n if is_idle or n < 10 else 0)

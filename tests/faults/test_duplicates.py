@@ -7,9 +7,9 @@ import pytest
 
 from recordings import demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
+from rpil.faults import settings
 from rpil.faults.checking import check
 from rpil.faults.duplicates import near_limit, nearest_others
-from rpil.faults.settings import FaultSettings
 
 CLEAN = recording()
 M = 5  # the demonstration that is copied
@@ -38,10 +38,10 @@ def test_each_copy_names_the_first():
 
 
 @pytest.mark.parametrize(("least", "counts"), [(7, {"duplicate": 1}), (8, {})])
-def test_few_demonstrations_are_only_compared_exactly(least, counts):
+def test_few_demonstrations_are_only_compared_exactly(least, counts, monkeypatch):
     near = CLEAN[0][0] + 1e-6, CLEAN[0][1]
-    settings = FaultSettings(min_demonstrations=least)
-    assert check(demonstrations([*CLEAN[:6], near]), settings=settings).counts == counts
+    monkeypatch.setattr(settings, "FEWEST_DEMONSTRATIONS", least)
+    assert check(demonstrations([*CLEAN[:6], near])).counts == counts
 
 
 @pytest.mark.parametrize(("n_steps", "n_found"), [(3, 0), (49, 0), (50, 9)])
@@ -59,14 +59,15 @@ def test_nearest_others_are_those_of_all_pairs(monkeypatch):
     np.testing.assert_allclose(distance, every.min(axis=1))
 
 
-def test_so_few_independent_points_lie_below_the_limit():
-    settings = FaultSettings(near_share=0.05, near_duplicate=(0.0, 1.0))
+def test_so_few_independent_points_lie_below_the_limit(monkeypatch):
+    monkeypatch.setattr(settings, "NEAR_SHARE", 0.05)
+    monkeypatch.setattr(settings, "NEAR_DUPLICATE", (0.0, 1.0))
     points = np.random.default_rng(0).normal(size=(2000, 2))
     distance, _ = nearest_others(np.round(points, 6))
-    limit = near_limit(distance, settings)
+    limit = near_limit(distance)
     assert (distance < limit).mean() == pytest.approx(0.05, abs=0.03)
-    assert near_limit(1e-3 * distance, settings) == pytest.approx(1e-3 * limit)
-    assert near_limit(np.ones(9), settings) == near_limit(np.zeros(9), settings) == 0.0
-    bounds = FaultSettings(near_duplicate=(0.3, 0.5))
+    assert near_limit(1e-3 * distance) == pytest.approx(1e-3 * limit)
+    assert near_limit(np.ones(9)) == near_limit(np.zeros(9)) == 0.0
+    monkeypatch.setattr(settings, "NEAR_DUPLICATE", (0.3, 0.5))
     low, high = (np.quantile(distance, 0.5, method="lower") * share for share in (0.3, 0.5))
-    assert low <= near_limit(distance, bounds) <= high
+    assert low <= near_limit(distance) <= high

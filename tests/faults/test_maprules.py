@@ -6,9 +6,9 @@ import numpy as np
 
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
+from rpil.faults import settings
 from rpil.faults.checking import check
 from rpil.faults.rule import Learned
-from rpil.faults.settings import FaultSettings
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault
@@ -30,9 +30,10 @@ def test_the_sign_of_a_column_is_named_where_that_of_another_cannot_be_known():
     assert report.unknown["sign"] == ("action 3",)
 
 
-def test_each_action_goes_with_the_state_that_follows_it_whatever_its_unit():
+def test_each_action_goes_with_the_state_that_follows_it_whatever_its_unit(monkeypatch):
+    monkeypatch.setattr(settings, "MAX_PARTNERS", 1)
     units = np.array([1, 1e3, 1e-3])
-    learned = Learned.of(demonstrations([(x * units, a) for x, a in CLEAN]), FaultSettings(max_partners=1))
+    learned = Learned.of(demonstrations([(x * units, a) for x, a in CLEAN]))
     assert sorted((pair.action, pair.state, pair.lag) for pair in learned.pairs) == [
         (3, 0, 2),
         (4, 1, 2),

@@ -8,7 +8,6 @@ import pytest
 from recordings import recording
 from rpil.faults.maps import OF_ROWS, Window, gains, maps_of, misfit, undo
 from rpil.faults.naming import Level, Namer
-from rpil.faults.settings import FaultSettings
 
 ROWS = [np.concatenate(pair, axis=1) for pair in recording(6)]
 FRAME = Window(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)
@@ -58,7 +57,7 @@ def test_columns_reach_as_far_as_the_variance_of_the_others_tells():
 
 def test_constant_of_a_column_is_found_among_levels():
     rng, column = np.random.default_rng(0), np.array([[1.0, 0.0], [0.5, 1.0], [0.0, 2.0]])
-    level = Level.of(rng.normal(size=(200, 3)) * [1, 2, 3] + 5, FaultSettings())
+    level = Level.of(rng.normal(size=(200, 3)) * [1, 2, 3] + 5)
     off = np.array([5.0, 5, 5]) + 8 * column[:, 0]
     gain = level.gains(off, column)
     assert gain.argmax() == 0

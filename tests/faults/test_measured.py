@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from recordings import changed, demonstrations, recording
-from rpil.faults import lag
+from rpil.faults import lag, settings
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
@@ -17,14 +17,12 @@ from rpil.faults.naming import learn_maps
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
 from rpil.faults.segments import changes
-from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times
 
 RNG = np.random.default_rng(0)
 LENGTHS = (9, 1, 2, 3, 4, 12)
 OFFSETS = np.cumsum([0, *LENGTHS])
 CLEAN = recording()
-S = FaultSettings()
 
 
 def block_of(values, offsets=OFFSETS, **more):
@@ -32,7 +30,7 @@ def block_of(values, offsets=OFFSETS, **more):
     change = changes(values, offsets)
     largest = np.maximum.reduceat(np.abs(change), offsets[:-1], axis=1).T
     given = {"values": values, "offsets": offsets, "change": change, "size": np.abs(change), "largest": largest}
-    return SimpleNamespace(**given, numbers=np.arange(len(offsets) - 1), settings=S, **more)
+    return SimpleNamespace(**given, numbers=np.arange(len(offsets) - 1), **more)
 
 
 def each(values):
@@ -107,7 +105,7 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     stamps[d.offsets[5] + step : d.offsets[6]] += 0.4 / 50  # within the limit
     (fault,) = check(d, times=Times(stamps, 50.0)).findings
     assert (fault.rule, fault.id, fault.first, fault.last) == ("dropped frames", 3, step - 1, step)
-    assert list(find_frame_times(Times(stamps), d, None, S)) == []
+    assert list(find_frame_times(Times(stamps), d, None)) == []
     stamps[d.offsets[3] + 40 : d.offsets[4]] += 2 / 50
     (fault,) = check(d, times=Times(stamps, 50.0)).findings
     assert fault.last == step
@@ -160,12 +158,14 @@ def test_correlations_are_those_within_demonstrations():
         np.testing.assert_allclose(found[:, k + most], total / norms, atol=1e-12)
 
 
-def test_what_is_learned_of_sound_recordings():
+def test_what_is_learned_of_sound_recordings(monkeypatch):
     """The numbers are those of today: whatever changes one of them changes what is found."""
     rng = np.random.default_rng(1)
     noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
-    few = FaultSettings(least_gain=-1e3, offset_gain=0.0, map_columns=2, map_sample=7, map_folds=3)
-    learned = Learned.of(demonstrations(noisy), few)
+    few = {"LEAST_GAIN": -1e3, "OFFSET_GAIN": 0.0, "MAP_COLUMNS": 2, "MAP_SAMPLE": 7, "MAP_FOLDS": 3}
+    for name, value in few.items():
+        monkeypatch.setattr(settings, name, value)
+    learned = Learned.of(demonstrations(noisy))
     pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.pairs]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
     correlations = [pair.correlation for pair in learned.pairs]
@@ -179,8 +179,10 @@ def test_what_is_learned_of_sound_recordings():
     np.testing.assert_allclose(namer.usual, [7.015096e-6, 7.347783e-4, 9.689544e-6, 8.78671e-4], rtol=1e-4)
     np.testing.assert_allclose(namer.reach.sum(axis=1), [31.37547, 30.17072, 30.8976], rtol=1e-5)
     np.testing.assert_allclose([namer.rest, namer.level.rest], [0.51709, 4.889641], rtol=1e-4)
-    sample = learn_columns(*pilot(demonstrations(noisy), few), tuple("xyzabc"), few)
-    many = learn_maps(sample, *lag.find_lag(sample), 400)  # of twice as many as are looked at, half are tried
+    sample = learn_columns(*pilot(demonstrations(noisy)), tuple("xyzabc"))
+    many = learn_maps(
+        sample, *lag.find_lag(sample, settings.MAX_LAG), 400
+    )  # of twice as many as are looked at, half are tried
     assert namer.screen == -np.inf < many.screen < many.rest == namer.rest
 
     last = np.array([x[-1] for x, _ in noisy])
@@ -192,14 +194,16 @@ def test_what_is_learned_of_sound_recordings():
 def test_those_most_correlated_come_first():
     rng = np.random.default_rng(1)
     d = demonstrations([(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN])
-    sample = learn_columns(*pilot(d, S), column_labels(d), S)
+    sample = learn_columns(*pilot(d), column_labels(d))
     related = [
         [0.3328708, 0.1046817, 0.1583162],
         [0.03284762, 0.9881349, 0.1614088],
         [0.07525565, 0.1750798, 0.8587367],
     ]
-    np.testing.assert_allclose(lag._related(sample, np.arange(3, 6), np.arange(3)), related, rtol=1e-5)
-    action, state = lag.find_lag(sample)[1]
+    np.testing.assert_allclose(
+        lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG), related, rtol=1e-5
+    )
+    action, state = lag.find_lag(sample, settings.MAX_LAG)[1]
     assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
 
 
@@ -219,7 +223,7 @@ def test_a_demonstration_that_never_moves_is_not_cut():
 
 def test_an_action_may_be_the_speed_of_a_state():
     speeds = [(np.cumsum(a, axis=0) - a, a) for _, a in CLEAN]
-    pairs = Learned.of(demonstrations(speeds), S).pairs
+    pairs = Learned.of(demonstrations(speeds)).pairs
     assert [(pair.action - 3, pair.of_change, pair.lag) for pair in pairs if pair.state == pair.action - 3] == [
         (pair.action - 3, True, 1) for pair in pairs
     ]

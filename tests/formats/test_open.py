@@ -9,7 +9,6 @@ import pytest
 import rpil
 from recordings import changed, demonstrations, recording
 from rpil.data.errors import DataError
-from rpil.faults.settings import FaultSettings
 
 EPISODES = recording()
 
@@ -26,7 +25,6 @@ def test_what_is_said_of_faults_is_used(tmp_path):
     assert repr(opened) == "\n".join(opened.describe().short())
     assert {(found.rule, found.id) for found in rpil.check(opened).findings} == {("spike", 3)}
     assert rpil.check(opened, expected={"spike": ["3"]}).n_expected == 1
-    assert not rpil.check(opened, settings=FaultSettings(min_demonstrations=99)).findings
     assert rpil.check(opened).not_checked["dropped frames"] == "the recording has no timestamps"
 
 

@@ -21,7 +21,6 @@ from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
-from rpil.faults.settings import FaultSettings
 from rpil.faults.whole_rules import Length, OtherLag
 from rpil.formats import ReadOptions, opened
 from rpil.formats.arrow import Frame
@@ -44,7 +43,6 @@ def check(
     fps: float | None = None,
     expected: Mapping[str, Collection[str]] | None = None,
     video: bool = False,
-    settings: FaultSettings = FaultSettings(),
     **columns: Unpack[ReadOptions],
 ) -> FaultReport:
     """Find what is odd in recordings, as ``rpil check`` does: all rules, on demonstrations in memory or on disk.
@@ -61,7 +59,6 @@ def check(
         Findings that are declared expected; they are counted and left out.
     video : bool
         Also look at the videos of a folder of LeRobot, which needs the extra video.
-    settings : FaultSettings, optional
     **columns
         As for `rpil.read`. With ``skip_bad=True``, where values are missing, those demonstrations are set aside and the
         other rules are applied to the rest; by default only the missing values are reported then.
@@ -86,7 +83,7 @@ def check(
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
     agents = isinstance(recording, Recording) and recording.columns.agent is not None
     times = replace(times, timestamps=None) if agents else times  # which begin again with each agent
-    report = _check_steps(demonstrations, times, skip_bad, settings, agents)
+    report = _check_steps(demonstrations, times, skip_bad, agents)
     beside, unseen = _check_files(recording, demonstrations, video)
     if TIMESTAMPS not in {found.rule for found in beside}:
         beside += find_other_rate(times, demonstrations)
@@ -111,14 +108,12 @@ def _check_files(
     return found, dict.fromkeys(unseen, "videos are looked at with --video, or video=True")
 
 
-def _check_steps(
-    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, settings: FaultSettings, agents: bool
-) -> FaultReport:
+def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, agents: bool) -> FaultReport:
     """What is found in the steps of the demonstrations; rules do not compare those of several `agents`."""
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
-    measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations, settings), seconds)
-    of_times = find_frame_times(times, demonstrations, seconds, settings)
+    measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations), seconds)
+    of_times = find_frame_times(times, demonstrations, seconds)
     findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
     why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
     why |= (
@@ -183,7 +178,7 @@ def _measure(
             if not kept.all():
                 missing += MissingValues.find(whole, demonstrations.ids, column_labels(demonstrations), seconds)
             if kept.any():
-                moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns, learned.settings)
+                moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns)
                 parts.append([measure(moving, learned) for measure in measures])
     joined = [tuple(map(np.concatenate, zip(*of_measure, strict=True))) for of_measure in zip(*parts, strict=True)]
     return dict(zip(measures, joined, strict=False)), np.concatenate(masks), missing

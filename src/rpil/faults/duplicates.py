@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from rpil.data.copies import Copies, digests
+from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.rule import Fault, Learned, Measurements, Rule
-from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float, Int
 
 NEIGHBOUR_ROWS = 1_024
@@ -48,13 +48,13 @@ class Duplicate(Rule):
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
         digest, signatures = data.measured[cls.measure]
-        settings, are_measured = data.learned.settings, bool(data.learned.columns.names)
+        are_measured = bool(data.learned.columns.names)
         first = Copies.of(digest).copy_of
-        is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.min_duplicate))
+        is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
         twins = [(m, int(first[m]), 0.0, 0.0, 1e3, "") for m in np.flatnonzero(is_copy).tolist()]
-        if are_measured and len(signatures) >= settings.min_demonstrations:
+        if are_measured and len(signatures) >= settings.FEWEST_DEMONSTRATIONS:
             distance, nearest = nearest_others(signatures)
-            limit = near_limit(distance, settings)
+            limit = near_limit(distance)
             for m in np.flatnonzero((distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy).tolist():
                 value = float(distance[m])
                 twins.append((m, int(nearest[m]), value, limit, min(limit / value, 1e3) if value else 1e3, "nearly "))
@@ -75,8 +75,8 @@ def nearest_others(points: Float[Array, "M S"]) -> tuple[Float[Array, " M"], Int
     return np.linalg.norm(points - points[nearest], axis=1), nearest
 
 
-def near_limit(distance: Array, settings: FaultSettings) -> float:
-    """Distance from the nearest other point below which a share `near_share` of independent points lie.
+def near_limit(distance: Array) -> float:
+    """Distance from the nearest other point below which a share `NEAR_SHARE` of independent points lie.
 
     Distances of nearest neighbours in k dimensions follow a Weibull distribution, whose shape is k. With their median
     q2 and upper quartile q3,
@@ -87,4 +87,4 @@ def near_limit(distance: Array, settings: FaultSettings) -> float:
     if not 0 < middle < high:
         return 0.0
     power = np.log(high / middle) / np.log(2.0)
-    return middle * float(np.clip((settings.near_share / np.log(2.0)) ** power, *settings.near_duplicate))
+    return middle * float(np.clip((settings.NEAR_SHARE / np.log(2.0)) ** power, *settings.NEAR_DUPLICATE))

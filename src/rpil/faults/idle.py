@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rpil.data.arrays import Id
+from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.motion import OF_COLUMNS
 from rpil.faults.rule import Compared, ComparingRule, Learned, Measurements, above
@@ -31,7 +32,7 @@ class IdleEnd(ComparingRule):
         """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
         or decays as that of a controller that settles, nothing is idle. A command that stays exactly the same while no
         state leaves its noise is idle, however large the noise."""
-        moves, offsets, s = block.moves, block.offsets, block.settings
+        moves, offsets = block.moves, block.offsets
         n, steps = len(moves), np.arange(len(moves))
         first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
         last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1])
@@ -39,18 +40,19 @@ class IdleEnd(ComparingRule):
         head = np.where(nothing, np.diff(offsets), np.maximum(first - 1 - offsets[:-1], 0))
         tail = np.where(nothing, 0, offsets[1:] - 1 - last)
         for idle, begins, way in ((head, offsets[:-1], 1), (tail, offsets[1:] - tail, -1)):
-            for m in np.flatnonzero(idle >= s.min_idle).tolist():
+            for m in np.flatnonzero(idle >= settings.MIN_IDLE).tolist():
                 motion = block.motion[begins[m] + 1 : begins[m] + idle[m]][::way]
                 third = len(motion) // 3
-                if 0 < s.settling * motion[1 : third + 1].mean() < motion[-third:].mean():
+                if 0 < settings.SETTLING * motion[1 : third + 1].mean() < motion[-third:].mean():
                     idle[m] = 0
         held = np.array([_held(block, m) for m in range(len(head))])
         return np.maximum(head, held[:, 0]), np.maximum(tail, held[:, 1])
 
     def compare(self) -> Compared:
-        idle, s = self.measured[0 if self.at_head else 1], self.settings
+        idle, least = self.measured[0 if self.at_head else 1], settings.MIN_IDLE
         self.first, self.last = (self.first, idle - 1) if self.at_head else (self.data.lengths - idle, self.last)
-        return above(idle, np.maximum(self.fence(idle, s.usual_factor, s.min_idle / s.usual_factor), s.min_idle))
+        factor = settings.USUAL_FACTOR
+        return above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
 
 
 class IdleHead(IdleEnd):
@@ -66,7 +68,7 @@ class IdleTail(IdleEnd):
 
 def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
     """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
-    least = data.learned.settings.min_idle
+    least = settings.MIN_IDLE
     head, tail = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure])
     end = data.lengths - tail
     idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
@@ -76,7 +78,7 @@ def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
 def _held(block: MovingBlock, m: int) -> tuple[int, int]:
     """Steps at the beginning, and at the end, of demonstration `m` of a block in which the action is exactly constant
     and no state leaves its noise; the step that moves next, or moved last, does not count."""
-    rows, least = slice(*block.offsets[m : m + 2].tolist()), block.settings.min_idle
+    rows, least = slice(*block.offsets[m : m + 2].tolist()), settings.MIN_IDLE
     if (actions := block.block.actions[rows]).ndim == 1:  # a code that stays the same may be a push
         return 0, 0
     same = [(actions == actions[end]).all(axis=1)[::way] for end, way in ((0, 1), (-1, -1))]

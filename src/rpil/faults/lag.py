@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
@@ -35,58 +36,54 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-def find_lag(sample: MovingBlock) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
+def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
     """The state column that is best aligned with each action that has one, the most correlated pair first; and the
     numbers of all actions and states, those most correlated with a state, or an action, first.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
     """
-    found = _find_lag(sample)
-    if found[0] and abs(found[0][0].lag) == sample.settings.max_lag:  # it may be longer than what was looked at
-        farther = replace(sample.settings, max_lag=2 * sample.settings.max_lag)
-        return _find_lag(replace(sample, settings=farther))
-    return found
-
-
-def _find_lag(sample: MovingBlock) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
-    """The same, up to the largest lag of the settings."""
-    columns, values, settings = sample.columns, sample.values, sample.settings
+    columns, values = sample.columns, sample.values
     action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
     if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
         return (), (action, state)
-    related, pairs = _related(sample, action, state), []
+    related, pairs = _related(sample, action, state, max_lag), []
     for row, own in zip(related, action.tolist(), strict=True):
-        near = state[np.sort(np.argsort(-row, kind="stable")[: settings.max_partners])]
-        for order in settings.memories:
-            pair = _best_pair(sample, own, near, order)
-            if pair.correlation >= settings.min_correlation:
+        near = state[np.sort(np.argsort(-row, kind="stable")[: settings.MAX_PARTNERS])]
+        for order in settings.MEMORIES:
+            pair = _best_pair(sample, own, near, order, max_lag)
+            if pair.correlation >= settings.MIN_CORRELATION:
                 pairs.append(pair)
                 break
+    pairs.sort(key=lambda pair: -pair.correlation)
+    if pairs and abs(pairs[0].lag) == max_lag == settings.MAX_LAG:  # it may be longer than what was looked at
+        return find_lag(sample, 2 * max_lag)
     first_action, first_state = (np.argsort(-related.max(axis=axis), kind="stable") for axis in (1, 0))
-    return tuple(sorted(pairs, key=lambda pair: -pair.correlation)), (action[first_action], state[first_state])
+    return tuple(pairs), (action[first_action], state[first_state])
 
 
-def _related(sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"]) -> Float[Array, "A S"]:
+def _related(
+    sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"], max_lag: int
+) -> Float[Array, "A S"]:
     """The largest correlation, over the lags, of each action or its change with the change of each state."""
     change, offsets = sample.change, sample.offsets
     drivers = np.concatenate([change[action], centred(sample.values[action], offsets)])
     power = np.outer((drivers**2).sum(axis=1), (change[state] ** 2).sum(axis=1))
-    middle, series, _ = _at_lags(drivers, change[state], offsets, sample.settings.max_lag)
+    middle, series, _ = _at_lags(drivers, change[state], offsets, max_lag)
     best = np.zeros((len(drivers), len(state)))
     for later in series:
         np.maximum(best, np.abs(middle @ later.T), out=best)
     return np.asarray((best / np.sqrt(power + 1e-300)).reshape(2, len(action), -1).max(axis=0))
 
 
-def _best_pair(sample: MovingBlock, action: int, state: Int[Array, " S"], order: int) -> Pair:
+def _best_pair(sample: MovingBlock, action: int, state: Int[Array, " S"], order: int, max_lag: int) -> Pair:
     """The action with the state, or its change, that is most correlated with it."""
     offsets = sample.offsets
     memory = _memory(sample.values[action], offsets, order)
     driver = whitened(sample.values[action], memory, offsets)
     candidates = []
     for of_change, series in ((False, sample.values[state]), (True, sample.change[state])):
-        usual = _correlations(driver, whitened(series, memory, offsets), offsets, sample.settings.max_lag)
+        usual = _correlations(driver, whitened(series, memory, offsets), offsets, max_lag)
         s = int(np.argmax(np.abs(usual).max(axis=1)))
         candidates.append(Pair(action, int(state[s]), of_change, memory, usual[s]))
     return max(candidates, key=lambda pair: pair.correlation)
@@ -95,7 +92,7 @@ def _best_pair(sample: MovingBlock, action: int, state: Int[Array, " S"], order:
 def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Int[Array, " M"], Float[Array, " M"]]:
     """Steps by which the cross-correlations of each demonstration are shifted from the usual ones, and what that shift
     adds to their agreement, relative to the agreement that is usual."""
-    offsets, n_demonstrations, largest = block.offsets, len(block.numbers), block.settings.max_shift
+    offsets, n_demonstrations, largest = block.offsets, len(block.numbers), settings.MAX_SHIFT
     if not pairs:
         return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations)
     agreement = np.zeros((n_demonstrations, 2 * largest + 1))

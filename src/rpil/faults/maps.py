@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rpil.faults.settings import FaultSettings
+from rpil.faults import settings
 from rpil.numerics.types import Array, Float, Int
 
 WIDTH = 3
@@ -108,7 +108,7 @@ def others(fold: Int[Array, " M"], own: int, among: Array | bool = True) -> Arra
     return rows if rows.any() else fold >= 0
 
 
-def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Window, s: FaultSettings) -> Array:
+def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Window) -> Array:
     """B for each fold of the demonstrations, of the others, (F, K, D).
 
     Those that are fitted worst are left out, so that faults do not shape the maps. A map that tells nothing is 0.
@@ -116,15 +116,15 @@ def fit_maps(moments: Float[Array, "M D D"], fold: Int[Array, " M"], window: Win
     n_folds, usual = int(fold.max()) + 1, np.ones(len(fold), dtype=bool)
     for _ in range(3):
         own = [others(fold, f, usual) for f in range(n_folds)]
-        maps = np.stack([maps_of(moments[rows].mean(axis=0), window, s.map_ridge) for rows in own])
+        maps = np.stack([maps_of(moments[rows].mean(axis=0), window, settings.MAP_RIDGE) for rows in own])
         left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
         off = left.mean(axis=1)
-        usual = off <= np.quantile(off, s.map_trim)
+        usual = off <= np.quantile(off, settings.MAP_TRIM)
     mean, n = moments[usual].mean(axis=0), window.n_states
     _, now, after = window.places.T
     step = mean[after[:n], after[:n]] + mean[now[:n], now[:n]] - 2 * mean[now[:n], after[:n]]
     power = np.concatenate([mean[now[n:], now[n:]], step])
-    return maps * (np.median(np.exp(left), axis=0) < s.map_unknown * power)[:, None]
+    return maps * (np.median(np.exp(left), axis=0) < settings.MAP_UNKNOWN * power)[:, None]
 
 
 def undo(kind: str, values: Float[Array, "T C"], n_states: int) -> Float[Array, "_ C"]:

@@ -10,8 +10,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.names import LAST_ACTION
-from rpil.faults import segments
-from rpil.faults.settings import FaultSettings
+from rpil.faults import segments, settings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -80,7 +79,6 @@ class MovingBlock:
     numbers: Int[Array, " M"]  # of the demonstrations, among all
     offsets: Int[Array, " M1"]
     columns: MeasuredColumns
-    settings: FaultSettings
     values: Float[Array, "C T"]
     change: Float[Array, "C T"]  # from the step before
     size: Float[Array, "C T"]  # of the change
@@ -89,15 +87,15 @@ class MovingBlock:
     moves: Bool[Array, " T"]  # whether a step is not idle
 
     @classmethod
-    def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns, s: FaultSettings) -> MovingBlock:
+    def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
         """The columns that are compared, of a block."""
         values = columns.of(block)
         change = segments.changes(values, block.offsets)
         size = np.abs(change)
         largest = np.maximum.reduceat(size, block.offsets[:-1], axis=1).T
         motion = columns.motion_of(size)
-        moves = motion > s.idle_motion * columns.motion
-        return cls(block, numbers, block.offsets, columns, s, values, change, size, largest, motion, moves)
+        moves = motion > settings.IDLE_MOTION * columns.motion
+        return cls(block, numbers, block.offsets, columns, values, change, size, largest, motion, moves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +109,7 @@ class Ends:
     def of(cls, sample: MovingBlock) -> Ends | None:
         """From a sample; None where it tells too little."""
         columns = sample.columns
-        if len(sample.numbers) < sample.settings.min_demonstrations or columns.is_action.all():
+        if len(sample.numbers) < settings.FEWEST_DEMONSTRATIONS or columns.is_action.all():
             return None
         last = sample.values[~columns.is_action][:, sample.offsets[1:] - 1]
         centre = np.median(last, axis=1)
@@ -175,12 +173,12 @@ def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Boo
     return np.asarray(absent & (absent.sum(axis=1) > 1)[:, None])
 
 
-def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> tuple[Block, Array]:
+def pilot(demonstrations: Demonstrations | Dataset) -> tuple[Block, Array]:
     """Demonstrations spread evenly over the data, of at most so many steps that the settings allow, and their numbers;
     those with missing values are left out, unless all have some."""
-    size = min(len(demonstrations), settings.pilot_demonstrations)
+    size = min(len(demonstrations), settings.PILOT_DEMONSTRATIONS)
     spread = np.unique(np.linspace(0, len(demonstrations) - 1, size).astype(int))
-    share = settings.pilot_steps / max(int(demonstrations.lengths[spread].sum()), 1)
+    share = settings.PILOT_STEPS / max(int(demonstrations.lengths[spread].sum()), 1)
     if share < 1:
         spread = spread[:: int(np.ceil(1 / share))]
     sample = demonstrations.select(spread)
@@ -189,18 +187,16 @@ def pilot(demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> 
     return (kept, spread[mask]) if mask.any() else (block, spread)
 
 
-def learn_columns(
-    sample: Block, numbers: Int[Array, " M"], labels: tuple[str, ...], settings: FaultSettings
-) -> MovingBlock:
+def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, ...]) -> MovingBlock:
     """The columns of the sample that measure something, and how they move; `labels` are those of `column_labels`.
     Demonstrations in which columns are not recorded are left out, unless these are most."""
     n_observations = sample.observations.shape[1]
-    width = n_observations if n_observations <= settings.max_columns else 0
+    width = n_observations if n_observations <= settings.MOST_COLUMNS else 0
     everything = all_values(sample).T
     compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
     own = [k for k in compared.tolist() if not LAST_ACTION.fullmatch(labels[k])]  # which are actions, too
-    number = np.array([k for k in own if _is_measurement(everything[k], settings)], dtype=np.int64)
-    recorded = ~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1)
+    number = np.array([k for k in own if _is_measurement(everything[k])], dtype=np.int64)
+    recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
     if recorded.mean() >= MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
     ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
@@ -208,12 +204,12 @@ def learn_columns(
     columns = MeasuredColumns(
         tuple(labels[k] for k in number), number, number >= n_observations, ones, ones, ones, ones, 1.0, turns, towards
     )
-    moving = MovingBlock.of(sample, numbers, columns, settings)
+    moving = MovingBlock.of(sample, numbers, columns)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
     columns = replace(columns, scale=scale, spread=np.where(off > 0, off / 0.6745, moving.values.std(axis=1)))
     motion = columns.motion_of(moving.size)
-    moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])), settings)
+    moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
     memory, partner = _memory(moving), _partners(moving)
     return replace(moving, columns=replace(moving.columns, moving=share, memory=memory, partner=partner))
@@ -271,10 +267,10 @@ def _median_or_one(values: Array) -> float:
     return float(np.median(values)) if len(values) else 1.0
 
 
-def _is_measurement(column: Array, settings: FaultSettings) -> bool:
+def _is_measurement(column: Array) -> bool:
     """Whether a column has many values, which are not those of a byte: 0 to 255, or 0 to 1 in steps of 1 / 255."""
     low, high = float(column.min()), float(column.max())
-    if len(np.unique(column)) < settings.min_distinct:
+    if len(np.unique(column)) < settings.MIN_DISTINCT:
         return False
     is_byte = low >= 0 and high <= 255 and np.array_equal(column, np.rint(column))
     in_parts = column.astype(np.float64) * 255

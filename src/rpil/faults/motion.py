@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rpil.data.text import moment
-from rpil.faults import segments
+from rpil.faults import segments, settings
 from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
@@ -32,20 +32,20 @@ class Leap(ComparingRule):
     unknown = "every column hardly moves, or says little of its next step"
 
     def compare(self) -> Compared:
-        s, columns = self.settings, self.columns
+        columns = self.columns
         size, self.first, self.last, largest = self.measured[:4]
         self.names = columns.names
-        least = s.change_factor * np.quantile(largest, 0.75, axis=0, method="lower")
-        least = np.maximum(least, s.smallest_leap * columns.spread)
-        limit = np.maximum(self.fence(size, s.leap_factor, s.smallest * least), least)
-        is_known = (columns.moving >= s.least_moving) & (columns.memory >= s.least_memory)
+        least = settings.CHANGE_FACTOR * np.quantile(largest, 0.75, axis=0, method="lower")
+        least = np.maximum(least, settings.SMALLEST_LEAP * columns.spread)
+        limit = np.maximum(self.fence(size, settings.LEAP_FACTOR, settings.SMALLEST_SHARE * least), least)
+        is_known = (columns.moving >= settings.MOVING_SHARE) & (columns.memory >= settings.LEAST_MEMORY)
         return above(size, np.where(is_known, limit, np.inf) * self.pace)
 
     @property
     def pace(self) -> Array:
         """How much larger the steps of each demonstration are, (M, 1): what is done in far fewer takes larger ones."""
         pace = np.median(self.data.lengths) / self.data.lengths[:, None]
-        return np.where(pace > self.settings.length_factor, pace, 1.0)
+        return np.where(pace > settings.LENGTH_FACTOR, pace, 1.0)
 
 
 class Spike(Leap):
@@ -98,7 +98,7 @@ class Jump(Leap):
     def compare(self) -> Compared:
         of_columns, (every, at) = super().compare(), self.measured[4:]
         low, high = np.quantile(every, [0.25, 0.75])
-        limit = high + self.settings.fence * (high - low) + self.settings.least_of_all
+        limit = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
         of_all = above(every, limit + np.log(self.pace))
         self.names += ("",)
         self.first, self.last = np.hstack([self.first, at - 1]), np.hstack([self.last, at])
@@ -141,17 +141,17 @@ class HeldValue(ComparingRule):
         return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
 
     def compare(self) -> Compared:
-        s, chosen = self.settings, np.isin(self.columns.is_action, self.kinds)
+        chosen = np.isin(self.columns.is_action, self.kinds)
         self.names = tuple(np.array(self.columns.names)[chosen].tolist())
         still, self.first, length, self.at, low, high = (of_each[:, chosen] for of_each in self.measured)
         self.last = self.first + length - 1
-        limit = np.maximum(self.fence(still, s.frozen_factor, s.smallest_run), s.min_frozen)
+        limit = np.maximum(self.fence(still, settings.FROZEN_FACTOR, settings.SMALLEST_RUN), settings.MIN_FROZEN)
         is_extreme = (self.at == low.min(axis=0)) | (self.at == high.max(axis=0))
         is_own = (is_extreme == self.is_extreme) & (self.first > 0)  # what has not been touched yet rests
         value = np.where(is_own, still, 0)
         moving, partner = self.columns.moving, self.columns.partner
         moving = np.where(partner < 0, moving, moving[partner])[chosen]
-        return above(value, np.where(moving >= s.least_moving, limit, np.inf))
+        return above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
@@ -193,7 +193,7 @@ class RepeatedFrames(ComparingRule):
         repetition."""
         columns, offsets = block.columns, block.offsets
         changed: Array = np.any(block.size[~columns.is_action] > 0, axis=0)
-        moves = block.motion > block.settings.repeat_motion * columns.motion
+        moves = block.motion > settings.REPEAT_MOTION * columns.motion
         runs, starts, bounds = segments.runs_of(changed[None], offsets)
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
@@ -206,7 +206,7 @@ class RepeatedFrames(ComparingRule):
     def compare(self) -> Compared:
         repeats, self.first, length = self.measured
         self.last = self.first + length - 1
-        return above(repeats, self.fence(repeats, 1.0, self.settings.smallest_repeat))
+        return above(repeats, self.fence(repeats, 1.0, settings.SMALLEST_REPEAT))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
@@ -232,18 +232,18 @@ class Scale(ComparingRule):
         return segments.means(np.abs(block.values), block.offsets), segments.means(block.size, block.offsets)
 
     def compare(self) -> Compared:
-        s, columns = self.settings, self.columns
+        columns = self.columns
         self.names = columns.names
         levels, changes = self.measured[0] + 1e-3 * columns.spread, self.measured[1] + 1e-3 * columns.scale
-        (low, high), (slow, fast) = (self.two_fences(values, s.scale_factor) for values in (levels, changes))
+        (low, high), (slow, fast) = (self.two_fences(values, settings.SCALE_FACTOR) for values in (levels, changes))
         usual = np.median(levels, axis=0)
         ratio = levels / usual
         kinds = [ratio[:, columns.is_action == kind] for kind in (False, True) if (columns.is_action == kind).any()]
-        beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / s.scale_factor
+        beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / settings.SCALE_FACTOR
         larger = np.minimum(levels / high, changes / fast)
         smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
         severity = np.where(self.measured[1] > 0, np.maximum(larger, smaller), 0.0)  # what never moves has no unit
-        severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < s.least_moving)] = np.nan
+        severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < settings.MOVING_SHARE)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
@@ -271,13 +271,13 @@ class NeverMoves(ComparingRule):
         return ranges_and_zeros(block.values, block.offsets)
 
     def compare(self) -> Compared:
-        s, (ranges, zeros) = self.settings, self.measured
+        ranges, zeros = self.measured
         self.names, self.absent = self.columns.names, not_recorded(ranges, zeros)
         usual = np.nanmedian(np.where(self.absent, np.nan, ranges), axis=0)
-        still = ranges <= s.least_range * usual
+        still = ranges <= settings.LEAST_RANGE * usual
         low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
         are_few = still.sum(axis=0) <= few(len(still))
-        is_known = are_few & (low >= s.steady_range * usual) & (s.steady_range * high <= usual)
+        is_known = are_few & (low >= settings.STEADY_RANGE * usual) & (settings.STEADY_RANGE * high <= usual)
         still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
         value, threshold, severity = above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
         alike = still * np.minimum(low, high) / np.maximum(high, 1e-300)  # the more it moves so in all others

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rpil.faults import settings
 from rpil.faults.lag import Pair
 from rpil.faults.maps import FLOOR, OF_ROWS, Window, fit_maps, gains, levels, misfit, others, per_column
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.settings import FaultSettings
 from rpil.numerics.types import Array, Float
 
 EXPLAINED = 2.0
@@ -34,12 +34,12 @@ class Level:
     rest: float = np.inf
 
     @classmethod
-    def of(cls, levels: Float[Array, "M K"], s: FaultSettings) -> Level:
+    def of(cls, levels: Float[Array, "M K"]) -> Level:
         """From those of a sample."""
         centre = np.median(levels, axis=0)
         variance = np.median((levels - centre) ** 2, axis=0) / 0.455 + FLOOR
         plain = cls(centre, variance)
-        return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), s.fence)))
+        return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), settings.FENCE)))
 
     def excess(self, level: Float[Array, " K"]) -> float:
         return float(((level - self.centre) ** 2 / self.variance).sum() / 2)
@@ -99,9 +99,9 @@ def learn_maps(
     sample: MovingBlock, pairs: tuple[Pair, ...], most_related: tuple[Array, Array], n_all: int
 ) -> Namer | None:
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything. See `find_lag`."""
-    s, numbers, offsets = sample.settings, sample.numbers, sample.offsets
-    action, state = (chosen[: s.map_columns] for chosen in most_related)
-    if not len(action) or not len(state) or len(numbers) < s.min_demonstrations:
+    numbers, offsets = sample.numbers, sample.offsets
+    action, state = (chosen[: settings.MAP_COLUMNS] for chosen in most_related)
+    if not len(action) or not len(state) or len(numbers) < settings.FEWEST_DEMONSTRATIONS:
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
     values = sample.values[own]
@@ -111,50 +111,48 @@ def learn_maps(
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in pairs[:1]]]):
-        window = Window(own, len(state), steps, centre, spread, s.map_rows)
-        namer = _namer(rows, numbers, window, n_all, s)
+        window = Window(own, len(state), steps, centre, spread, settings.MAP_ROWS)
+        namer = _namer(rows, numbers, window, n_all)
         found += [] if namer is None else [namer]
     return max(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _namer(
-    rows: list[Array], numbers: Array, window: Window, n_all: int, s: FaultSettings
-) -> tuple[float, Namer] | None:
+def _namer(rows: list[Array], numbers: Array, window: Window, n_all: int) -> tuple[float, Namer] | None:
     """How much faults of all columns would be seen with a window, and what names them; None where no map tells
     anything."""
     seen = [window.moments(x) for x in rows]
     kept = [m for m, g in enumerate(seen) if g is not None]
-    if len(kept) < s.min_demonstrations:
+    if len(kept) < settings.FEWEST_DEMONSTRATIONS:
         return None
-    fold, moments = numbers[kept] % s.map_folds, np.stack([g for g in seen if g is not None])
-    maps = fit_maps(moments, fold, window, s)
+    fold, moments = numbers[kept] % settings.MAP_FOLDS, np.stack([g for g in seen if g is not None])
+    maps = fit_maps(moments, fold, window)
     if not maps.any():
         return None
     left = np.log([misfit(maps[f], g) for f, g in zip(fold, moments, strict=True)])
     usual = np.median(left, axis=0)
     excess = (left - usual).sum(axis=1) / 2
-    share = max(1.0 - s.pilot_demonstrations / n_all, 0.0)
-    some = np.unique(np.linspace(0, len(kept) - 1, s.map_sample).astype(int))
+    share = max(1.0 - settings.PILOT_DEMONSTRATIONS / n_all, 0.0)
+    some = np.unique(np.linspace(0, len(kept) - 1, settings.MAP_SAMPLE).astype(int))
     gain = np.array([gains(rows[kept[k]], moments[k], maps[fold[k]], window) for k in some])
     offs = np.array([levels(rows[m], maps[f], window) for m, f in zip(kept, fold, strict=True)])
-    level, column = Level.of(offs, s), per_column(maps, window)
+    level, column = Level.of(offs), per_column(maps, window)
     off = np.array([level.gains(x, column[f]) for x, f in zip(offs, fold, strict=True)])
-    rest, screen = float(_above(excess, s.fence)), float(np.quantile(excess, share)) if share else -np.inf
-    limit = np.maximum(_above(gain, s.tail), s.least_gain)
+    rest, screen = float(_above(excess, settings.FENCE)), float(np.quantile(excess, share)) if share else -np.inf
+    limit = np.maximum(_above(gain, settings.TAIL), settings.LEAST_GAIN)
     middle = window.places[:, 1]
     means = np.array([moments[others(fold, f)].mean(axis=0)[middle, middle] for f in range(len(maps))])
-    reach = s.map_reach * means * window.spread**2
-    limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), s.offset_gain))
-    usual_ones = excess[some] <= np.quantile(excess, s.map_power)
-    power = np.append(_planted(gain[usual_ones], s), s.least_offset**2 / 2 * level.power(column[0]))
+    reach = settings.MAP_REACH * means * window.spread**2
+    limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), settings.OFFSET_GAIN))
+    usual_ones = excess[some] <= np.quantile(excess, settings.MAP_POWER)
+    power = np.append(_planted(gain[usual_ones]), settings.LEAST_OFFSET**2 / 2 * level.power(column[0]))
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[len(window.column) :].sum())
     return apart, Namer(window, maps, np.exp(usual), reach, level, known, rest, screen)
 
 
-def _planted(gain: Float[Array, "M H"], s: FaultSettings) -> Float[Array, " H"]:
+def _planted(gain: Float[Array, "M H"]) -> Float[Array, " H"]:
     """What undoing each fault would gain at least in most demonstrations: what making it loses."""
-    lost, n, rows = -np.quantile(gain, s.map_power, axis=0), gain.shape[1] - len(OF_ROWS), list(OF_ROWS)
+    lost, n, rows = -np.quantile(gain, settings.MAP_POWER, axis=0), gain.shape[1] - len(OF_ROWS), list(OF_ROWS)
     return np.append(lost[:n], [lost[n + rows.index(opposite)] for opposite in OF_ROWS.values()])
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Block, DemonstrationSet
 from rpil.data.text import counted, moment
+from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames, few
 from rpil.faults.rule import Fault, Rule
-from rpil.faults.settings import FaultSettings
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
@@ -93,17 +93,15 @@ def _within(demonstrations: DemonstrationSet) -> Array:
     return inside
 
 
-def find_frame_times(
-    times: Times, demonstrations: DemonstrationSet, usual: float | None, settings: FaultSettings
-) -> Iterator[Fault]:
+def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: float | None) -> Iterator[Fault]:
     """Times between two frames that are too long or too short, where `usual` seconds are usual."""
     if times.timestamps is None or usual is None:
         return
     within = _within(demonstrations)
     frames = np.where(within, np.diff(times.timestamps), usual) / usual
     tick = _tick(frames[within])
-    limit = settings.frame_gap + tick
-    yield from _find_rates(frames, limit, demonstrations, usual, settings)
+    limit = settings.FRAME_GAP + tick
+    yield from _find_rates(frames, limit, demonstrations, usual)
     for rule, off, threshold, what in (
         (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} missing"),
         (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} too soon"),
@@ -133,7 +131,7 @@ def _of_frames(n: int, one: str, more: str) -> str:
 
 
 def _find_rates(
-    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float, settings: FaultSettings
+    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float
 ) -> Iterator[Fault]:
     """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
     no gaps, which add up to more than `limit` frames."""
@@ -143,7 +141,7 @@ def _find_rates(
     mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
     low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
     off = np.abs(mean / middle - 1.0)
-    least = np.maximum(OTHER_RATE + settings.fence * (high - low), limit / np.maximum(lengths - 1, 1))
+    least = np.maximum(OTHER_RATE + settings.FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
     found = np.flatnonzero((off > least) & (lengths > 1))
     if len(found) > few(len(lengths)):
         return

@@ -17,10 +17,10 @@ from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted, duration, moment
+from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import Ends, MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.naming import Namer, learn_maps
-from rpil.faults.settings import FaultSettings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -68,21 +68,20 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What a sample of the demonstrations tells, and the settings."""
+    """What a sample of the demonstrations tells."""
 
     columns: MeasuredColumns
     pairs: tuple[Pair, ...]
     namer: Namer | None
     ends: Ends | None
-    settings: FaultSettings
 
     @classmethod
-    def of(cls, demonstrations: Demonstrations | Dataset, settings: FaultSettings) -> Learned:
+    def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
         """From demonstrations spread evenly over the data."""
-        sample = learn_columns(*pilot(demonstrations, settings), column_labels(demonstrations), settings)
-        pairs, most_related = find_lag(sample)
+        sample = learn_columns(*pilot(demonstrations), column_labels(demonstrations))
+        pairs, most_related = find_lag(sample, settings.MAX_LAG)
         namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(sample.columns, pairs, namer, Ends.of(sample), settings)
+        return cls(sample.columns, pairs, namer, Ends.of(sample))
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
@@ -102,7 +101,7 @@ class Measurements:
     @cached_property
     def lacking(self) -> dict[str, str]:
         """What rules may need and is not there, and a reason."""
-        columns, least = self.learned.columns, self.learned.settings.min_demonstrations
+        columns, least = self.learned.columns, settings.FEWEST_DEMONSTRATIONS
         codes = "every {} is constant, a code or a pixel, and measures nothing"
         reasons = {
             "observations": (columns.is_action.all(), codes.format("observation")),
@@ -160,7 +159,7 @@ class ComparingRule(Rule):
     """Whether it says nothing of demonstrations of fewer than `LEAST_STEPS`."""
 
     def __init__(self, data: Measurements) -> None:
-        self.data, self.columns, self.settings = data, data.learned.columns, data.learned.settings
+        self.data, self.columns = data, data.learned.columns
         self.names: tuple[str, ...] = ("",)
         self.measured = data.measured[type(self).measure]
         self.first, self.last = np.zeros(len(data.ids), dtype=int), data.lengths - 1
@@ -215,11 +214,11 @@ class ComparingRule(Rule):
 
         With quartiles q1 and q3 over the demonstrations, and s = `least`, the size below which values do not differ:
 
-            (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `max_spread`.
+            (q3 + s) max(factor, r),    r = ((q3 + s) / (q1 + s))^fence,    for r up to `LARGEST_SPREAD`.
         """
         low, high = np.quantile(values, [0.25, 0.75], axis=0, method="lower") + least
-        spread = (high / np.maximum(low, 1e-300)) ** self.settings.fence
-        return np.asarray(np.where(spread <= self.settings.max_spread, high * np.maximum(factor, spread), np.inf))
+        spread = (high / np.maximum(low, 1e-300)) ** settings.FENCE
+        return np.asarray(np.where(spread <= settings.LARGEST_SPREAD, high * np.maximum(factor, spread), np.inf))
 
     def two_fences(self, values: Array, factor: float) -> tuple[Array, Array]:
         """Where positive values (M, ...) begin to be unusually small, and unusually large."""

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from rpil.data.text import duration
+from rpil.faults import settings
 from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.motion import few
@@ -26,15 +27,15 @@ class Length(ComparingRule):
         ends, states = learned.ends, ~block.columns.is_action
         if ends is None:
             return (np.zeros(len(block.offsets) - 1),)
-        lasting = block.columns.memory[states] >= block.settings.least_memory
+        lasting = block.columns.memory[states] >= settings.LEAST_MEMORY
         last = np.where(lasting[:, None], block.values[states][:, block.offsets[1:] - 1], ends.centre[:, None])
         return (ends.far(last),)
 
     def compare(self) -> Compared:
-        s, lengths, (far,) = self.settings, self.data.lengths.astype(float), self.measured
-        self.low, self.high = low, high = self.two_fences(lengths, s.length_factor)
-        short, usual_end = s.cut_length * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
-        cut = np.minimum(short / lengths, far / (s.length_factor * usual_end))
+        lengths, (far,) = self.data.lengths.astype(float), self.measured
+        self.low, self.high = low, high = self.two_fences(lengths, settings.LENGTH_FACTOR)
+        short, usual_end = settings.CUT_LENGTH * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
+        cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end))
         # What many demonstrations have, as those of another sampling rate, is no fault of one.
         are_few = max((lengths < low).sum(), (lengths > high).sum(), (cut > 1).sum()) <= few(len(lengths))
         is_known = np.isfinite(high) & (low != 0) & are_few
@@ -67,10 +68,11 @@ class OtherLag(ComparingRule):
         return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
-        s, (self.shift, gain) = self.settings, self.measured
-        steps, least_gain = np.abs(self.shift), self.fence(gain, s.usual_factor, s.smallest_gain)
+        self.shift, gain = self.measured
+        steps, least_gain = np.abs(self.shift), self.fence(gain, settings.USUAL_FACTOR, settings.SMALLEST_GAIN)
         power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
-        by_chance = s.tail * np.sqrt(2.0 / (power * self.data.lengths))  # a correlation of n steps is off by n^-1/2
+        # A correlation of n steps is off by n^-1/2.
+        by_chance = settings.TAIL * np.sqrt(2.0 / (power * self.data.lengths))
         severity = np.where(steps > 0, gain / np.maximum(least_gain, by_chance), 0.0)
         are_few = (severity > 1).sum() <= few(len(steps))
         return steps, 1, severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
