@@ -180,9 +180,8 @@ def test_what_is_learned_of_sound_recordings(monkeypatch):
     np.testing.assert_allclose(namer.reach.sum(axis=1), [31.37547, 30.17072, 30.8976], rtol=1e-5)
     np.testing.assert_allclose([namer.rest, namer.level.rest], [0.51709, 4.889641], rtol=1e-4)
     sample = learn_columns(*pilot(demonstrations(noisy)), tuple("xyzabc"))
-    many = learn_maps(
-        sample, *lag.find_lag(sample, settings.MAX_LAG), 400
-    )  # of twice as many as are looked at, half are tried
+    # Of twice as many as are looked at, half are tried.
+    many = learn_maps(sample, *lag.find_lag(sample, settings.MAX_LAG), 400)
     assert namer.screen == -np.inf < many.screen < many.rest == namer.rest
 
     last = np.array([x[-1] for x, _ in noisy])
