@@ -182,4 +182,6 @@ def test_markdown_shows_text_of_a_file_as_it_is():
         "://", ":\u200b//"
     )
     assert text.count("| RPIL-108 |") == 100
+    address = markdown("x", "y", [NumberedFinding("RPIL-108", "www.evil.com WWW.evil.com", "www")])
+    assert "| www\u200b.evil.com WWW\u200b.evil.com | www |" in address
     assert "100 more" in text

@@ -25,7 +25,13 @@ from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.formats.recording import from_demonstrations, from_tables
 from rpil.results.record import Audit
-from rpil.results.saved import read_audit
+from rpil.results.saved import NOT_SHARED, is_harmless, read_audit
+
+
+def test_no_command_of_a_page_writes_a_file():
+    assert NOT_SHARED == outputs.OUTPUTS
+    assert is_harmless("rpil audit x")
+    assert not any(is_harmless(f"rpil audit x --{name}{end}") for name in outputs.OUTPUTS for end in (" y", "=y"))
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):

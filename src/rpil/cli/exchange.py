@@ -126,4 +126,4 @@ def markdown(title: str, headline: str, found: Sequence[NumberedFinding]) -> str
 def _plain(text: str) -> str:
     """Text of a file that Markdown shows as it is: no marks, no links, no names of users who would be notified."""
     marked = re.sub(r"([\\`*_{}\[\]<>#!|~&])", r"\\\1", to_one_line(text))
-    return re.sub(r"@|:(?=//)", "\\g<0>\u200b", marked)
+    return re.sub(r"@|:(?=//)|www(?=\.)", "\\g<0>\u200b", marked, flags=re.IGNORECASE)

@@ -31,7 +31,7 @@ AGAIN = "run rpil audit --save again"
 MAX_DEMONSTRATIONS = 100_000
 """Of a saved audit: its page is made as it is read."""
 
-NOT_SHARED = ("report", "weights", "verdicts", "keep", "save")
+NOT_SHARED = ("weights", "verdicts", "keep", "report", "save", "annotate")
 """Options of ``rpil audit`` that no command of a page has: files to write."""
 
 A = TypeVar("A", bound=AuditResult)

@@ -155,10 +155,11 @@ class Review:
         why = [given.get(name, "") for name in ("note", "tag")] + [given.get("by", self.session.by)]
         if not all(isinstance(text, str) and len(text) <= MAX_WHY for text in why):
             raise DataError(f"A note, a tag or a name is no text of {MAX_WHY} characters at most; shorten it.")
-        note, tag, self.session.by = (text.strip() for text in why)
-        for text in filter(None, (note, tag, self.session.by)):
+        note, tag, by = (text.strip() for text in why)
+        for text in filter(None, (note, tag, by)):
             check_text(text, "what is written beside it", "the answer")
-        self.session.answer(question, given["key"], (note, tag, self.session.by))
+        self.session.by = by
+        self.session.answer(question, given["key"], (note, tag, by))
         return {}
 
     def undo(self, given: Mapping[str, Parsed]) -> View:
