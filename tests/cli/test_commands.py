@@ -58,7 +58,8 @@ BAD_DATA = {
     "cut.parquet": (truncated, "damaged or truncated Parquet file, .* write it again"),
     "cut.npz": (truncated, "truncated one .*; write it again"),
     "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), "row 2: 2 values for 3 columns .* write it again"),
-    "data.xls": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.xls'; use one of .parquet, .csv, .npz"),
+    "data.xls": (lambda name: text(name, HEAD, "0,1,2"), r"a workbook \(data.xls\) .*; export .* as CSV or Parquet"),
+    "data.doc": (lambda name: text(name, HEAD, "0,1,2"), r"unknown extension '.doc'; use one of .parquet, .csv, .npz"),
     "nan.npz": (lambda name: npz(name, observations=spoilt(np.nan)), "demonstration 3, step 3: .* is nan; repair"),
     "infinite.npz": (lambda name: npz(name, observations=spoilt(-np.inf)), "demonstration 3, step 3: .* -inf; repair"),
     "nan.parquet": (
@@ -71,7 +72,7 @@ BAD_DATA = {
         lambda name: npz(name, observations=X[:0], actions=Y[:0], episode_ids=G[:0]),
         "no demonstrations; give at least one with at least one step",
     ),
-    "none.csv": (lambda name: text(name, HEAD), "no demonstrations; give at least one with at least one step"),
+    "none.csv": (lambda name: text(name, HEAD), "none.csv: it has no rows; write one for each step"),
     "counts.npz": (lambda name: npz(name, actions=Y[:-1]), r"episode_ids has the shape \(60,\) for 59 actions; give"),
     "still.npz": (lambda name: npz(name, actions=Y * 0), "every action is 0, one class only; give"),
     "single.npz": (lambda name: npz(name, episode_ids=G * 0), "one demonstration alone .*; give at least two"),
@@ -168,7 +169,7 @@ def test_a_long_task_is_noted_by_its_beginning():
 
 def test_one_demonstration_is_refused():
     npz("data.npz", episode_ids=np.zeros(len(X), dtype=int))
-    refused(r"data.npz: one demonstration alone \(1 sample\) cannot be compared", "audit", "data.npz")
+    refused(r"data.npz: .* one demonstration alone \(1 sample\) cannot be compared", "audit", "data.npz")
 
 
 SIMULATE = ["simulate", "--good", 1, "--bad", 1]

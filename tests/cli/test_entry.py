@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -160,6 +162,36 @@ def test_the_module_is_the_command(words):
     done, same = (subprocess.run(one, capture_output=True, text=True) for one in (command, module))
     assert (same.returncode, same.stdout, same.stderr) == (done.returncode, done.stdout, done.stderr)
     assert done.returncode == (2 if "nowhere.npz" in words else 0)
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize(
+    ("streams", "words", "code"),
+    [
+        (">&-", "info data.npz", 0),
+        (">&- 2>&- <&-", "check data.npz", 0),
+        (">&- 2>&- <&-", "info nowhere.npz", 2),
+        ("> /dev/full", "info data.npz", 2),
+        ("> /dev/full", "check data.npz -q --format markdown", 2),
+        ("> /dev/full", "--help", 2),
+        ("> /dev/full 2> /dev/full", "info data.npz", 2),
+        ("2> /dev/full", "info nowhere.npz", 2),
+    ],
+)
+def test_streams_that_are_closed_or_full_are_no_fault_of_the_data(streams, words, code, unbuffered):
+    npz("data.npz")
+    shell = ["bash", "-c", f"{shlex.quote(sys.executable)} -m rpil {words} {streams}"]
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    done = subprocess.run(shell, capture_output=True, text=True, env=environment)
+    full = "rpil: stdout: No space left on device; check the path.\n" if streams == "> /dev/full" else ""
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", full)
+
+
+def test_a_pipe_that_nobody_reads_is_no_error():
+    npz("data.npz")
+    shell = ["bash", "-c", f"{shlex.quote(sys.executable)} -m rpil info data.npz | true"]
+    done = subprocess.run(shell, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_an_environment_may_import_pandas(tmp_path):

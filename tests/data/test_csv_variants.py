@@ -232,7 +232,7 @@ REFUSED = {
         ",".join(map(str, ["episode", *["x"] * 50_000])) + "\n1\n",
         "it has 50,001 columns; write 50,000 at",
     ),
-    "a wrong word": ("episode;step\n", "no column holds the action"),
+    "a wrong word": ("episode;step\n0;1\n", "no column holds the action"),
 }
 
 

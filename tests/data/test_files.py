@@ -202,6 +202,7 @@ def test_a_name_that_is_too_long_is_named_itself(tmp_path):
         ("drive.csv", "drive.parquet", "drive.parquet"),
         ("nothere.csv", "three.csv", None),
         ("mk", "mk.py", None),
+        ("drive.xlsx", "drives.zip", None),
         ("recording", "recordings", "recordings"),
     ],
 )

@@ -155,7 +155,7 @@ def test_other_parquet_types(tmp_path):
         ({"episode_index": None}, "name it episode_index.*'obs_x', 'obs_y', 'action'"),
         ({"action": None}, "name it action.*'episode_index', 'obs_x', 'obs_y'"),
         ({"obs_x": None, "obs_y": None}, "no column holds observations"),
-        ({"episode_index": [], "obs_x": [], "obs_y": [], "action": []}, "there are no demonstrations"),
+        ({"episode_index": [], "obs_x": [], "obs_y": [], "action": []}, "there are no demonstrations|it has no rows"),
         ({"obs_x": [pa.scalar(0).cast(pa.timestamp("s"))] * 3}, "column 'obs_x' holds timestamp"),
     ],
 )
@@ -207,11 +207,11 @@ def test_damaged_files(tmp_path, suffix):
 
 
 def test_unknown_extensions(tmp_path):
-    path = tmp_path / "x.xlsx"
+    path = tmp_path / "x.docx"
     path.write_text("x")
     for call in (formats.read, lambda path: formats.write(path, demonstrations())):
-        refused_file("'.xlsx'; use one of .parquet, .csv, .npz", call, path)
-    refused_file("there is no such file or folder; perhaps it is .*x.xlsx", formats.read, tmp_path / "x.xls")
+        refused_file("'.docx'; use one of .parquet, .csv, .npz", call, path)
+    refused_file("there is no such file or folder; perhaps it is .*x.docx", formats.read, tmp_path / "x.doc")
 
 
 def npz(path, **changes):

@@ -62,6 +62,25 @@ def test_an_action_is_called_as_what_people_steer_with():
         "user/angle",
     ]
     assert guess_actions(["a,brake", "observation.last_throttle"]) == []
+    sticks = ["stick", "stick_x", "sticky", "left_stick_y", "stick2", "insulin_bolus"]
+    assert guess_actions([*sticks, "sticker", "sort_order"]) == sticks
+    assert guess_actions(["throttle"]) == ["throttle"]
+
+
+def test_a_decision_is_an_action_where_there_is_no_other_and_it_does_not_count_the_rows():
+    head = pa.table({"order": np.tile(np.arange(25), 4), "orders": [3, 1, 4, 1] * 25, "choice": ["left", "right"] * 50})
+    assert guess_actions(["order"], head=head) == []
+    assert guess_actions(["order", "orders"], head=head) == ["orders"]
+    assert guess_actions(["order"], ["choice", "key"], head) == ["choice"]
+    assert guess_actions(["order", "stick_x"], ["choice"], head) == ["stick_x"]
+
+
+def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another_language(tmp_path):
+    pa.csv.write_csv(drives().rename_columns({"steer": "Lenkwinkel", "brake_pressure": "Pedal"}), tmp_path / "d.csv")
+    said = "no column holds the action: name it action, or name the columns with --action .*'Lenkwinkel', 'Pedal'"
+    refused(said, "info", tmp_path / "d.csv")
+    with pytest.raises(DataError, match=r"no column holds the action: .* with action= "):
+        rpil.audit(tmp_path / "d.csv")
 
 
 def test_a_text_with_a_time_is_found():
@@ -75,7 +94,7 @@ def test_a_text_with_a_time_is_found():
 def test_three_commands_go_on_with_their_guess_and_print_it(command, suffix, drive):
     pq.write_table(drives(), "my drive.parquet")
     done = ok(command, f"my drive.{suffix}")
-    said = "Guess: demonstrations by trip, action steer, brake_pressure; to change it: --id COLUMN --action COLUMNS"
+    said = "Guess: demonstrations by trip, action steer, brake_pressure; to change it, give --id and --action."
     assert done.stderr.splitlines().count(said) == 1
     assert "12 demonstrations" in done.stdout
 
@@ -86,7 +105,9 @@ def test_the_next_command_names_what_was_guessed(drive):
     printed = ok("audit", drive).stdout.replace(" \\\n    ", " ")  # long commands go on in the next line
     assert f"Then run: {shlex.join(words)} --labels labels.csv" in printed
     assert "Guess" not in ok(*words[1:]).stderr
-    assert "Guess: action steer, brake_pressure; to change it: --action" in ok("info", drive, "--id", "trip").stderr
+    assert (
+        "Guess: action steer, brake_pressure; to change it, give --action." in ok("info", drive, "--id", "trip").stderr
+    )
 
 
 def test_a_reference_is_read_by_the_columns_that_were_guessed(drive):
@@ -139,7 +160,7 @@ def test_a_folder_of_csv_guesses_the_action(drive, tmp_path):
     for m in range(4):
         pa.csv.write_csv(drives().slice(m * STEPS, STEPS).drop_columns(["trip"]), tmp_path / "drives" / f"P{m}.csv")
     done = ok("info", "drives")
-    assert "Guess: action steer, brake_pressure; to change it: --action COLUMNS" in done.stderr
+    assert "Guess: action steer, brake_pressure; to change it, give --action." in done.stderr
     assert "4 demonstrations" in done.stdout
     assert "Next: rpil audit drives --action steer,brake_pressure" in done.stdout
 

@@ -47,7 +47,11 @@ def hub(tmp_path):
                 ]
                 return 200, {}, json.dumps(rows).encode()
             if path.startswith("api/datasets/robots/reach"):
-                about = {"id": "robots/reach", "sha": COMMIT, "siblings": [{"rfilename": name} for name in files]}
+                about = {
+                    "id": "robots/reach",
+                    "sha": COMMIT,
+                    "siblings": [{"rfilename": name, "size": len(data)} for name, data in files.items()],
+                }
                 return 200, {}, json.dumps(about).encode()
             name = path.removeprefix(f"datasets/robots/reach/resolve/{COMMIT}/")
             if name in files:
@@ -86,9 +90,10 @@ def rpil(tmp_path, address, *words):
 
 def test_a_data_set_of_the_hub_is_audited_without_its_videos(hub, tmp_path):
     address, asked = hub
-    status, printed, told = rpil(tmp_path, address, "audit", "robots/reach")
+    status, printed, told = rpil(tmp_path, address, "audit", "hf://datasets/robots/reach")
     assert status == 0, told
-    assert printed.startswith("robots/reach: LeRobot v3.0; 3 demonstrations, 15 steps")
+    assert printed.startswith("hf://datasets/robots/reach: LeRobot v3.0; 3 demonstrations, 15 steps")
+    assert "hf://datasets/robots/reach: downloads 0.0 MB." in told.splitlines()
     assert any(path.endswith("meta/info.json") for path in asked)
     assert not any(path.endswith(".mp4") for path in asked)
 
@@ -98,14 +103,14 @@ def test_a_data_set_of_the_hub_is_audited_without_its_videos(hub, tmp_path):
     [("robots/nothing", "the Hub has no such data set"), ("robots/private", "only with a token")],
 )
 def test_a_name_that_is_not_there_or_needs_a_token_is_one_sentence(name, said, hub, tmp_path):
-    status, printed, told = rpil(tmp_path, hub[0], "audit", name, "--quiet")
+    status, printed, told = rpil(tmp_path, hub[0], "audit", f"hf://datasets/{name}", "--quiet")
     assert (status, printed) == (2, "")
     assert said in told
     assert told.count("\n") == 1
 
 
 def test_without_a_network_the_message_is_one_sentence(tmp_path):
-    status, printed, told = rpil(tmp_path, "http://127.0.0.1:9", "audit", "robots/reach", "--quiet")
+    status, printed, told = rpil(tmp_path, "http://127.0.0.1:9", "audit", "hf://datasets/robots/reach", "--quiet")
     assert (status, printed) == (2, "")
     assert "the Hub could not be reached; check the network" in told
     assert told.count("\n") == 1

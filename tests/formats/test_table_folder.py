@@ -26,14 +26,14 @@ def test_addresses_of_fsspec():
 
 def test_a_package_for_an_address_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    with pytest.raises(DataError, match=r"hf://datasets/a/b: addresses of this kind need a package .*huggingface_hub"):
-        formats.read_recording("hf://datasets/a/b")
+    with pytest.raises(DataError, match=r"hf://datasets/a/b/c: addresses of this kind .*huggingface_hub"):
+        formats.read_recording("hf://datasets/a/b/c")
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is not read.*choose one rate"),
+        ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is never opened.*choose one rate"),
         ("drive.bag", "a recording of ROS or MCAP"),
         ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
     ],

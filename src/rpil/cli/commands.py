@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -16,7 +18,7 @@ import click
 from click.core import ParameterSource
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
-from rpil.cli.options import RunOptions, command_words
+from rpil.cli.options import RunOptions, Value, command_words
 from rpil.cli.progress import LOADING, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 SEVERAL_COLUMNS = "--action", "--observations", "--exclude", "--only", "--without"
 """Options that take several names with commas between them."""
 
+_OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
 KEPT = "rpil.kept"
 """Key of what an interruption leaves, in the `meta` of a click context."""
 
@@ -77,15 +80,17 @@ class Commands(click.Group):
         except (click.ClickException, MissingExtraError) as error:
             _exit_with_error(str(error))
         except OSError as error:
-            if error.filename is None:
+            if error.filename is None and error.errno not in _OF_STREAMS:
                 raise
-            _exit_with_error(f"{error.filename}: {error.strerror}; check the path.")
+            _exit_with_error(f"{error.filename or 'stdout'}: {error.strerror}; check the path.")
         sys.exit(code)
 
 
 def _with_commas(message: str, words: Sequence[str]) -> str:
     """The message of click, with what was meant where several columns stand after an option, as ``--action x y``, or
-    a file after ``--json``."""
+    a file after ``--json``; or where --video is given to what looks at videos where a rule asks for it."""
+    if message.startswith("No such option '--video'"):
+        return "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
     extra = re.search(r"unexpected extra arguments? \((.*)\)", message)
     for k, word in enumerate(words):
         if extra and word == "--json" and words[k + 1 : k + 2] == [extra[1]]:
@@ -102,7 +107,13 @@ def tell_if_interrupted(kept: str) -> None:
 
 
 def _exit_with_error(sentence: str) -> NoReturn:
-    click.echo(f"rpil: {to_one_line(sentence)}", err=True)
+    with suppress(OSError):  # of stderr
+        click.echo(f"rpil: {to_one_line(sentence)}", err=True)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # Python would flush it again at its end, and fail
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     sys.exit(2)
 
 
@@ -126,20 +137,13 @@ def open_recording(
 
     progress(f"reading {file}")
     recording = formats.read_recording(file, columns, on_disk=stream)
-    if guessed := recording.columns.guessed:
-        _tell_of_guess(guessed)
-    return recording
-
-
-def _tell_of_guess(guessed: Mapping[str, str]) -> None:
-    """Print the columns that were guessed, once, and put them into the commands that are printed from now on."""
+    if recording.columns.guessed:
+        click.echo(to_one_line(recording.columns.guess.in_shell), err=True)
     ctx = click.get_current_context()
-    roles = {"id": ("demonstrations by", "--id COLUMN"), "action": ("action", "--action COLUMNS")}
-    said = ", ".join(f"{roles[name][0]} {columns.replace(',', ', ')}" for name, columns in guessed.items())
-    click.echo(to_one_line(f"Guess: {said}; to change it: {' '.join(roles[name][1] for name in guessed)}"), err=True)
-    for name, columns in guessed.items():
-        ctx.params[name] = columns if name == "id" else (columns,)
+    for name, guess in recording.columns.guessed.items():  # so that the commands that are printed have it
+        ctx.params[name] = guess if name == "id" else (guess,)
         ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
+    return recording
 
 
 def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
@@ -163,9 +167,8 @@ def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[
         return recording, None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    guessed, own = recording.columns.guessed, options.columns
-    columns = replace(own, id=guessed.get("id", own.id), action=guessed.get("action", own.action), guess=False)
-    columns = replace(columns, only=(), without=())  # which are ids of the data
+    named: dict[str, Value] = {**recording.columns.guessed, "guess": False}
+    columns = replace(options.columns, only=(), without=(), **named)  # without ids of the data
     return recording, open_recording(reference, columns, progress)
 
 

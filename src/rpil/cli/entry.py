@@ -29,6 +29,9 @@ class WithoutPandas:
 def main() -> None:
     """Import the command, which takes a moment, and call it."""
     sys.meta_path.insert(0, WithoutPandas)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # it is closed: a file that is opened would take its place
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)

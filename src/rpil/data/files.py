@@ -46,7 +46,8 @@ def check_exists(path: StrPath) -> Path:
     path = Path(path)
     if not path.exists():
         names = map(Path, os.listdir(path.parent) if path.parent.is_dir() else [])
-        there = {name.stem: name for name in names if bool(name.suffix) == bool(path.suffix)}
+        alike = (name for name in names if bool(name.suffix) == bool(path.suffix))
+        there = {name.stem: name for name in alike if path.suffix == name.suffix or path.stem == name.stem}
         close = get_close_matches(path.stem, there, 1, 0.75)
         hint = f"perhaps it is {str(path.parent / there[close[0]])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")

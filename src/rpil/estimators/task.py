@@ -88,9 +88,8 @@ class Task:
         """Find the space of the actions; match what is given of the demonstrations with them."""
         space, classes = action_space(source, action_box)
         if len(source.ids) < 2:
-            raise DataError(
-                f"{source.source}: one demonstration alone (1 sample) cannot be compared; give at least two."
-            )
+            alone = f"all steps are of demonstration {source.ids[0]!r:.40}, and one demonstration alone (1 sample)"
+            raise DataError(f"{source.source}: {alone} cannot be compared; give at least two.")
         groups = group_by_demonstrator(demonstrators, source)
         nothing = Answers.none(len(source.ids))
         answers = answers or nothing

@@ -128,7 +128,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         if columns:
             raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave them out, or give a frame.")
         return Demonstrations.from_episodes(path)
-    recording = read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options)
+    recording = read_recording(path, options)
     demonstrations = recording.demonstrations
     for line in set_aside_lines(recording.set_aside):
         warnings.warn(f"{recording.description.source}: {line}", stacklevel=2)
@@ -171,14 +171,12 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     """
     check_options(columns)
     options = ColumnOptions(**columns)
-    return read_frame(path, options) if isinstance(path, Frame) else read_recording(path, options, on_disk=on_disk)
+    return read_recording(path, options, on_disk=on_disk)
 
 
 def opened(data: object, options: ColumnOptions) -> Recording:
     """The recording in any data; a `DataError` where they have no columns to choose."""
-    if isinstance(data, Frame):
-        return read_frame(data, options)
-    if isinstance(data, str | os.PathLike):
+    if isinstance(data, str | os.PathLike | Frame):
         return read_recording(data, options, on_disk=None)
     if options != ColumnOptions():
         raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
@@ -189,9 +187,11 @@ def opened(data: object, options: ColumnOptions) -> Recording:
 
 
 def read_recording(
-    path: StrPath, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False
+    path: StrPath | Frame, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False
 ) -> Recording:
-    """The recording in a file or folder, as `open` gives it; by default its demonstrations are in memory."""
+    """The recording in a file, folder or frame, as `open` gives it; by default its demonstrations are in memory."""
+    if isinstance(path, Frame):
+        return read_frame(path, options)
     with holding():
         return find(path).read(options, on_disk=on_disk)
 

@@ -15,7 +15,7 @@ from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.categories import are_few
 from rpil.formats.columns import LENGTH, STRETCH, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import OF_PART, guess_actions, guess_id, text_with_time
+from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id, text_with_time
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -72,6 +72,8 @@ def find_columns(
     are `made` of what lies beside the table are found as well.
     """
     check_names(names, source)
+    if head is not None and not head.num_rows and names and default_id is None:
+        raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
     found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 
@@ -183,7 +185,8 @@ class _Search:
             wanted = guess_id(self.head, [name for name in self.free if name not in given])
             self.guessed |= {"id": wanted} if wanted else {}
         if wanted is None:
-            what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
+            one = one_id(self.head, self.names)
+            what = f"says which demonstration a row is from{one}: name it {spellings.EPISODE[0]}, or name the column"
             raise self.no_column(what, "id", "split_gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -205,7 +208,9 @@ class _Search:
         for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
             said = "holds texts in lists, or nested values; write each part of the action as a column"
             raise DataError(f"{self.source}: column {name!r} {said}.")
-        guess = guess_actions(name for name, _ in free if self.options.guess and self.kinds[name] in _NUMBERS)
+        known = [name for name, _ in free if self.options.guess]
+        numbers, texts = ([name for name in known if self.kinds[name] in kinds] for kinds in (_NUMBERS, ("text",)))
+        guess = guess_actions(numbers, texts, self.head)
         if guess:
             self.guessed["action"] = ",".join(guess)
             return guess, len(guess) == 1
@@ -322,16 +327,11 @@ class _Search:
 
     def refuse_written_lists(self, given: Collection[str]) -> None:
         """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""
+        words = spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0]
         for name in (name for name in self.names if self.kinds[name] == "written list"):
-            called_so = any(
-                one.fullmatch(self.plain[name]) for one in (spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0])
-            )
-            if name in given or (name in self.free and called_so):
-                raise DataError(
-                    f"{self.source}: column {name!r} holds lists that are written as text; write one column for each "
-                    "number, or leave it out with <option>.",
-                    "exclude",
-                )
+            if name in given or (name in self.free and any(one.fullmatch(self.plain[name]) for one in words)):
+                said = f"column {name!r} holds lists that are written as text; write one column for each number"
+                raise DataError(f"{self.source}: {said}, or leave it out with <option>.", "exclude")
 
     def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""

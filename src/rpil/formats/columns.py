@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, DataWarning
 from rpil.data.memory import Size, parse_size
 from rpil.data.recorded_facts import FILE_SESSION
 
@@ -135,6 +135,14 @@ class Columns:
         ignored = {**self.ignored, **dict.fromkeys(sorted(names), reason)}
         left, texts = (tuple(m for m in own if m not in names) for own in (self.observations, self.texts))
         return replace(self, observations=left, texts=texts, ignored=ignored)
+
+    @property
+    def guess(self) -> DataWarning:
+        """What was guessed, and how to change it."""
+        roles = {"id": "demonstrations by", "action": "action"}
+        said = ", ".join(f"{roles[role]} {names.replace(',', ', ')}" for role, names in self.guessed.items())
+        ways = " and ".join("<option>" for _ in self.guessed)
+        return DataWarning(f"Guess: {said}; to change it, give {ways}.", tuple(self.guessed))
 
     @property
     def data(self) -> list[str]:

@@ -60,7 +60,7 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
-            raise other_columns(name, first_name)
+            raise other_columns(name, first_name, file.names, first.names)
     columns = find_text_columns(first, options, FILE)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():
@@ -181,6 +181,7 @@ def names_in_folder(paths: Sequence[Path]) -> dict[str, Path]:
 def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str | None = None) -> Columns:
     """The columns by the first block of the file, which tells their types."""
     import pyarrow as pa
+    import pyarrow.compute as pc
     from pyarrow import csv
 
     if len(file.names) == 1:
@@ -195,6 +196,10 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with guarded(file.path.name, *_FAULT):
         first = _parsed(file, head, {})
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
+        floats = [one.name for one in first.schema if options.guess and pa.types.is_floating(one.type)]
+        # Ids of more digits than numbers have would be one id.
+        if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
+            first = _parsed(file, head, {"column_types": dict.fromkeys(long, pa.string())})
     return find_columns(file.names, kinds, file.path.name, options, default_id, first)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.arrays import are_whole
-from rpil.data.names import is_observation, is_order, plain_name
+from rpil.data.names import OPERATOR, is_observation, is_order, plain_name
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -21,8 +21,9 @@ _SHORTEST = 3
 """Steps of a demonstration, on average and at least."""
 
 _CONTROL = re.compile(
-    r"(?:.*_)?(?:steer(?:ing)?|throttle|gas|brak(?:e|ing)|accel(?:eration)?|pedal|torque|thrust|force|rudder|aileron|motor"
-    r"|gripper|joystick|command|cmd|control|ctrl|button|key)s?(?:_.*|\d+)?|user_angle"
+    r"(?:.*_)?(?:(?P<pedal>gas|brak(?:e|ing)|accel(?:eration)?|pedal)|steer(?:ing)?|throttle|torque|thrust|force|rudder"
+    r"|aileron|motor|gripper|joystick|command|cmd|control|ctrl|button|key|bolus)s?(?:_.*|\d+)?"
+    r"|(?:.*_)?stick(?:_.*|[a-z]?\d*)|user_angle"
 )
 
 _OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s?(?:_.*)?")
@@ -44,28 +45,48 @@ def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
     Of several such columns it is the one with most values. A time is none, whatever its values, nor is an operator.
     """
     found, most = None, 1
-    for name in names if head is not None else ():
-        other = is_order(name) or _OF_MANY.fullmatch(plain_name(name))
-        if head is not None and name in head.column_names and not other:
-            n_values, n_runs = _values_and_runs(head[name].slice(0, GUESSED_ROWS))
-            if most < n_values == n_runs <= min(len(head), GUESSED_ROWS) / _SHORTEST:
+    for name, column in _there(head, names).items():
+        if not (is_order(name) or _OF_MANY.fullmatch(plain_name(name))):
+            n_values, n_runs = _values_and_runs(column.slice(0, GUESSED_ROWS))
+            if most < n_values == n_runs <= min(len(column), GUESSED_ROWS) / _SHORTEST:
                 found, most = name, n_values
     return found
 
 
-def guess_actions(names: Iterable[str]) -> list[str]:
-    """The columns that are called as what people steer with, such as a wheel, pedals, or a gripper."""
-    own = [name for name in names if "," not in name and not is_observation(name)]
-    return [name for name in own if _CONTROL.fullmatch(plain_name(name))]
+def guess_actions(numbers: Iterable[str], texts: Iterable[str] = (), head: pa.Table | None = None) -> list[str]:
+    """The columns of numbers that are called as what people steer with, such as a wheel or a gripper, but for pedals
+    alone; else a choice or order, of numbers or `texts`, which does not count the rows of the `head`."""
+    own = [name for name in numbers if "," not in name and not is_observation(name)]
+    if controls := {name: found for name in own if (found := _CONTROL.fullmatch(plain_name(name)))}:
+        return [] if all(found["pedal"] for found in controls.values()) else [*controls]  # a wheel of another name
+    decisions = [name for name in (*own, *texts) if plain_name(name).rstrip("s") in ("choice", "order")]
+    return [name for name, column in _there(head, decisions).items() if not _counts(column)][:1]
+
+
+def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
+    """The first column that may be an id and has one value in all the first rows, in words; else nothing."""
+    for name, column in _there(head, names).items():
+        is_id = re.fullmatch(rf"(?:.*_)?(?:id|name|no|number)|{OPERATOR.pattern}", plain_name(name))
+        if is_id and len(values := column.unique().to_pylist()) == 1:
+            return f" ({name!r} is {values[0]!r:.40} in every row: one demonstration)"
+    return ""
 
 
 def text_with_time(head: pa.Table | None, names: Iterable[str]) -> list[str]:
     """The first of the columns in whose first row there is a text with a time of day."""
-    for name in names if head is not None and head.num_rows else ():
-        value = head[name][0].as_py() if head is not None and name in head.column_names else None
-        if isinstance(value, str) and re.search(TIME_OF_DAY, value):
-            return [name]
-    return []
+    first = {name: column[0].as_py() for name, column in _there(head, names).items() if len(column)}
+    return [name for name, text in first.items() if isinstance(text, str) and re.search(TIME_OF_DAY, text)][:1]
+
+
+def _counts(column: pa.ChunkedArray) -> bool:
+    """Whether most numbers of a column are one more than the one before."""
+    values = column.to_numpy()
+    return values.dtype.kind in "iuf" and bool(np.sum(np.diff(values) == 1) > len(values) / 2)
+
+
+def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedArray]:
+    """Those of the columns that are in the first rows."""
+    return {name: head[name] for name in names if head is not None and name in head.column_names}
 
 
 def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:

@@ -30,21 +30,20 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_PICKLES = (".pkl", ".pickle")
 _STEPS = ("obs", "acts", "rews")
 _NPZ = ("obs", "acts", "indices", "terminal")
 _STATE, _INFO, _STREAM = "state.json", "dataset_info.json", "data-00000-of-00001.arrow"
 
 
 def claims(path: Path) -> bool:
-    """Whether `path` is such a folder or NPZ file; or a pickle, which is refused."""
+    """Whether `path` is such a folder or NPZ file."""
     if path.is_dir():
         there = all((path / name).is_file() for name in (_STATE, _INFO))
         return there and {"obs", "acts"} <= {*read_json(path / _INFO)["features"]}
     if path.suffix.lower() == ".npz":
         with suppress(DataError), opened_npz(path) as stored:  # which the format NPZ names
             return {*_NPZ} <= {*stored.names}
-    return path.suffix.lower() in _PICKLES
+    return False
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -119,8 +118,6 @@ def _lists(table: pa.Table, name: str, source: str) -> list[Array]:
 def _arrays(path: Path) -> dict[str, list[Array]]:
     """The arrays of each trajectory in an NPZ file; ``indices`` are where all but the first begin."""
     source = path.name
-    if path.suffix.lower() in _PICKLES:
-        raise DataError(f"{source}: it is a pickle, which can run any code; load it with imitation and save a folder.")
     with opened_npz(path, remedy="save it again") as stored:
         arrays = stored.read([name for name in (*_NPZ, "rews") if name in stored.names])
     starts = arrays.pop("indices")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable, remove_abandoned
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded, in_words
@@ -29,7 +31,7 @@ from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files, size_of
 
-_HUB_NAME = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
+_HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
 """What is downloaded of a data set."""
 
@@ -247,21 +249,25 @@ def _claims(one: Format, path: Path) -> bool:
 
 
 def downloaded(path: StrPath) -> StrPath:
-    """The folder with the data set `owner/name` of the Hub; `path` itself where it is not such a name, or is there.
+    """The folder with the data set `hf://datasets/owner/name` of the Hub, whose size is logged before; else `path`.
 
-    A `DataError` where the client of the Hub is not installed, or cannot download it.
+    A `DataError` where the Hub does not give it; or, with that address, where `owner/name` is not on this computer: it
+    is not sent to the Hub.
     """
-    name = str(path)
-    if not _HUB_NAME.fullmatch(name) or Path(name).exists() or Path(name).parent.exists():
+    found = _HUB_NAME.fullmatch(str(path))
+    if found is None or (not found[1] and Path(path).parent.exists()):
         return path
+    address, name = f"hf://datasets/{found[2]}", found[2]
+    if not found[1]:
+        raise DataError(f"{path}: there is no such file or folder; give {address} if it is a data set of the Hub.")
+    hub = optional("huggingface_hub", f"{address}: a data set of the Hub", "hub")
+    with suppress(Exception):  # what is in its cache is read without a network too
+        files = hub.HfApi().dataset_info(name, files_metadata=True).siblings
+        sizes = [one.size or 0 for one in files if any(fnmatch(one.rfilename, pattern) for pattern in _HUB_FILES)]
+        logging.getLogger("rpil").warning("%s: downloads %.1f MB.", address, sum(sizes) / 1e6)
     try:
-        from huggingface_hub import snapshot_download
-    except ImportError as error:
-        remedy = "if it is a data set of the Hub, pip install 'rpil[hub]'"
-        raise DataError(f"{name}: there is no such file or folder; {remedy}.") from error
-    try:
-        return Path(snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
+        return Path(hub.snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
     except Exception as error:  # of very many types
         kinds = [kind.__name__ for kind in type(error).__mro__ if kind.__name__ in _HUB_FAILURES]
         why = _HUB_FAILURES[kinds[0]] if kinds else f"the Hub did not give it ({in_words(error)}); try again"
-        raise DataError(f"{name}: there is no such file or folder, and {why}.") from error
+        raise DataError(f"{address}: {why}.") from error

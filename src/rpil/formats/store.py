@@ -17,7 +17,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guarded, in_words
-from rpil.data.names import OWN_TABLES, is_data
+from rpil.data.names import OWN_TABLES, is_data, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
@@ -268,12 +268,15 @@ def check_columns(file: pq.ParquetFile, columns: Columns, name: str, first: str)
     """A `DataError` where the file `name` lacks columns that are read, or has more that hold data, than `first`."""
     names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
     if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
-        raise other_columns(name, first)
+        raise other_columns(name, first, names, known)
 
 
-def other_columns(name: str, first: str) -> DataError:
-    """The error that the file `name` has other columns than the file `first`."""
-    return DataError(f"{name}: its columns are not those of {first}; give all files the same ones, or take it out.")
+def other_columns(name: str, first: str, names: Collection[str] = (), known: Collection[str] = ()) -> DataError:
+    """The error that the file `name` has other columns, these `names`, than the file `first`."""
+    differ = (quoted(sorted({*some} - {*others}), 5) for some, others in ((known, names), (names, known)))
+    which = " and ".join(f"{what} {some}" for what, some in zip(("without", "with"), differ, strict=True) if some)
+    said = f"its columns are not those of {first}{which and f' ({which})'}"
+    return DataError(f"{name}: {said}; give all files the same ones, or take it out.")
 
 
 def copied_rows(copy: Copy, sizes: Mapping[str, int]) -> ParquetRows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,10 @@ Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
 
 RARE = "(rare)"  # the class of the rare ones among many texts
+
+_WRITTEN = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
+_WRITTEN_LIST = re.compile(rf"\[.*\]|\(?{_WRITTEN}(?:(?:\s*[,;]\s*|\s+){_WRITTEN})+\)?", re.IGNORECASE | re.DOTALL)
+"""Numbers in one text, as "0.1, 0.2"; where all are whole, as in "1 0", it may be a class."""
 
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
@@ -55,7 +60,7 @@ def _kind_of(column: pa.ChunkedArray) -> Kind:
     kind = kind_of_type(column.type)
     if kind == "text":
         texts = [text.strip() for text in column.unique().to_pylist() if text]
-        if texts and all(text.startswith("[") and text.endswith("]") for text in texts):
+        if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
             return "written list"
         return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
     n_rows = len(column)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,17 @@ if TYPE_CHECKING:
     from pyarrow import fs
 
 _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
+
+_REFUSED = {
+    (".mcap", ".bag", ".db3"): ("recording of ROS or MCAP", "choose one rate, and write a table or a LeRobot folder"),
+    (".tfrecord",): ("data set of RLDS or TFDS", "convert it to LeRobot with openx2lerobot of any4lerobot"),
+    (".pkl", ".pickle"): (
+        "pickle",
+        "it can run any code: write a frame with df.to_parquet, trajectories with imitation",
+    ),
+    (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
+}
+"""What is in the names of files that are not read, what they are, and what to do."""
 
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:
@@ -69,16 +81,10 @@ def _columns(path: str, options: ColumnOptions) -> set[str]:
 
 
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:
-    """A `DataError` with the way to go where files are called as recordings of ROS, or as data sets of RLDS are."""
-    for name in names:
-        if name.lower().endswith((".mcap", ".bag", ".db3")):
-            way = (
-                "its topics come at rates of their own: choose one rate, and write a table or a LeRobot folder with it"
-            )
-            raise DataError(f"{path}: a recording of ROS or MCAP ({name}) is not read, because {way}.")
-        if ".tfrecord" in name.lower():
-            way = "convert it to LeRobot with openx2lerobot of any4lerobot, then audit the new folder"
-            raise DataError(f"{path}: a data set of RLDS or TFDS ({name}) is not read; {way}.")
+    """A `DataError` with the way to go where files are called as those of `_REFUSED`."""
+    for name, (parts, (what, way)) in product(names, _REFUSED.items()):
+        if any(part in name.lower() for part in parts):
+            raise DataError(f"{path}: a {what} ({name}) is never opened; {way}.")
 
 
 def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions, cuts: Cuts) -> None:

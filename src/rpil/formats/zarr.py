@@ -47,11 +47,11 @@ def claims(path: Path) -> bool:
         return False
     with opened(path) as store:
         found = store.header_file(_ENDS) is not None
+        names = store.root.root.namelist() if isinstance(store.root, zipfile.Path) and not found else []
     if not found and not path.is_dir():
-        raise DataError(
-            f"{path.name}: there is no {_ENDS} at the top of this ZIP file, as Zarr has; pack what is in the folder of "
-            "Zarr, not the folder itself, or unpack the file where it holds no Zarr."
-        )
+        inside = f"it holds {names[0]!r:.40} and no {_ENDS}" if names else f"it holds no {_ENDS}"
+        remedy = "unpack it, or pack what is in the folder of Zarr, not the folder itself"
+        raise DataError(f"{path.name}: {inside} at its top, as a ZIP file of Zarr does; {remedy}.")
     return found
 
 

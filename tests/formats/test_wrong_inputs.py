@@ -1,0 +1,161 @@
+"""Files that are not what a user takes them for: each is one sentence that names what is wrong and the way to go."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import call, ok, refused
+from rpil.data.errors import DataError, DataWarning
+
+RNG = np.random.default_rng(0)
+N = 240
+
+
+def table(name, columns):
+    """A CSV file of these columns."""
+    rows = zip(*(map(str, values) for values in columns.values()), strict=True)
+    name.parent.mkdir(exist_ok=True)
+    name.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n")
+    return name
+
+
+def numbers():
+    return [f"{x:.3f}" for x in RNG.normal(size=N)]
+
+
+def drive(**changes):
+    trips = {"trip": np.arange(N) // 20, "time": np.arange(N) / 20}
+    return trips | {"speed": numbers(), "steer": numbers(), "pedal": numbers()} | changes
+
+
+@pytest.mark.parametrize("names", ["episode,step,x,action", "a,b,c", "episode,action"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_names_without_rows_are_said_to_have_none(names, suffix, tmp_path):
+    path = tmp_path / f"a.{suffix}"
+    path.write_text(f"{names}\n")
+    if suffix == "parquet":
+        pq.write_table(pa.table({name: pa.array([], pa.float64()) for name in names.split(",")}), path)
+    refused("it has no rows" if suffix == "csv" else "it has no rows|no demonstrations; give|no column", "info", path)
+
+
+def test_one_id_in_all_rows_is_named(tmp_path):
+    path = table(tmp_path / "P01.csv", drive(trip=["P01"] * N) | {"driver_id": ["P01"] * N})
+    refused("no column says .*'driver_id' is 'P01' in every row: one demonstration", "info", path)
+    words = "audit", path, "--id", "driver_id", "--action", "steer,pedal"
+    refused("all steps are of demonstration 'P01', and one demonstration alone", *words)
+
+
+def test_the_columns_that_a_file_of_a_folder_lacks_are_named(tmp_path):
+    for name in "abc":
+        table(tmp_path / "drives" / f"{name}.csv", drive())
+    less = drive()
+    less.pop("pedal")
+    table(tmp_path / "drives" / "b.csv", less | {"brake": numbers()})
+    refused(
+        r"b\.csv: its columns are not those of a\.csv \(without 'pedal' and with 'brake'\)", "info", tmp_path / "drives"
+    )
+
+
+@pytest.mark.parametrize("name", ["frame.pkl", "frame.pickle"])
+def test_a_pickle_is_named_and_never_opened(name, tmp_path):
+    (tmp_path / name).write_bytes(pickle.dumps({"episode": [1, 2]}))
+    refused(
+        r"a pickle .* is never opened; it can run any code: write a frame with df\.to_parquet", "info", tmp_path / name
+    )
+    (tmp_path / "folder").mkdir()
+    (tmp_path / name).rename(tmp_path / "folder" / name)
+    refused(rf"a pickle .{name}. is never opened", "info", tmp_path / "folder")
+
+
+@pytest.mark.parametrize("inside", ["drive.csv", "drives/1.parquet"])
+def test_a_zip_file_of_a_table_is_to_be_unpacked(inside, tmp_path):
+    with zipfile.ZipFile(tmp_path / "drive.zip", "w") as archive:
+        archive.writestr(inside, "episode,x,action\n0,1,2\n")
+    refused(rf"drive\.zip: it holds '{inside}' and no meta/episode_ends .*; unpack it", "info", tmp_path / "drive.zip")
+
+
+def test_a_workbook_is_to_be_exported(tmp_path):
+    (tmp_path / "drive.xlsx").write_bytes(b"PK\x03\x04")
+    refused(r"a workbook \(drive\.xlsx\) .*; export its table as CSV or Parquet", "info", tmp_path / "drive.xlsx")
+
+
+def test_ids_of_many_digits_are_told_apart(tmp_path):
+    ids = [f"12345678901234567890123{m:03d}" for m in np.arange(N) // 20]
+    path = table(tmp_path / "a.csv", drive(trip=ids))
+    for words in ((), ("--id", "trip", "--action", "steer,pedal")):
+        assert "12 demonstrations" in ok("info", path, *words).stdout
+    assert rpil.read(path, id="trip", action=["steer", "pedal"]).ids == tuple(dict.fromkeys(ids))
+
+
+@pytest.mark.parametrize("text", ["0.1, -0.2", "0.1;0.2", ".1 2e-3", "(0.5, 1)", "[1, 2]"])
+@pytest.mark.parametrize("column", ["action", "observation.x"])
+def test_numbers_in_one_text_are_a_list(text, column, tmp_path):
+    given = {"episode": np.arange(N) // 20, "observation.x": numbers(), "action": numbers()}
+    given[column] = [f'"{text}"'] * N
+    said = f"column '{column}' holds lists that are written as text; write one column for each number"
+    refused(said, "audit", table(tmp_path / "a.csv", given))
+
+
+@pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
+def test_other_texts_are_classes(texts, tmp_path):
+    given = {
+        "episode": np.arange(N) // 20,
+        "x": numbers(),
+        "action": [f'"{texts[k]}"' for k in RNG.integers(2, size=N)],
+    }
+    assert "Action: action; discrete: 2 different texts" in ok("info", table(tmp_path / "a.csv", given)).stdout
+
+
+GERMAN = {"trip": "versuch", "time": "zeit", "speed": "geschwindigkeit", "steer": "lenkung", "pedal": "winkel"}
+
+
+def test_headers_in_another_language_are_a_question(tmp_path):
+    path = table(tmp_path / "a.csv", {GERMAN[name]: values for name, values in drive().items()})
+    columns = ", ".join(map(repr, GERMAN.values()))
+    refused(f"no column holds the action: .* name the columns with --action .found {columns}", "info", path)
+    assert "12 demonstrations" in ok("info", path, "--action", "lenkung,winkel").stdout
+
+
+def test_videos_are_looked_at_where_a_rule_asks_for_it(tmp_path):
+    done = call("keep", table(tmp_path / "a.csv", drive()), "-o", tmp_path / "b.csv", "--video")
+    assert done.exit_code == 2
+    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
+    assert done.stderr == f"rpil: {said}; see rpil keep --help.\n"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "frame"])
+def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
+    path = table(tmp_path / "a.csv", drive())
+    data = path
+    if suffix != "csv":
+        data = pa.csv.read_csv(path)
+    if suffix == "parquet":
+        pq.write_table(data, tmp_path / "a.parquet")
+        data = tmp_path / "a.parquet"
+    said = r"Guess: demonstrations by trip, action steer, pedal; to change it, give id= and action=\."
+    with pytest.warns(DataWarning, match=said) as caught:
+        audit = rpil.audit(data)
+    assert caught[0].filename == __file__
+    assert "id='trip', action='steer,pedal'" in audit.provenance.command
+    named = rpil.audit(data, id="trip", action=["steer", "pedal"])
+    np.testing.assert_array_equal(audit.log_odds, named.log_odds)
+    if suffix != "frame":
+        printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
+        found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
+        assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
+
+
+def test_what_is_ambiguous_is_the_same_error(tmp_path):
+    path = table(tmp_path / "a.csv", drive(trip=numbers()))
+    said = "no column says which demonstration a row is from"
+    refused(said, "audit", path)
+    with pytest.raises(DataError, match=said):
+        rpil.audit(path)
