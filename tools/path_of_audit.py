@@ -52,10 +52,6 @@ def codes_of(command: str, path: Path) -> set[CodeType]:
     threading.setprofile(note)
     sys.setprofile(note)
     try:
-        from rpil.formats import imported, registry
-
-        for module in (imported, registry):  # what a process of its own runs counts as well
-            module.in_child = lambda work, *_: work()  # type: ignore[attr-defined]
         with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
             run([command, str(path)])
     finally:

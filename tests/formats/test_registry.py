@@ -1,14 +1,6 @@
-import os
-import signal
-import sys
-
-import pytest
-
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
-from rpil.data.files import replacing
 from rpil.formats import registry
 from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
@@ -40,20 +32,3 @@ def test_every_format_has_a_name_of_its_own():
     assert len(set(names)) == len(names)
     written = [one.suffixes[0] for one in registry.FORMATS if one.write is not None]
     assert len(set(written)) == len(written)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no other process")
-def test_a_keep_whose_process_is_ended_leaves_nothing(tmp_path, monkeypatch):
-    """As a library ends it on a damaged file."""
-
-    def keep(path, output, *_):
-        with replacing(output) as temporary:
-            temporary.write_text("half")
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    own = Format("mine", lambda path: path.name == "mine", lambda *_: None, keep, has_own_ids=True)
-    monkeypatch.setattr(registry, "FORMATS", [own])
-    (tmp_path / "mine").write_text("x")
-    with pytest.raises(DataError, match="more memory than is free"):
-        find(tmp_path / "mine").keep(tmp_path / "out", [1])
-    assert [file.name for file in tmp_path.iterdir()] == ["mine"]

@@ -163,12 +163,6 @@ def beside(path: Path) -> Iterator[Path]:
 
 def temporary_path(path: Path) -> Path:
     """A path beside `path` that names this process; what others that were killed left under such names is removed."""
-    mark = remove_abandoned(path)
-    return path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
-
-
-def remove_abandoned(path: Path) -> str:
-    """Remove what processes that have ended left under the temporary names of an output; how such names begin."""
     # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
     fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
     stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
@@ -182,7 +176,7 @@ def remove_abandoned(path: Path) -> str:
             _remove(path.parent / found[0])
         except (OSError, OverflowError):
             pass  # the process of another user, which lives
-    return mark
+    return path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
 
 
 def _process_space() -> str:

@@ -14,32 +14,21 @@ T = TypeVar("T")
 MOST_OPEN = 64
 """Files that stay open, at most: a process may have a few hundred."""
 
-_CAN_REPLACE = os.name == "posix"  # files that are open
-
-Held = tuple[ExitStack, dict[tuple[str, object], object], tuple[int, int]]
+Held = tuple[ExitStack, dict[tuple[str, object], object], int]
+"""What closes the files, the files by path and kind, and the thread that reads them."""
 
 _open: ContextVar[Held | None] = ContextVar("files held open", default=None)
 
 
-def _here() -> tuple[int, int]:
-    """This process and thread."""
-    return os.getpid(), threading.get_ident()
-
-
 @contextmanager
-def holding(alone: bool = False) -> Iterator[None]:
-    """Within the block, what `held` opens stays open until the end of the outermost such block.
-
-    `alone` says that meanwhile nothing else reads these files or replaces them. Then they stay open on Windows as well,
-    where an open file cannot be replaced; and a process shares what the one from which it was forked holds open.
-    """
+def holding() -> Iterator[None]:
+    """Within the block, what `held` opens stays open until the end of the outermost such block."""
     place = _open.get()
-    if (place is not None and place[2] == _here()) or not (alone or _CAN_REPLACE):
+    if place is not None and place[2] == threading.get_ident():
         yield
         return
     with ExitStack() as stack:
-        shared = dict(place[1]) if alone and place is not None and place[2][0] == os.getppid() else {}
-        token = _open.set((stack, shared, _here()))
+        token = _open.set((stack, {}, threading.get_ident()))
         try:
             yield
         finally:
@@ -54,7 +43,7 @@ def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextMana
     """
     stack, found, owner = _open.get() or (None, {}, None)
     key = str(path), kind
-    is_ours = owner == _here()  # two that read one open file would move each other's place
+    is_ours = owner == threading.get_ident()  # two that read one open file would move each other's place
     if stack is None or not is_ours or (key not in found and len(found) >= MOST_OPEN):
         with open_it() as one:
             yield one

@@ -54,6 +54,12 @@ def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
         )
 
 
+def check_free(n_bytes: float) -> None:
+    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where so much memory is not free."""
+    if n_bytes > 64 * MIB and n_bytes > free_memory():  # which takes a moment to find
+        raise MemoryError
+
+
 def free_memory() -> float:
     """Free memory in bytes, at most what the container may take; infinite where the system does not say."""
     free = math.inf

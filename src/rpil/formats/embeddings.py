@@ -15,7 +15,7 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.npy import opened_npz
 from rpil.formats import table as flat
-from rpil.formats.imported import imported_table
+from rpil.formats.parquet_file import read_table
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array
 
@@ -63,7 +63,7 @@ def _read(path: Path) -> tuple[tuple[str, ...], Array, Array]:
             with opened_npz(path) as stored:
                 columns = {name: np.atleast_1d(array) for name, array in stored.read(stored.names).items()}
         else:
-            table = imported_table(path)
+            table = read_table(path)
             wanted = [name for name in table.column_names if flat.kind_of_type(table[name].type) in ("list", "number")]
             read = {name: flat.numbers_or_missing(table[name]) for name in wanted}
             columns = {name: values for name, values in read.items() if values is not None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -12,13 +12,12 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
-from rpil.data.json_files import Parsed
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.layout import Layout
 from rpil.formats.places import Cuts
 from rpil.formats.store import ParquetRows
-from rpil.formats.table_facts import Metadata, Origin
+from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -55,29 +54,6 @@ class StepTables:
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""
         return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
-
-    def as_json(self) -> Parsed:
-        """All but the tables, as a value of JSON."""
-        origin = {**asdict(self.origin), "metadata": asdict(self.origin.metadata)}
-        lengths = [*self.origin.metadata.lengths.items()]
-        stamps = self.in_place and self.in_place.stamps
-        facts = {"columns": asdict(self.columns), "origin": origin, "lengths": lengths, "sizes": self.sizes}
-        return {**facts, "stamps": stamps}
-
-
-def from_facts(facts: Parsed) -> StepTables:
-    """What `StepTables.as_json` says of tables, without these."""
-    lengths = {name: int(length) for name, length in facts["lengths"]}
-    metadata = Metadata(**_tuples(facts["origin"]["metadata"]) | {"lengths": lengths})
-    origin = Origin(**_tuples(facts["origin"]) | {"metadata": metadata})
-    return StepTables((), Columns(**_tuples(facts["columns"])), origin, facts["sizes"])
-
-
-def _tuples(value: Parsed) -> Parsed:
-    """The value with tuples for lists, as the records have them."""
-    if isinstance(value, dict):
-        return {name: _tuples(one) for name, one in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions, Cuts], None]
@@ -161,7 +137,7 @@ class Format:
         The `StepTables`.
     tables : function of a path
         "Parquet" where rows may stay in files of Parquet, as those of folders do where the user does not say; "text"
-        for tables that this process reads. All others are read by a process of its own, see `rpil.formats.imported`.
+        for tables of text.
     """
 
     name: str

@@ -21,6 +21,7 @@ from rpil.data.errors import DataError, optional
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
+from rpil.data.memory import check_free
 from rpil.data.names import is_outcome, natural_key
 from rpil.formats.description import commas
 from rpil.formats.places import Cut
@@ -223,11 +224,8 @@ def _array_class(fills: bool) -> Any:
     """Of arrays that are read only if all their values are in the file, unless they `fill` in missing ones."""
     import h5py
 
-    if fills:
-        return h5py.Dataset
-
     class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
-        _is_whole = False
+        _is_checked = False
 
         @cached_property
         def shape(self) -> tuple[int, ...]:
@@ -240,9 +238,14 @@ def _array_class(fills: bool) -> Any:
             return self.id.dtype  # type: ignore[no-any-return]
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
-            if not self._is_whole and self.id.get_offset() is None:  # else all values lie together
-                _check_whole(self)
-                self._is_whole = True
+            if not self._is_checked and self.id.get_offset() is None:  # else all values lie together
+                if not fills:
+                    _check_whole(self)
+                _check_chunks(self)
+                self._is_checked = True
+            if isinstance(rows, slice):
+                n_rows = len(range(*rows.indices(*self.shape[:1])))
+                check_free(n_rows * math.prod(self.shape[1:]) * self.dtype.itemsize)
             if isinstance(rows, slice) and rows == slice(0, *self.shape[:1]) and self.dtype.kind in "iuf":
                 values = np.empty(self.shape, self.dtype)
                 self.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values)  # faster than a selection of rows
@@ -266,6 +269,19 @@ def _check_whole(array: h5py.Dataset) -> None:
             f"but {there} in the file; copy or write it again, or, where the writer left out what has one value, have "
             "that value read with <option>.",
             "fill_missing",
+        )
+
+
+def _check_chunks(array: h5py.Dataset) -> None:
+    """Raise an error where a chunk does not fit in memory, or its bytes in the file are more than its values take."""
+    if not array.chunks:
+        return
+    chunk_bytes = math.prod(array.chunks) * array.dtype.itemsize
+    check_free(chunk_bytes)
+    if array.id.get_storage_size() > array.id.get_num_chunks() * (2 * chunk_bytes + 4096):
+        raise DataError(
+            f"{os.path.basename(array.file.filename)}: the chunks of {str(array.name).strip('/')} hold more than they "
+            "declare; copy or write it again."
         )
 
 

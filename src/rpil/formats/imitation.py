@@ -50,8 +50,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """The steps of all trajectories, which are numbered from 0; a `DataError` where they are damaged."""
     others: dict[str, str] = {}
     if path.is_dir():
-        table = _table(path)
-        others = {name: NO_STEPS for name in table.column_names if name not in _STEPS}
+        table, names = _table(path, _STEPS)
+        others = {name: NO_STEPS for name in names if name not in _STEPS}
         arrays = {name: _lists(table, name, path.name) for name in _STEPS if name in table.column_names}
     else:
         arrays = _arrays(path)
@@ -68,7 +68,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
     if not path.is_dir():
         _keep_npz(path, check_extension(output, [".npz"]), ids, cuts)
         return
-    table = _table(path)
+    table, _ = _table(path)
     rows = kept_of(range(len(table)), ids, path)
     with new_folder(output) as folder:
         import pyarrow as pa
@@ -86,15 +86,23 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
         (folder / _INFO).write_text(json.dumps({name: info[name] for name in info.keys() - {"splits"}}))
 
 
-def _table(path: Path) -> pa.Table:
-    """The table of the folder, a row for each trajectory, mapped into memory."""
+def _table(path: Path, chosen: Sequence[str] | None = None) -> tuple[pa.Table, list[str]]:
+    """The table of the folder, a row for each trajectory, mapped into memory, and the names of all columns.
+
+    Of the columns those `chosen` are read, by default all.
+    """
     import pyarrow as pa
 
     with guarded(path.name, "it is damaged or truncated", "save it again"):
         files = [path / Path(file["filename"]).name for file in read_json(path / _STATE)["_data_files"]]
-        table = pa.concat_tables(pa.ipc.open_stream(pa.memory_map(str(file))).read_all() for file in files)
+        streams = [pa.memory_map(str(file)) for file in files]
+        names = pa.ipc.read_schema(streams[0]).names
+        streams[0].seek(0)
+        fields = None if chosen is None else [k for k, name in enumerate(names) if name in chosen]
+        how = pa.ipc.IpcReadOptions(included_fields=fields)
+        table = pa.concat_tables(pa.ipc.open_stream(stream, options=how).read_all() for stream in streams)
         table.validate(full=True)  # or values could be read from memory that is not theirs
-        return table
+        return table, names
 
 
 def _lists(table: pa.Table, name: str, source: str) -> list[Array]:

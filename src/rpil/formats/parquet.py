@@ -18,7 +18,7 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.made_columns import with_facts
-from rpil.formats.parquet_file import bytes_of_groups
+from rpil.formats.parquet_file import check_sizes
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.store import columns_of_file, open_rows, opened
@@ -105,7 +105,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         column = columns_of_file(file, path.name, options).episode
-        check_memory(max(bytes_of_groups(file, schema.names), default=0), path.name, options.memory)
+        check_memory(max(check_sizes(file, schema.names, filesystem, path), default=0), path.name, options.memory)
         yield schema.empty_table()
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
         wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}

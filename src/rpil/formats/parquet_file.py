@@ -1,7 +1,6 @@
 """A Parquet file by plain calls of pyarrow: its bytes, its rows, and what its footer says they take in memory.
 
-pyarrow believes a file, and a damaged one may end the process: local files are first read in a process of its own, see
-`rpil.formats.imported`. Files of other computers are not, whose clients do not go on after a fork.
+pyarrow believes a file, so that what its footer declares is compared with its rows, and pages of lists with the footer.
 """
 
 from __future__ import annotations
@@ -13,7 +12,9 @@ from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.held import held
-from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
+from rpil.formats.parquet_pages import check_pages
+from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.table import kind_of_type
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 _LONGEST_VALUE = 2**20
 """Numbers in a list, and bytes in a text, of a step."""
+
+_LARGEST_PAGE = 64 * MIB
+"""Bytes of a column that may be decoded at once, however few its rows are."""
 
 
 def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractContextManager[pa.NativeFile]:
@@ -41,11 +45,12 @@ def read_table(
     from pyarrow import fs
 
     name = PurePath(path).name
-    with input_file(filesystem or fs.LocalFileSystem(), path) as stream, pq.ParquetFile(stream) as file:
+    filesystem = filesystem or fs.LocalFileSystem()
+    with input_file(filesystem, path) as stream, pq.ParquetFile(stream) as file:
         names = file.schema_arrow.names
         chosen = names if columns is None else [column for column in columns if column in names]
         where = name if columns is None or len(columns) > 1 else f"{name}, column {columns[0]!r}"
-        check_memory(sum(bytes_of_groups(file, chosen)), where)
+        check_memory(sum(check_sizes(file, chosen, filesystem, path)), where)
         table = file.read(chosen, use_threads=False)
     check_table(table, name)
     return table
@@ -69,17 +74,48 @@ def check_table(table: pa.Table, name: str) -> None:
             raise DataError(f"{name}: {fault}; write shorter ones, or drop the column.")
 
 
-def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str]) -> list[int]:
-    """The bytes that `columns` take in memory in each row group, by the footer."""
-    names, leaves = set(file.schema_arrow.names), range(len(file.schema))
-    chosen = [k for k in leaves if _column_of(file.schema.column(k).path, names) in columns]
-    groups = map(file.metadata.row_group, range(file.num_row_groups))
-    chunks = ([group.column(k) for k in chosen] for group in groups)
-    return [sum(max(BYTES_PER_NUMBER * c.num_values, c.total_uncompressed_size) for c in own) for own in chunks]
+def check_sizes(
+    file: pq.ParquetFile, columns: Collection[str], filesystem: fs.FileSystem, path: PurePath | str
+) -> list[int]:
+    """The bytes that `columns` of the open file at `path` take in memory in each row group; errors are those of
+    `bytes_of_groups`, and a `DataError` where lists in a local file hold more than its footer says."""
+    from pyarrow import fs
+
+    name, parts = PurePath(path).name, range(len(file.schema))
+    sizes = bytes_of_groups(file, columns, name)
+    lists = [k for k in parts if file.schema.column(k).max_repetition_level and _column_of(file, k) in columns]
+    if lists and isinstance(filesystem, fs.LocalFileSystem):
+        with input_file(filesystem, path) as stream:
+            check_pages(file, stream, lists, name)
+    return sizes
 
 
-def _column_of(path: str, names: Collection[str]) -> str:
-    """The column, one of the `names`, which may have dots, of a part of it at a path such as ``x.list.element``."""
+def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -> list[int]:
+    """The bytes that `columns` take in memory in each row group, by the footer of the file called `name`.
+
+    An error where a batch of rows does not fit in memory, or a column of numbers, texts or lists has more than its rows
+    can hold.
+    """
+    kinds = {field.name: kind_of_type(field.type) for field in file.schema_arrow}
+    chosen = {k: column for k in range(len(file.schema)) if (column := _column_of(file, k)) in columns}
+    sizes = []
+    for group in map(file.metadata.row_group, range(file.num_row_groups)):
+        n_bytes, most = 0, BYTES_PER_NUMBER * _LONGEST_VALUE * group.num_rows + _LARGEST_PAGE
+        for k, column in chosen.items():
+            chunk = group.column(k)
+            size = max(BYTES_PER_NUMBER * chunk.num_values, chunk.total_uncompressed_size)
+            if size > most and kinds[column] in ("number", "text", "list"):
+                fault = f"column {column!r} declares {size:,} bytes for {group.num_rows:,} rows, more than steps have"
+                raise DataError(f"{name}: {fault}; write shorter values, or drop the column.")
+            n_bytes += size
+        check_free(n_bytes * min(1.0, BATCH_ROWS / max(group.num_rows, 1)))
+        sizes.append(n_bytes)
+    return sizes
+
+
+def _column_of(file: pq.ParquetFile, part: int) -> str:
+    """The column, whose name may have dots, of a part of it at a path such as ``x.list.element``."""
+    path, names = file.schema.column(part).path, file.schema_arrow.names
     while path not in names and path:
         path = path.rpartition(".")[0]
     return path

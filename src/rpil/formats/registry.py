@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError, optional
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable, remove_abandoned
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding
@@ -23,13 +23,11 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, not_a_folder
-from rpil.formats.import_process import in_child
-from rpil.formats.imported import imported
+from rpil.formats.format import Format, not_a_folder
 from rpil.formats.made_columns import made
 from rpil.formats.places import Cuts, UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.store import may_be_many_files, size_of
+from rpil.formats.store import may_be_many_files
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -123,22 +121,11 @@ class ClaimedPath:
             tables = partial(self.format.read_address, self.path, options)
         if options.columns and self._tables != "text":
             raise DataError(f"{self.path}: only text tables without names take <option>; leave it out.", "columns")
-
-        def read() -> StepTables:
-            return made(tables(), options)
-
-        if self._is_read_here:
-            return from_tables(read(), options.on_disk)
-        return imported(read, self.path, options, self._tables == "Parquet")
+        return from_tables(made(tables(), options), options.on_disk)
 
     @cached_property
     def _tables(self) -> str:
         return self.format.tables(self.path)
-
-    @property
-    def _is_read_here(self) -> bool:
-        """Whether this process reads the file: text, and what clients of other computers give, which need threads."""
-        return self._tables == "text" or ("://" in str(self.path) and not str(self.path).startswith("file://"))
 
     def keep(
         self,
@@ -152,24 +139,13 @@ class ClaimedPath:
             new, path = self.check_output(output, bool(cuts), options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            keep = partial(self.format.keep, path, new, ids, options, cuts)
-            if self._is_read_here:
-                keep()
-            else:
-                self._write(keep, new, options)
-
-    def _write(self, work: Callable[[], None], new: Path, options: ColumnOptions) -> None:
-        """Write `new` in a process of its own."""
-        try:
-            in_child(work, str(self.path), 4 * size_of(Path(self.path)), options.memory)
-        finally:
-            remove_abandoned(new)  # what a process that was ended had begun
+            self.format.keep(path, new, ids, options, cuts)
 
     def annotate(self, output: StrPath, columns: Mapping[str, Mapping[str, object]]) -> None:
         """Write a copy of the folder that says more of each demonstration, which `columns` hold by name and id."""
         with holding(), guarded(str(self.path)):
             new, annotate = self.check_annotate(output)
-            self._write(partial(annotate, Path(self.path), new, columns), new, ColumnOptions())
+            annotate(Path(self.path), new, columns)
 
     def check_annotate(self, output: StrPath) -> tuple[Path, Callable[..., None]]:
         """The path of the output and what writes it, or a `DataError`, before any work, where that is not possible."""

@@ -46,20 +46,7 @@ def _remove(folder: Path, process: int) -> None:
 
 
 def spool(tables: Iterable[pa.Table], name: str) -> Copy:
-    """A temporary Parquet file called `name` with the rows of `tables`; errors are those of `fill`."""
-    copy = new_copy(name)
-    fill(copy, tables, name)
-    return copy
-
-
-def new_copy(name: str) -> Copy:
-    """A temporary file called `name`, to be filled."""
-    with _writing(name):
-        return Copy(temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}")), name)
-
-
-def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
-    """Write the rows of `tables` to a temporary Parquet file.
+    """A temporary Parquet file called `name` with the rows of `tables`.
 
     A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
     """
@@ -71,6 +58,7 @@ def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
     check_any(int(first is not None), name)
     assert first is not None
     with _writing(name):
+        copy = Copy(temporary_path(Path(tempfile.gettempdir(), f"rpil-{getattr(os, 'getuid', int)()}")), name)
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
     group: list[pa.Table] = []  # of rows, which are written together
     for table in chain([first], waiting):  # whose errors are those of the data
@@ -88,6 +76,7 @@ def fill(copy: Copy, tables: Iterable[pa.Table], name: str) -> None:
     with _writing(name):
         writer.write_table(pa.concat_tables(group or [first.slice(0, 0)]))
         writer.close()
+    return copy
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
-from rpil.formats.parquet_file import bytes_of_groups, check_table, input_file
+from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -178,16 +178,6 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
     return filesystem, choose_files(filesystem, str(path), folder, files) if folder else files, texts
 
 
-def size_of(path: StrPath) -> float:
-    """The bytes of a file, of those in a folder, or of the tables that a pattern or an address names."""
-    if os.path.isdir(path):
-        return sum(os.lstat(os.path.join(top, name)).st_size for top, _, names in os.walk(path) for name in names)
-    if os.path.exists(path):
-        return os.path.getsize(path)
-    filesystem, _, *files = _listed(path)
-    return sum(info.size or 0 for info in filesystem.get_file_info([*itertools.chain(*files)]))
-
-
 def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
     """The file system, the folder if it is one, and all Parquet files and text tables; none of them is opened."""
     import pyarrow as pa
@@ -253,6 +243,7 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
+    bytes_of_groups(file, plain, name)
     n_rows = GUESSED_ROWS if options.guess else flat.HEAD_ROWS
     batch = next(file.iter_batches(n_rows, columns=plain, use_threads=False), None)
     head = None if batch is None else pa.Table.from_batches([batch])
@@ -320,7 +311,8 @@ def open_rows(
             sizes.append(row)
             columns = columns or columns_of_file(file, name, options, metadata.facts)
             check_columns(file, columns, name, first)
-            n_bytes += 0 if options.on_disk else sum(bytes_of_groups(file, {*columns.all, *columns.outcomes}))
+            own = check_sizes(file, {*columns.all, *columns.outcomes}, filesystem, path)
+            n_bytes += 0 if options.on_disk else sum(own)
             head = next(file.iter_batches(1, columns=columns.data, use_threads=False), None)
         if head is not None:
             this = Layout.of(pa.Table.from_batches([head]), columns, metadata.names)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import stat
 import threading
 import warnings
 import zipfile
@@ -25,6 +26,7 @@ from rpil.data.errors import DataError, optional
 from rpil.data.guard import guarded
 from rpil.data.held import held
 from rpil.data.json_files import Parsed, parse
+from rpil.data.memory import check_free
 from rpil.formats.description import commas
 from rpil.numerics.types import Array
 
@@ -92,13 +94,14 @@ class Store:
         entries = [entry.name for entry in folder.iterdir() if entry.is_dir()] if folder.is_dir() else []
         return sorted(entry for entry in entries if entry not in ("", ".", "..") and "\\" not in entry)
 
-    def files(self, name: str) -> Iterator[str]:
-        """The names of the files in a folder and in the folders in it, without the name of the folder."""
+    def files(self, name: str) -> Iterator[tuple[str, int]]:
+        """The files in a folder and in the folders in it: names without that of the folder, and bytes."""
         if isinstance(self.root, zipfile.Path):
-            names = self.root.root.namelist()
-            return (file.removeprefix(f"{name}/") for file in names if file.startswith(f"{name}/"))
+            infos = (info for info in self.root.root.infolist() if info.filename.startswith(f"{name}/"))
+            return ((info.filename.removeprefix(f"{name}/"), info.file_size) for info in infos)
         folder = self.root / name
-        return (file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+        files = ((file, file.stat()) for file in folder.rglob("*"))
+        return ((file.relative_to(folder).as_posix(), at.st_size) for file, at in files if stat.S_ISREG(at.st_mode))
 
     @cached_property
     def of_library(self) -> Any:
@@ -174,18 +177,21 @@ class ZarrArray:
 
     def __getitem__(self, rows: slice) -> Array:
         first, stop, _ = rows.indices(self.shape[0])
-        self._check(range(first // self.chunks[0], -(-stop // self.chunks[0])))
+        self._check(range(first // self.chunks[0], -(-stop // self.chunks[0])), stop - first)
         with guarded(self.where, *_DAMAGED_CHUNK):
             return np.asarray(self.stored[first:stop])
 
     def take(self, rows: Array) -> Array:
         """The values of `rows` (n,), which rise; a `DataError` where a chunk of theirs is missing or damaged."""
-        self._check({*(rows // self.chunks[0]).tolist()})
+        self._check({*(rows // self.chunks[0]).tolist()}, len(rows))
         with guarded(self.where, *_DAMAGED_CHUNK):
             return np.asarray(self.stored.oindex[rows])
 
-    def _check(self, numbers: Collection[int]) -> None:
-        """A `DataError` where a chunk with one of these `numbers` along the first axis is missing."""
+    def _check(self, numbers: Collection[int], n_rows: int) -> None:
+        """A `DataError` where a chunk with one of these `numbers` along the first axis is missing, or `n_rows` rows do
+        not fit in memory."""
+        with guarded(self.where):
+            check_free(self.dtype.itemsize * max(math.prod(self.chunks), n_rows * math.prod(self.shape[1:])))
         n_there = sum(n for number, n in self._n_stored.items() if number in numbers)
         if not self.fills and n_there < len(numbers) * math.prod(self.grid[1:]):
             raise self._missing()
@@ -199,9 +205,17 @@ class ZarrArray:
         """How many chunks there are, by their number along the first axis."""
         first = self.stored.metadata.encode_chunk_key((0,) * len(self.grid))
         pattern = re.compile(re.escape(first).replace("0", "([0-9]+)"))
-        matches = filter(None, map(pattern.fullmatch, self._files))
-        places = (tuple(map(int, match.groups())) for match in matches)
+        matches = [(match, n_bytes) for file, n_bytes in self._files if (match := pattern.fullmatch(file))]
+        if self.dtype.kind != "T" and max((n_bytes for _, n_bytes in matches), default=0) > self._most_bytes:
+            raise DataError(f"{self.where}: {'; '.join(_DAMAGED_CHUNK)}.")
+        places = (tuple(map(int, match.groups())) for match, _ in matches)
         return Counter(place[0] for place in places if all(k < n for k, n in zip(place, self.grid, strict=True)))
+
+    @property
+    def _most_bytes(self) -> int:
+        """The bytes of a file with a chunk, or with a shard of several, at most: filters make up to 8 bytes of one."""
+        n_chunks = math.prod(self.chunks) // math.prod(self.stored.chunks)
+        return 8 * self.dtype.itemsize * math.prod(self.chunks) + 4096 * n_chunks
 
     def _missing(self) -> DataError:
         """The error that names the demonstrations some of whose steps have no chunk."""

@@ -24,7 +24,7 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.text import MAX_IDS, listed
-from rpil.formats.imported import imported_table
+from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array, Float
 from rpil.results.settings import KeepSettings
 from rpil.results.vocabulary import SIDES
@@ -148,7 +148,7 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     columns: dict[str, list[object]]
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         if path.suffix.lower() == ".parquet":
-            columns = imported_table(path).to_pydict()
+            columns = read_table(path).to_pydict()
         else:
             text = read_text(path, LARGEST_TABLE, "utf-8-sig")
             is_csv = path.suffix.lower() == ".csv"

@@ -10,46 +10,29 @@ import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
-from rpil.data.json_files import Parsed, read_json
+from rpil.data.json_files import read_json
 from rpil.data.names import spans
 from rpil.formats.description import commas
 from rpil.formats.format import Defect, Shot
-from rpil.formats.import_process import in_child
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.lerobot.video_faults import find_faults
 from rpil.formats.meta_folder import cameras, fill, frame_rate
-from rpil.formats.store import size_of
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
 """Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
 differ: LeRobot subtracts squares of short floats."""
 
 
-_TO_DECODE = 16
-"""How many times as long it takes to decode videos as to read their bytes, at most."""
-
-
 def find_shots(path: Path) -> list[Shot]:
     """Where the frames of each episode of the folder are; a `DataError` where ``meta`` does not say."""
-
-    def work() -> Parsed:
-        with guarded(path / "meta"):
-            return [[*(vars(shot) | {"path": str(shot.path)}).values()] for shot in CheckedFolder(path).shots()]
-
-    found = in_child(work, str(path), size_of(path))
-    return [Shot(camera, m, Path(place), *others) for camera, m, place, *others in found]
+    with guarded(path / "meta"):
+        return CheckedFolder(path).shots()
 
 
 def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
-    time = _TO_DECODE if look else 1
-    found = in_child(lambda: [[*vars(one).values()] for one in _defects(path, look)], str(path), time * size_of(path))
-    return [Defect(*one) for one in found]
-
-
-def _defects(path: Path, look: bool) -> list[Defect]:
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
     for rule in (in_times, _in_totals, _in_episodes, _in_statistics, partial(in_videos, look=look)):

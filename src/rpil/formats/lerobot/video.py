@@ -1,7 +1,4 @@
-"""Video files, by PyAV: frames are copied without a new encoding, counted, and looked at in a few of their pixels.
-
-FFmpeg is given files of others in processes of their own: all but `picture` are for one that is such already.
-"""
+"""Video files, by PyAV: frames are copied without a new encoding, counted, and looked at in a few of their pixels."""
 
 from __future__ import annotations
 
@@ -19,8 +16,6 @@ import numpy as np
 from rpil.data.errors import DataError, optional
 from rpil.data.files import check_readable
 from rpil.data.guard import guarded
-from rpil.data.json_files import Parsed
-from rpil.formats.import_process import in_child
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -183,22 +178,16 @@ def look(path: Path) -> tuple[Array, Array]:
 
 def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
     """The frame that a video shows at `seconds`, as a JPEG file with `width` pixels in a row; a `DataError` if none."""
-
-    def work() -> Parsed:
-        encoder = load_av().CodecContext.create("mjpeg", "w")
-        with _opened(path) as source:
-            stream = source.streams.video[0]
-            source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
-            shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
-            frame = next(shown, None)
-            if frame is None:
-                raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
-            encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
-            encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
-            small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
-            small.pts, small.time_base = 0, encoder.time_base
-            return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)]).hex()
-
-    load_av()  # once, for all processes
-    with _AT_ONCE:
-        return bytes.fromhex(in_child(work, str(path), path.stat().st_size))
+    encoder = load_av().CodecContext.create("mjpeg", "w")
+    with _AT_ONCE, _opened(path) as source:
+        stream = source.streams.video[0]
+        source.seek(max(0, int(seconds / float(stream.time_base or 1))), stream=stream)  # to the key frame before
+        shown = (frame for frame in source.decode(stream) if float(frame.time or 0.0) > seconds - 0.5 / fps)
+        frame = next(shown, None)
+        if frame is None:
+            raise DataError(f"{path}: it shows no frame at {seconds:.3f} s; copy or download the file again.")
+        encoder.width, encoder.height = width, max(2, round(frame.height * width / frame.width))
+        encoder.pix_fmt, encoder.time_base = "yuvj420p", Fraction(1)
+        small = frame.reformat(encoder.width, encoder.height, encoder.pix_fmt)
+        small.pts, small.time_base = 0, encoder.time_base
+        return b"".join(bytes(packet) for packet in [*encoder.encode(small), *encoder.encode(None)])
