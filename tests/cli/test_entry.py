@@ -41,20 +41,6 @@ def command(prog_name):
 rpil.cli.main.main = command
 """
 
-AT_A_FORK = """
-import os, signal
-
-sent = []
-
-def handle():
-    if not sent:
-        sent.append(True)
-        signal.getsignal(signal.SIGINT)(signal.SIGINT, None)
-
-os.register_at_fork(after_in_parent=handle)
-"""
-"""What Python calls at a fork, where signals are blocked, is interrupted: Python prints its errors and goes on."""
-
 
 def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
@@ -111,14 +97,6 @@ def test_an_import_that_hides_errors_does_not_hide_an_interruption(interruptible
 
 def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
     done = subprocess.run([sys.executable, "-c", CALLED_BY_C + RUN], capture_output=True, text=True)
-    check(done.returncode, done.stdout, done.stderr)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no other process reads the file")
-def test_a_fork_does_not_hide_an_interruption(interruptible):
-    long_audit()
-    command = [sys.executable, "-c", AT_A_FORK + RUN, "audit", "data.npz", "-q"]
-    done = subprocess.run(command, capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 

@@ -1,6 +1,7 @@
 """Whatever a library raises while data are read is one sentence that names the place."""
 
 import errno
+import os
 import warnings
 
 import numpy as np
@@ -44,6 +45,14 @@ def test_a_foreign_error_is_one_sentence(error):
 def test_too_little_memory_is_no_damage():
     with pytest.raises(DataError, match="memory") as caught, guarded("a.npz"):
         raise MemoryError
+    assert "damage" not in str(caught.value)
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EINTR, errno.ECHILD, errno.EAGAIN])
+def test_what_the_system_lacks_is_no_damage(number):
+    said = r"^a\.npz: the system could not read it \(.*\); try again\.$"
+    with pytest.raises(DataError, match=said) as caught, guarded("a.npz"):
+        raise OSError(number, os.strerror(number))
     assert "damage" not in str(caught.value)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -148,6 +150,28 @@ def test_a_group_for_each_demonstration_may_hold_obs_and_acts(tmp_path):
         for m in range(M):
             file[f"traj_{m}/obs"], file[f"traj_{m}/acts"] = STATES[m == OWNERS], MOVES[m == OWNERS]
     np.testing.assert_array_equal(rpil.read(tmp_path / "groups.hdf5").actions, MOVES)
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.hdf5"])
+@pytest.mark.parametrize(
+    ("ids", "said"),
+    [
+        ([0.0, 0.0, np.nan, 1.0], "row 3: episode_ids has no value; fill it in or leave the demonstration out"),
+        ([True, True, False, False], "episode_ids holds true and false, which are no ids; give one id for each"),
+    ],
+)
+def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
+    arrays = {"observations": np.eye(4), "actions": np.array([0, 1, 0, 1]), "episode_ids": np.array(ids)}
+    if name == "a.npz":
+        np.savez(tmp_path / name, **arrays)
+    else:
+        with h5py.File(tmp_path / name, "w") as file:
+            for key, values in arrays.items():
+                file[key] = values
+    for use in (rpil.read, lambda path: find(path).keep(tmp_path / f"kept-{name}", [0])):
+        with pytest.raises(DataError, match=re.escape(said)) as caught:
+            use(tmp_path / name)
+        assert "damaged" not in str(caught.value)
 
 
 def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():

@@ -1,5 +1,6 @@
 """What the shell starts as ``rpil``: an interruption at any moment, also of an import, ends in one sentence."""
 
+import faulthandler
 import os
 import signal
 import sys
@@ -28,6 +29,8 @@ class WithoutPandas:
 
 def main() -> None:
     """Import the command, which takes a moment, and call it."""
+    if sys.stderr is not None:
+        faulthandler.enable()  # where a library ends the process on a damaged file, a traceback says at what
     sys.meta_path.insert(0, WithoutPandas)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # it is closed: a file that is opened would take its place

@@ -11,6 +11,7 @@ from rpil.data.files import StrPath
 from rpil.data.privacy import without_secrets
 
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+_OF_SYSTEM = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.EINTR, errno.ECHILD)
 _LONGEST = 100  # characters of a foreign error
 
 
@@ -21,7 +22,8 @@ def guarded(
     """Let nothing but a `DataError` of one sentence leave the block, which reads `where`.
 
     A `MissingExtraError`, a warning and an interruption pass, and so does an error of writing, such as a full disk: it
-    is no fault of what is read, and `rpil.data.files.replacing` names the output.
+    is no fault of what is read, and `rpil.data.files.replacing` names the output. Where the system lacks something,
+    such as memory or file handles, the sentence says so, and not the `fault`.
     """
     try:
         yield
@@ -32,7 +34,10 @@ def guarded(
     except Exception as error:  # damaged files make libraries raise errors of very many types
         if isinstance(error, OSError) and error.errno in _OF_WRITING:
             raise
-        if type(error) is PermissionError:  # FFmpeg has one of its own, for damaged videos too
+        is_own = type(error).__module__ == OSError.__module__  # FFmpeg has errors of these names for damaged videos
+        if is_own and isinstance(error, OSError) and error.errno in _OF_SYSTEM:
+            raise DataError(f"{where}: the system could not read it ({in_words(error)}); try again.") from error
+        if is_own and isinstance(error, PermissionError):
             raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
         raise DataError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
 

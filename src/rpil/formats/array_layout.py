@@ -162,6 +162,9 @@ def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayo
     own = {name: arrays[name] for name in names if arrays[name].shape == (n_steps,)}
     named = next((name for name, ids in own.items() if wanted or ids.dtype.kind in "iuf" or is_text(ids.dtype)), None)
     column, ids = (named, _values(own[named])) if named else (NUMBERED, np.arange(n_steps))
+    if ids.dtype.kind == "f" and np.isnan(ids).any():
+        fault = f"row {np.argmax(np.isnan(ids)) + 1}: {column} has no value"
+        raise DataError(f"{source}, {fault}; fill it in or leave the demonstration out.")
     if ids.dtype.kind == "f" and are_whole(ids):
         ids = ids.astype(np.int64)
     if is_stacked(arrays):
@@ -175,6 +178,7 @@ def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayo
         return ArrayLayout(NUMBERED, ids, note, by_demonstration=True)
     if names and not first(arrays, (*_MARKS, *_NEXT)):
         said = f"{names[0]} has the shape {arrays[names[0]].shape} for {n_steps:,} actions"
+        said = f"{names[0]} holds true and false, which are no ids" if names[0] in own else said
         raise DataError(f"{source}: {said}; give one id for each.")
     ends, note = _ends(arrays, n_steps, source)
     return ArrayLayout(NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)

@@ -1,15 +1,10 @@
 """Videos, of which one file alone is opened, whatever is in it."""
 
-import os
-import signal
-import sys
-
 import numpy as np
 import pytest
 
 import lerobot_folders as folders
 from rpil.data.errors import DataError
-from rpil.formats.lerobot import video
 from rpil.formats.lerobot.defects import find_defects
 from rpil.formats.lerobot.video import Packets, cut, look, picture
 from rpil.formats.registry import find
@@ -75,15 +70,3 @@ def test_frames_that_are_too_large_are_not_decoded(tmp_path, monkeypatch, use):
     monkeypatch.setattr("rpil.formats.lerobot.video.LARGEST_FRAME", 64 * 48 - 1)
     with pytest.raises(DataError, match=r"a\.mp4: its frames have 64 x 48 pixels"):
         use(tmp_path / "a.mp4")
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere videos are decoded in this process")
-def test_a_video_that_ends_its_process_is_one_sentence(tmp_path, monkeypatch):
-    root = folders.write(tmp_path / "drive", (5, 6), cameras=("front",))
-    path = next(root.rglob("*.mp4"))
-    monkeypatch.setattr(video, "_open_mp4", lambda _: os.kill(os.getpid(), signal.SIGSEGV))
-    with pytest.raises(DataError, match=r"file-000\.mp4: .*copy or write it again"):
-        picture(path, 0.1, folders.FPS, 32)
-    for use in (lambda: find(root).keep(tmp_path / "kept", [0]), lambda: find_defects(root, True)):
-        with pytest.raises(DataError, match=r"drive: .*copy or write it again"):
-            use()
