@@ -3,15 +3,39 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+TOOL = Path(__file__).parents[1] / "tools" / "crafted_files.py"
 FAST_CASES = (
     *("command in a run file", "tiny observations"),
     "very long label quoted",
 )
+OF_FILES = (*FAST_CASES, "damaged files", "ids with white space", "video times that are no numbers")
+"""Cases that read files, and start no process."""
+
+MOST_BYTES, MOST_SECONDS = 2**30, 5
+"""That a case takes, beyond the address space of the libraries that it imports, and of computing."""
+
+LIMITED = """
+import os, resource, runpy, sys
+sys.path.insert(0, os.path.dirname(sys.argv[1]))
+tool = runpy.run_path(sys.argv[1])
+import rpil.estimators.rpil, h5py, pyarrow.compute, scipy.special, av, jinja2
+page = resource.getpagesize()
+size, resident = (page * int(n) for n in open("/proc/self/statm").read().split()[:2])
+resource.setrlimit(resource.RLIMIT_AS, (size + {most}, size + {most}))
+begun = os.times()
+code = tool["main"](["--only", sys.argv[2]])
+ended = os.times()
+print("took", ended.user + ended.system - begun.user - begun.system)
+print("grew", 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident)
+sys.exit(code)
+"""
 
 
 @pytest.fixture
@@ -24,6 +48,20 @@ def tool(monkeypatch):
 def test_a_case_is_as_it_should_be(tool, capsys, name):
     assert tool.main(["--only", name]) == 0
     assert capsys.readouterr().out.startswith(f"{name}: as it should be (")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux limits the address space")
+@pytest.mark.parametrize("name", OF_FILES)
+def test_a_case_takes_little_memory_and_time(name):
+    """In the process that reads: no other one stands between the file and the user."""
+    command = [sys.executable, "-c", LIMITED.format(most=MOST_BYTES), str(TOOL), name]
+    environment = os.environ | {"MALLOC_ARENA_MAX": "1"}  # or each thread reserves 64 MB, which it does not use
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = dict(line.split(" ", 1) for line in done.stdout.splitlines()[-2:])
+    assert float(said["took"]) < MOST_SECONDS
+    assert float(said["grew"]) < MOST_BYTES
 
 
 def test_what_differs_is_said_and_the_other_cases_are_tried(tool, monkeypatch, capsys):
