@@ -99,7 +99,8 @@ class Written(HeldOutModel):
 def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings, parts: Array | None = None) -> Scoring:
     """How demonstrations are scored by policies with these gains."""
     model = Written(data, gains, settings, parts)
-    return Scoring(data, model, settings, 1e-2, reference(data, settings), True)
+    log_q = reference(data, settings)
+    return Scoring(data, model, settings, 1e-2, log_q, log_q, True)
 
 
 def groups_of(p_two: float, share: float = 0.5, deviation: float = 0.1) -> Groups:

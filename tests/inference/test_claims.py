@@ -80,9 +80,11 @@ def test_the_least_probability_of_two_groups_is_enough():
     assert claimed(found, found[1])[0] == "outliers"
 
 
-def test_nothing_could_be_learned_where_the_state_says_nothing_and_scores_are_one_group():
+def test_nothing_could_be_learned_where_the_state_says_nothing():
+    """Of discrete actions the worst ones may be found by chance all the same."""
     assert claimed(scored(p_two=0.5, state_predicts_action=False)) == ("nothing could be learned", NOBODY)
-    assert claimed(scored(state_predicts_action=False))[0] == "outliers"
+    assert claimed(scored(state_predicts_action=False)) == ("nothing could be learned", NOBODY)
+    assert claimed(scored(discrete=True, state_predicts_action=False))[0] == "outliers"
 
 
 @pytest.mark.parametrize("gain", [0.0, -1.0])

@@ -13,7 +13,7 @@ from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
-from rpil.inference.held_out import held_out_model, indicators
+from rpil.inference.held_out import held_out_model, indicators, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
@@ -35,7 +35,8 @@ def test_scores_by_hand(discrete):
     space = Discrete(2) if discrete else Box.around(actions)
     data = FitData(np.ones((n, 1)), actions, offsets, space, np.zeros(3, dtype=int))
     log_q = rng.normal(size=n)
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, log_q if discrete else 0)
+    model, best = Written(data, lambda group: 0.0, SETTINGS), log_q + 0.1
+    scoring = Scoring(data, model, SETTINGS, 0.1, log_q, best, log_q if discrete else 0)
     group, log_prob = np.array([True, False, True]), rng.normal(size=n)
     found = scoring.score(TrimmedFit(log_prob, group, 0.1, np.zeros(1)))
     log_ratio = log_prob - log_q if discrete else log_prob
@@ -46,13 +47,13 @@ def test_scores_by_hand(discrete):
     np.testing.assert_allclose(
         found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / data.lengths
     )
-    assert found.state_predicts_action is bool(np.median(data.mean_steps(log_prob - log_q)[group]) > 0.1)
+    assert found.state_predicts_action is bool(np.median(data.mean_steps(log_prob - best)[group]) > 0.1)
     np.testing.assert_array_equal(found.log_odds, found.groups.log_odds(found.score, found.variance))
 
 
 def test_one_step_each_has_no_variance_of_steps():
     data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3))
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), np.zeros(3))
     fit = TrimmedFit(np.arange(3.0), np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).step_variance == 0.0
 
@@ -63,8 +64,10 @@ GAINS = np.array([1.0, -9.0, 3.0, 2.0])
 @pytest.mark.parametrize(("limit", "sign", "predicts"), [(1.9, 1, True), (2.1, 1, False), (0.1, -1, False)])
 def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predicts):
     data = same_actions(4)
+    best = log_reference(data, np.ones(4, dtype=bool), SETTINGS.held_out, best=True)
+    lead = float(np.mean(best - reference(data, SETTINGS)))  # of the best reference, in every demonstration
     settings = replace(SETTINGS, min_gain=limit)
-    scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS, settings), settings)
+    scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS + lead, settings), settings)
     group = np.array([True, False, True, True])
     assert scoring.score(fit_group(scoring.data, scoring.model, group, scoring.ridge)).state_predicts_action is predicts
     assert scoring.ridge == 0.0
@@ -76,7 +79,7 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
 def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predicts):
     data = FitData(np.ones((6, 1)), np.zeros(6, dtype=int), np.array([0, 2, 4, 6]), Discrete(2), np.zeros(3, dtype=int))
     log_q = np.full(6, -0.05)
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, log_q)
     fit = TrimmedFit(log_q + gain, np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).state_predicts_action is predicts
 

@@ -100,7 +100,7 @@ def claim(scoring: Scoring, scores: Scores, again: Scores | None, order: Float[A
     split = chance if groups is None or (chance is not None and not groups.with_other_folds) else groups
     if split is None:
         return Claims("no outliers" if scores.state_predicts_action else "nothing could be learned", nobody)
-    if split.lower.gain_upper <= 0:
+    if split.lower.gain_upper <= 0 or (data.space.has_density and not scores.state_predicts_action):
         return Claims("nothing could be learned", nobody, lower=split.lower)
     if split.lower.is_rival:
         return two_groups(scoring, scores, split.lower)

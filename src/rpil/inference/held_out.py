@@ -27,7 +27,6 @@ from rpil.numerics.regression import (
     normal_equations,
     solve_ridge,
     student_log_densities,
-    student_log_density,
 )
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
@@ -82,6 +81,9 @@ class _Linear(HeldOutModel):
     @property
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
+
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        return self.log_prob_at(weight, weight, ridge)
 
     def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
         return held_out_model(self.data if data is None else data, seed, self.settings)
@@ -153,16 +155,11 @@ class HeldOutRidge(_Linear):
     def __post_init__(self) -> None:
         self.actions = ActionScale.of(self.data)(self.data.actions)
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return log_density_of_errors(self.errors(weight, ridge), weight, self.settings)
-
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return log_density_of_errors(self.errors(weight, ridge), other, self.settings)
+        return log_densities(self.errors(weight, ridge), other, self.settings).sum(axis=1)
 
     def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
-        errors = self.errors(weight, ridge)
-        scale = error_scale(errors, weight, self.settings.errors)
-        return student_log_densities(errors, scale, self.settings.errors)
+        return log_densities(self.errors(weight, ridge), weight, self.settings)
 
     def errors(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         """Held-out errors of the actions, scaled."""
@@ -186,9 +183,6 @@ class HeldOutProduct(_Linear):
 
     def cold_copy(self) -> HeldOutProduct:
         return replace(self, models=tuple(model.cold_copy() for model in self.models))
-
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return self.log_prob_at(weight, weight, ridge)
 
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         return np.asarray(sum(model.log_prob_at(weight, other, ridge) for model in self.models))
@@ -235,20 +229,24 @@ def indicators(data: FitData) -> Float[Array, "N J"]:
     return ActionScale.of(data)(data.actions)
 
 
-def log_density_of_errors(
-    errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings
-) -> Float[Array, " N"]:
-    """Student's log-density of errors, with the scale of those with `weight`."""
-    return student_log_density(errors, error_scale(errors, weight, settings.errors), settings.errors)
+def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings) -> Array:
+    """Student's log-density of the errors of each part, with the scale of those with `weight`."""
+    return student_log_densities(errors, error_scale(errors, weight, settings.errors), settings.errors)
 
 
-def log_reference(data: FitData, group: Array, settings: HeldOutSettings) -> Float[Array, " N"]:
+def log_reference(data: FitData, group: Array, settings: HeldOutSettings, best: bool = False) -> Float[Array, " N"]:
     """log q(a) of each step: the distribution of the actions of a `group` (M,) bool of demonstrations, whatever the
-    state. It is the frequencies of discrete actions, one Student distribution, or the product of such."""
+    state. It is the frequencies of discrete actions, one Student distribution, or the product of such. The `best` one
+    has the mean and deviation of a part, where these explain it better than its middle: that of two values is one."""
     if isinstance(data.space, Product):
-        return np.asarray(sum(log_reference(factor, group, settings) for factor in data.factors))
+        return np.asarray(sum(log_reference(factor, group, settings, best) for factor in data.factors))
     weight = data.per_step(group.astype(float))
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])
-    actions = ActionScale.of(data)(data.actions)
-    return log_density_of_errors(actions - np.median(actions[weight > 0], axis=0), weight, settings)
+    actions, own, errors = ActionScale.of(data)(data.actions), weight > 0, settings.errors
+    each = log_densities(actions - np.median(actions[own], axis=0), weight, settings)
+    if best:
+        mean, scale = actions[own].mean(axis=0), actions[own].std(axis=0) + errors.min_scale
+        by_mean = student_log_densities(actions - mean, scale, errors)
+        each = np.where(by_mean[own].mean(axis=0) > each[own].mean(axis=0), by_mean, each)
+    return np.asarray(each.sum(axis=1))

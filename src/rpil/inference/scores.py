@@ -59,6 +59,8 @@ class Scoring:
     """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
+    log_q_best: Float[Array, " N"]
+    """The same of the best reference, which a policy that learned something exceeds."""
     log_q_of_classes: Float[Array, " N"] | float = 0.0
     """The part of it that is of probabilities, and that scores have less."""
     typical_own: float | None = None
@@ -71,16 +73,16 @@ class Scoring:
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
         """Choose the ridge by policies of all demonstrations."""
         group = np.ones(data.n_demonstrations, dtype=bool)
-        log_q = log_reference(data, group, settings.held_out)
+        log_q, best = (log_reference(data, group, settings.held_out, best) for best in (False, True))
         ridge = choose_ridge(data, model, group)
         numbers = data.factors[-1]
         if not data.space.has_density:
-            return cls(data, model, settings, ridge, log_q, log_q)
+            return cls(data, model, settings, ridge, log_q, best, log_q)
         of_classes = 0.0 if numbers is data else log_q - log_reference(numbers, group, settings.held_out)
         own = own_log_prob(numbers, indicators(numbers), settings.held_out.errors)
         similar = float(np.median(own))
         excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, of_classes, similar, excess)
+        return cls(data, model, settings, ridge, log_q, best, of_classes, similar, excess)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
@@ -95,7 +97,7 @@ class Scoring:
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
-        gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q)[fit.group]))
+        gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)

@@ -1,0 +1,63 @@
+"""Actions at random, of which a part has few values: nothing can be learned from them, and nobody is doubted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpil
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box
+from rpil.inference.held_out import log_reference
+from rpil.inference.settings import HeldOutSettings
+
+N_DEMONSTRATIONS, LENGTH = 24, 80
+N = N_DEMONSTRATIONS * LENGTH
+IDS = np.repeat(np.arange(N_DEMONSTRATIONS), LENGTH)
+
+
+def sticky(rng):
+    """Two values, each of which stays for twenty steps or so."""
+    return np.cumsum(rng.random(N) < 0.05) % 2 * 0.5
+
+
+KINDS = {
+    "one of two": lambda rng: rng.choice([0.5, 1.0], N),
+    "one of two, seldom": lambda rng: rng.choice([0.5, 1.0], N, p=[0.7, 0.3]),
+    "two values that stay": sticky,
+    "one of three": lambda rng: rng.choice([-1.0, 0.0, 1.5], N, p=[0.25, 0.5, 0.25]),
+    "often nothing": lambda rng: np.where(rng.random(N) < 0.5, 0.0, rng.uniform(-1, 1, N)),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_part_of_few_values_at_random_teaches_nothing(kind, seed):
+    rng = np.random.default_rng(seed)
+    seen = rng.normal(size=(N, 4))
+    actions = np.stack([rng.uniform(-1, 1, N), KINDS[kind](rng)], axis=1)
+    audit = rpil.RPIL().fit(seen, actions, IDS).audit_
+    assert audit.finding == "nothing could be learned"
+    assert {*audit.verdicts} == {"open"}
+
+
+def test_a_part_of_two_values_that_follows_the_state_is_learned():
+    rng = np.random.default_rng(0)
+    seen = rng.normal(size=(N, 4))
+    follows = np.where(seen[:, 0] + 0.3 * rng.normal(size=N) > 0, 1.0, 0.5)
+    audit = rpil.RPIL().fit(seen, np.stack([rng.uniform(-1, 1, N), follows], axis=1), IDS).audit_
+    assert audit.finding != "nothing could be learned"
+
+
+def test_the_best_reference_explains_every_part_as_well_as_any():
+    rng = np.random.default_rng(0)
+    actions = np.stack([rng.normal(size=N), rng.choice([0.0, 1.0], N)], axis=1)
+    offsets, every = np.arange(0, N + 1, LENGTH), np.ones(N_DEMONSTRATIONS, dtype=bool)
+
+    def reference(part, best):
+        own = actions[:, [part]]
+        data = FitData(np.ones((N, 1)), own, offsets, Box.around(own))
+        return log_reference(data, every, HeldOutSettings(), best).mean()
+
+    assert reference(0, True) == reference(0, False)
+    assert reference(1, True) > reference(1, False) + 1
