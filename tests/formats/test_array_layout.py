@@ -51,6 +51,90 @@ STACKED = {
 }
 
 
+LONGER = np.array([30, 22, 30, 9, 17, 26, 12, 30, 21, 15])
+"""Steps of demonstrations in arrays whose first index is the time."""
+
+
+def time_first(noise=False):
+    """Arrays (T, M, ...), and which rows of them are steps."""
+    rng, shape = np.random.default_rng(0), (max(LONGER), len(LONGER))
+    moves = rng.normal(size=(*shape, 2))
+    is_step = np.arange(shape[0])[:, None] < LONGER
+    seen = rng.normal(size=moves.shape) if noise else np.cumsum(moves, axis=0)
+    return {"observations": seen * is_step[..., None], "actions": moves * is_step[..., None]}, is_step
+
+
+def said_of_time_first():
+    arrays, is_step = time_first()
+    last = is_step & ~np.roll(is_step, -1, axis=0)
+    last[-1] = is_step[-1]
+    for noise in (False, True):
+        yield f"mask {noise}", time_first(noise)[0] | {"mask": is_step.astype(float)}
+    yield "mask of one column", arrays | {"mask": is_step[..., None]}
+    yield "ends", arrays | {"dones": last}
+    yield "lengths", arrays | {"lengths": LONGER}
+
+
+SAID = dict(said_of_time_first())
+
+
+@pytest.mark.parametrize("said", SAID)
+def test_the_first_index_may_be_the_time(said, tmp_path):
+    path = tmp_path / "time.npz"
+    np.savez(path, **SAID[said])
+    found = rpil.read(path)
+    assert found.lengths.tolist() == LONGER.tolist()
+    for m, (seen, moves) in enumerate(found):
+        np.testing.assert_array_equal(seen, SAID[said]["observations"][: LONGER[m], m])
+        np.testing.assert_array_equal(moves, SAID[said]["actions"][: LONGER[m], m])
+
+
+@pytest.mark.parametrize("said", ["mask False", "lengths"])
+def test_what_is_kept_of_arrays_with_the_time_first_has_it_first(said, tmp_path):
+    np.savez(tmp_path / "time.npz", **SAID[said])
+    rpil.open(tmp_path / "time.npz").keep([2, 5, 6], tmp_path / "kept.npz", {5: (4, 20)})
+    with np.load(tmp_path / "kept.npz") as kept:
+        assert kept["observations"].shape == (30, 3, 2)
+    found, whole = rpil.read(tmp_path / "kept.npz"), rpil.read(tmp_path / "time.npz")
+    assert found.lengths.tolist() == [30, 16, 12]
+    np.testing.assert_array_equal(found.observations[30:46], whole.select([5]).observations[4:20])
+    rpil.open(tmp_path / "time.npz").keep([0, 2], tmp_path / "full.npz")
+    assert rpil.read(tmp_path / "full.npz").lengths.tolist() == [30, 30]
+
+
+def test_one_observation_more_in_the_first_index_says_that_it_is_the_time(tmp_path):
+    arrays = {"observations": np.arange(72.0).reshape(6, 4, 3), "actions": np.ones((5, 4, 2)) * np.arange(2)}
+    np.savez(tmp_path / "time.npz", **arrays)
+    found = rpil.read(tmp_path / "time.npz")
+    assert found.lengths.tolist() == [5] * 4
+    np.testing.assert_array_equal(found.observations[5:10], arrays["observations"][:5, 1])
+
+
+def test_arrays_whose_first_index_seems_to_be_the_time_are_asked_about(tmp_path):
+    path = tmp_path / "time.npz"
+    moves = np.random.default_rng(0).normal(size=(30, 10, 2))
+    arrays = {"observations": np.cumsum(moves, axis=0), "actions": moves}
+    np.savez(path, **arrays)
+    with pytest.raises(DataError, match="seems to be the time, and the second one of 10 demonstrations; add an array"):
+        rpil.read(path)
+    np.savez(path, **arrays, mask=np.ones((30, 10)))
+    with pytest.raises(DataError, match="seems to be the time"):
+        rpil.read(path)
+    np.savez(path, **arrays, lengths=np.full(10, 30))
+    assert rpil.read(path).lengths.tolist() == [30] * 10
+    for asked in ({name: np.swapaxes(array, 0, 1) for name, array in arrays.items()}, time_first(noise=True)[0]):
+        np.savez(path, **asked)
+        assert len(rpil.read(path)) == len(asked["actions"])
+
+
+def test_arrays_of_hdf5_with_the_time_first_are_refused(tmp_path):
+    with h5py.File(tmp_path / "time.hdf5", "w") as file:
+        for name, array in SAID["mask False"].items():
+            file[name] = array
+    with pytest.raises(DataError, match="the first index of its arrays is the time; swap the first two axes"):
+        rpil.read(tmp_path / "time.hdf5")
+
+
 @pytest.fixture(params=[".npz", ".hdf5"])
 def written(request, tmp_path):
     def write(arrays):

@@ -57,21 +57,23 @@ def test_wall_clock_times_state_the_order_and_clocks_of_episodes_do_not(tmp_path
 
 
 @pytest.mark.parametrize("name", ["folder of CSV", "folder of Parquet"])
-def test_one_file_each_states_the_order_by_the_numbers_in_the_names(tmp_path, name):
+def test_a_file_each_states_no_order_as_one_file_with_these_ids_states_none(tmp_path, name):
     path = SAMPLES[name](tmp_path)
     suffix = next(path.iterdir()).suffix
     for old, new in (("0", "ep_10"), ("1", "ep_9"), ("2", "ep_11")):
         (path / f"{old}{suffix}").rename(path / f"{new}{suffix}")
-    recordings = [formats.read_recording(path)]
-    if suffix == ".parquet":
-        recordings.append(formats.read_recording(path, on_disk=True))
-    for recording in recordings:
-        found = recording.facts
-        assert found.order_source == "one file each"
-        firsts = [recording.demonstrations.select([m]).observations[0, 0] for m in np.argsort(found.order)]
-        assert firsts == [STATES[m == OWNERS][0, 0] for m in (1, 0, 2)]
-    (path / f"ep_9{suffix}").rename(path / f"ep_9 (copy){suffix}")
     assert facts(path).order is None
+    assert suffix != ".parquet" or facts(path, True).order is None
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_times_of_any_name_state_the_order(tmp_path, on_disk):
+    starts = 1.7e9 + np.array([5000.0, 0.0, 900.0])
+    seconds = starts[OWNERS] + np.concatenate([np.arange(n) / 20 for n in LENGTHS])
+    for name in ("time", "utc", "Zeit"):
+        columns = {"episode": OWNERS, "x": STATES[:, 0], "action": STATES[:, 1], name: seconds}
+        pq.write_table(pa.table(columns), tmp_path / "a.parquet", row_group_size=4)
+        np.testing.assert_array_equal(facts(tmp_path / "a.parquet", on_disk).order, starts)
 
 
 def write_table(path: Path, frame: pa.Table) -> None:

@@ -32,7 +32,7 @@ class Facts:
     order : (M,) array, optional
         The position of each demonstration in the order that the file states; None where it states none.
     order_source : str
-        What states it, as "episode_index", "timestamp" or "one file each".
+        What states it, as "episode_index" or "timestamp".
     sessions : tuple of M str
         The session of each demonstration; empty where none are known.
     outcome : (M,) array, optional

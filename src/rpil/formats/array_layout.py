@@ -98,12 +98,13 @@ class ArrayLayout:
                 steps = kept[k][np.append(own, own[-1] + 1)[cut.rows(name, n_after)]]
                 kept[k] = np.concatenate([steps, np.zeros_like(kept[k][len(steps) :])])
 
-    def new_arrays(self, arrays: Tree, ids: Sequence[Id], cuts: Cuts, source: str) -> dict[str, Array]:
-        """What tells the demonstrations `ids` apart where their arrays do not: lengths where steps are cut, or timeouts
-        where no array marks those that were cut short."""
+    def new_arrays(self, arrays: Tree, ids: Sequence[Id], cuts: Cuts, source: str, swaps: bool) -> dict[str, Array]:
+        """What tells the demonstrations `ids` apart where their arrays do not: lengths where steps are cut or the time
+        comes first, or timeouts where no array marks those that were cut short."""
         if self.is_step is not None or self.by_demonstration:
             name = first(arrays, _LENGTHS) or _LENGTHS[1]
-            if not cuts or (self.is_step is None and (name not in arrays or arrays[name].shape[0] != len(self.names))):
+            is_known = name in arrays and arrays[name].shape[0] == len(self.names)
+            if not (cuts or swaps) or (self.is_step is None and not is_known):
                 return {}
             owners = self.ids if self.is_step is None else np.repeat(self.ids, self.is_step.sum(axis=1))
             return {name: np.array([*Counter(owners[kept_rows(owners, ids, cuts)].tolist()).values()])}
@@ -168,6 +169,8 @@ def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayo
     if ids.dtype.kind == "f" and are_whole(ids):
         ids = ids.astype(np.int64)
     if is_stacked(arrays):
+        if time_first(arrays, source):
+            raise DataError(f"{source}: the first index of its arrays is the time; swap the first two axes of each.")
         is_step, note = _is_step(arrays, arrays[str(first(arrays, ACTIONS))].shape[:2], source)
         return ArrayLayout(column, ids, note, is_step)
     if named:
@@ -205,7 +208,35 @@ def is_stacked(arrays: Tree) -> bool:
     acted, seen = arrays[actions].shape, arrays[observations].shape
     of_rows = [name for name in (*_MARKS, *EPISODE) if name in arrays and arrays[name].shape == acted[:1]]
     flat = any(name in _MARKS or len({*_values(arrays[name]).tolist()}) < acted[0] for name in of_rows)
-    return not flat and len(acted) > 1 and len(seen) == 3 and seen[0] == acted[0] and seen[1] - acted[1] in (0, 1)
+    longer = seen[0] - acted[0], seen[1] - acted[1] if len(acted) > 1 and len(seen) == 3 else -1
+    return not flat and longer in ((0, 0), (0, 1), (1, 0))
+
+
+def time_first(arrays: Tree, source: str) -> tuple[int, ...] | None:
+    """T and M, where arrays are (T, M, ...): each demonstration has one run of true in a mask, or in what marks ends,
+    or there are M lengths or ids, or T + 1 observations; else None. A `DataError` where only the values look so."""
+    if not is_stacked(arrays):
+        return None
+    shape, seen = arrays[str(first(arrays, ACTIONS))].shape[:2], arrays[str(first(arrays, OBSERVATIONS))]
+    if seen.shape[0] > shape[0]:
+        return shape
+    told = [{arrays[name].shape for name in (*_LENGTHS, *EPISODE) if name in arrays}]
+    flags = {name: one for name, one in arrays.items() if one.shape in (shape, (*shape, 1))}
+    if name := first(flags, (*_MASKS, *_TERMINALS, *_CUTS)):
+        flag = np.asarray(_values(flags[name]).reshape(shape) != 0, dtype=int)
+        runs = [(np.diff(flag, axis=k, prepend=0) > 0).sum(axis=k) for k in (0, 1)]
+        told += [{shape[1 - k :][:1] for k in (0, 1) if np.all(runs[k] == 1)}]
+    for one in told:
+        if (shape[:1] in one) != (shape[1:] in one):
+            return shape if shape[1:] in one else None
+    values = np.asarray(seen[:99], dtype=float)[:, :99]
+    with np.errstate(invalid="ignore"):
+        pairs = ((values - np.roll(values, n, axis=k) for n in (1, values.shape[k] // 2)) for k in (0, 1))
+        (near, far), (beside, apart) = ([np.abs(one).mean() for one in pair] for pair in pairs)
+    if min(values.shape[:2]) > 7 and 2 * near < far and 4 * beside > 3 * apart:
+        fault = f"the first index of its arrays seems to be the time, and the second one of {shape[1]:,} demonstrations"
+        raise DataError(f"{source}: {fault}; add an array lengths, with the steps of each, or swap the two axes.")
+    return None
 
 
 def _lengths(arrays: Tree, n_steps: int) -> str | None:
@@ -233,10 +264,8 @@ def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, 
         is_end = np.any([_values(stacked[name]).reshape(shape) != 0 for name in ends], axis=0)
         again = np.flatnonzero((np.diff(is_end.astype(int), axis=1, prepend=0) > 0).sum(axis=1) > 1)
         if len(again):
-            raise DataError(
-                f"{source}: {' or '.join(ends)} end more than one demonstration in the first index {again[0]}; write "
-                "each one as a first index, or all steps end to end."
-            )
+            fault = f"{' or '.join(ends)} end more than one demonstration in the first index {again[0]}"
+            raise DataError(f"{source}: {fault}; write each one as a first index, or all steps end to end.")
         is_step = np.cumsum(is_end, axis=1) - is_end == 0  # up to the first end
         return is_step, f"{words}, which ends at {' or '.join(ends)}."
     return np.ones(shape, bool), f"{words} of {longest:,} steps."
@@ -286,10 +315,8 @@ def _flags(arrays: Tree, name: str, n_steps: int, source: str) -> Array:
         return np.zeros(n_steps, bool)
     array = arrays[name]
     if array.shape not in ((n_steps,), (n_steps, 1)) or array.dtype.kind not in "biuf":
-        raise DataError(
-            f"{source}: {name} has the shape {array.shape} and the type {array.dtype} for {n_steps:,} actions; write "
-            "one 0 or 1 for each."
-        )
+        fault = f"{name} has the shape {array.shape} and the type {array.dtype} for {n_steps:,} actions"
+        raise DataError(f"{source}: {fault}; write one 0 or 1 for each.")
     return np.asarray(_values(array).reshape(-1) != 0)
 
 
@@ -302,10 +329,8 @@ def _jumps(arrays: Tree, following: str, n_steps: int, source: str) -> Array | N
     if seen is None:
         return None
     if arrays[following].shape != arrays[seen].shape or arrays[seen].shape[:1] != (n_steps,):
-        raise DataError(
-            f"{source}: {following} has the shape {arrays[following].shape} and {seen} {arrays[seen].shape} for "
-            f"{n_steps:,} actions; write both for every step."
-        )
+        shapes = f"{following} has the shape {arrays[following].shape} and {seen} {arrays[seen].shape}"
+        raise DataError(f"{source}: {shapes} for {n_steps:,} actions; write both for every step.")
     then, now = _values(arrays[following])[:-1], _values(arrays[seen])[1:]
     differs = (then != now) & ((then == then) | (now == now))  # a value that is missing in both is the same
     jumps = np.append(differs.any(axis=tuple(range(1, differs.ndim))), False)

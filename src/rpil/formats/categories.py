@@ -51,7 +51,7 @@ def find_categories(rows: Rows, columns: Columns, places: Places) -> tuple[Colum
     left = {*columns.texts} - {*found} if not columns.observations_given else set[str]()
     if left == {*columns.observations} and left and not columns.history:
         raise DataError(f"{columns.source}: no column holds observations; name them with <option>.", "observations")
-    return columns.without_observations(left, "text"), found
+    return columns.without_observations(dict.fromkeys(sorted(left), "text")), found
 
 
 def indicators(texts: pa.ChunkedArray, categories: Sequence[str]) -> Array:

@@ -14,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.categories import are_few
-from rpil.formats.columns import LENGTH, STRETCH, ColumnOptions, Columns, Kind, Names, check_names
+from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
 from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id, text_with_time
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
 )
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
-_TIME = "time or number of the step"
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     ("written list", "written list"),
     ("nested", "images or nested values"),
@@ -41,8 +40,8 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     ("empty", "no values"),
     ("counter", "number of the row"),
     (spellings.ROW_INDEX, "number of the row"),
-    ("time", _TIME),
-    *((pattern, _TIME) for pattern in spellings.ORDER_COLUMNS),
+    ("time", TIME_OF_STEP),
+    *((pattern, TIME_OF_STEP) for pattern in spellings.ORDER_COLUMNS),
     (spellings.OUTCOME, "reward, end or verdict"),
     (spellings.NEXT_STEP, "what follows the step"),
     (spellings.OF_EPISODE, "describes a demonstration as a whole"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Literal
@@ -28,6 +28,7 @@ STRETCH = "pauses"
 LENGTH = "length"
 """What a user names in the place of a column: the number of steps of each demonstration."""
 
+TIME_OF_STEP = "time or number of the step"  # why a column is no observation
 _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
 
 
@@ -130,11 +131,11 @@ class Columns:
     agent: str | None = None
     intervention: str | None = None  # a flag of the steps in which a person had taken over
 
-    def without_observations(self, names: Set[str], reason: str) -> Columns:
-        """The same, where some columns are no observations for a `reason`."""
-        ignored = {**self.ignored, **dict.fromkeys(sorted(names), reason)}
-        left, texts = (tuple(m for m in own if m not in names) for own in (self.observations, self.texts))
-        return replace(self, observations=left, texts=texts, ignored=ignored)
+    def without_observations(self, reasons: Mapping[str, str]) -> Columns:
+        """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
+        ignored, clocks = {**self.ignored, **reasons}, (m for m, why in reasons.items() if why == TIME_OF_STEP)
+        left, texts = (tuple(m for m in own if m not in reasons) for own in (self.observations, self.texts))
+        return replace(self, observations=left, texts=texts, ignored=ignored, times=(*self.times, *clocks))
 
     @property
     def guess(self) -> DataWarning:

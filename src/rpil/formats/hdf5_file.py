@@ -48,7 +48,7 @@ def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptio
         hdf5.copy_arrays(arrays, new, lambda name, array: layout.kept_rows(name, array, kept, cuts))
         for name in arrays:
             layout.cut_stacked(name, new[name], kept, cuts)
-        for name, values in layout.new_arrays(arrays, kept, cuts, path.name).items():
+        for name, values in layout.new_arrays(arrays, kept, cuts, path.name, False).items():
             if name in arrays:
                 new[name][...] = values
             else:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.names import quoted
 from rpil.data.npy import Npz, opened_npz, write_npz
-from rpil.formats.array_layout import ACTIONS, OBSERVATIONS, first, is_stacked, layout_of, n_actions, read_arrays
+from rpil.formats import array_layout as layouts
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cuts
@@ -32,13 +33,15 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     source = path.name
     with opened_npz(path) as stored:
         arrays, options = _by_role(arrays_of(stored), options, source)
+        arrays |= _turned(arrays, layouts.time_first(arrays, source))
         named = arrays.pop(_OPTIONAL, None)
         names = () if named is None else as_names(np.asarray(named[:]), source)
         if len(names) == 1 and "observation" in arrays:
             arrays[f"observation.{names[0]}"] = arrays.pop("observation")
-        found = read_arrays(arrays, source, "NPZ", options, metadata=Metadata(names={"observation": names}))
+        found = layouts.read_arrays(arrays, source, "NPZ", options, metadata=Metadata(names={"observation": names}))
         damaged = dict.fromkeys({*stored.names} - {*arrays_of(stored)}, "no array that is known")
-    return replace(found.with_ignored(damaged), sizes={} if is_stacked(arrays) else {source: n_actions(arrays)})
+    sizes = {} if layouts.is_stacked(arrays) else {source: layouts.n_actions(arrays)}
+    return replace(found.with_ignored(damaged), sizes=sizes)
 
 
 def arrays_of(stored: Npz) -> dict[str, Closed]:
@@ -57,11 +60,11 @@ def _by_role(
     the options but for these."""
     found = dict(arrays)
     for role, names, usual in (
-        ("observation", options.observations, OBSERVATIONS),
-        ("action", options.action, ACTIONS),
+        ("observation", options.observations, layouts.OBSERVATIONS),
+        ("action", options.action, layouts.ACTIONS),
     ):
         given = as_list(names)
-        name = first(arrays, given or usual)
+        name = layouts.first(arrays, given or usual)
         if name is None and not given:
             there = quoted(arrays) or "none"
             raise DataError(f"{source}: no array is called {usual[0]!r}; save it under that name (found {there}).")
@@ -70,6 +73,12 @@ def _by_role(
             found = {role: arrays[name], **{other: one for other, one in found.items() if other not in (name, role)}}
             options = replace(options, action=()) if role == "action" else replace(options, observations=())
     return found, options
+
+
+def _turned(arrays: Mapping[str, Closed | Array], shape: tuple[int, ...] | None) -> dict[str, Any]:
+    """The arrays that are (T, M, ...) or (T + 1, M, ...) by the `shape` T and M, as (M, T, ...) or (M, T + 1, ...)."""
+    own = [name for name in arrays if shape and arrays[name].shape[:2] in (shape, (shape[0] + 1, shape[1]))]
+    return {name: np.swapaxes(np.asarray(arrays[name][:]), 0, 1) for name in own}
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -93,15 +102,18 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     """
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
-        layout = layout_of(_by_role(arrays_of(stored), options, path.name)[0], path.name, options.id)
+        roles = _by_role(arrays_of(stored), options, path.name)[0]
+        shape = layouts.time_first(roles, path.name)
+        layout = layouts.layout_of({**roles, **_turned(roles, shape)}, path.name, options.id)
+    arrays |= (swapped := _turned(arrays, shape))
     layout = replace(layout, by_demonstration=layout.by_demonstration or layout.column in arrays)
     kept = [name for name in layout.names if str(name) in ids]
-    added = layout.new_arrays(arrays, kept, cuts, path.name)
+    added = layout.new_arrays(arrays, kept, cuts, path.name, shape is not None)
     rows = {name: layout.kept_rows(name, array, kept, cuts) for name, array in arrays.items() if name != _OPTIONAL}
     arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
     for name, array in arrays.items():
         layout.cut_stacked(name, array, kept, cuts)
-    write_npz(output, {**arrays, **added})
+    write_npz(output, {**arrays, **{name: np.swapaxes(arrays[name], 0, 1) for name in swapped}, **added})
     return {*map(str, kept)}
 
 

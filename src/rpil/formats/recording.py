@@ -19,7 +19,7 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.categories import find_categories
-from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
@@ -184,7 +184,7 @@ class Recording:
         """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
         places, kept = self.found.places.only(mask)
         rows, source = self.rows.chosen(kept), self.origin.source
-        again = scan(rows, self.found.actions.layout, self.columns, source, places)
+        again = scan(rows, self.found.actions.layout.without(self.found.left_out), self.columns, source, places)
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
@@ -231,7 +231,7 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
 def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     offsets = found.places.offsets
-    columns = columns.without_observations(found.last_actions, "it repeats the last action")
+    columns = columns.without_observations(found.left_out)
     columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, offsets)))
     clock = find_clock(read_columns(rows, clock_columns(columns)), columns, offsets)
     description = _describe(columns, found, origin, clock)
@@ -255,7 +255,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
     seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
     # Columns of time are read for other things too than the order of the steps.
     others = (name for name in (*columns.orders, *columns.index) if name != places.order.column)
-    times, videos = dict.fromkeys(others, "time or number of the step"), dict.fromkeys(metadata.videos, "video")
+    times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     return Description(
         source=origin.source,
         format=origin.format_name,

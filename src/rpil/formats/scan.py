@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from math import inf
@@ -15,7 +15,7 @@ from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, action_kind, 
 from rpil.data.errors import DataError
 from rpil.data.text import counted
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
+from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.description import commas
 from rpil.formats.layout import Layout, value_type
 from rpil.formats.places import Places
@@ -167,9 +167,8 @@ class ScannedActions:
         return replace(layout, actions=actions, action_names=tuple(names), part_classes=tuple(classes))
 
 
-_FEW_STEPS = 10  # with fewer a text is rare
-_CHANGES = 10
-"""Steps with another action than the step before, at least, before a column is said to repeat the last action."""
+_FEW_STEPS = 10  # with fewer a text is rare; and changes of the action, to see that a column repeats the last one
+_ROUNDING = 1e-3  # of the steps of a time, as texts round them
 
 
 @dataclass(eq=False)
@@ -184,6 +183,8 @@ class ScannedColumns:
         All columns of data, and those of the actions.
     repeats : set of str
         Columns of observations, as wide as the action, that repeat the action of the step before.
+    clocks : dict of str to float
+        Columns of one number that grow by this constant in every step, which is infinite before the first.
     missing : dict of str to int
         Missing values by column.
     low, high : dict of str to array
@@ -196,6 +197,7 @@ class ScannedColumns:
     actions: Sequence[str] = ()
     masks: Mapping[str, Array] = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
+    clocks: dict[str, float] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
     low: dict[str, Array] = field(default_factory=dict)
     high: dict[str, Array] = field(default_factory=dict)
@@ -224,6 +226,7 @@ class ScannedColumns:
             if values is None or (before is not None and len(before) != values.shape[1]):
                 faulty = flat.faulty_rows(table[name], None if before is None else len(before), mask)
                 self.faulty.update(owners[faulty].tolist())
+                self.clocks.pop(name, None)
             elif values.size:
                 self._add(name, values, same)
                 read[name] = values
@@ -247,13 +250,15 @@ class ScannedColumns:
             self._n_changes += int((before != actions[same]).any(axis=1).sum())
             self._action = actions[-1:]
 
-    def leave_out_repeats(self, n_observations: int) -> Set[str]:
-        """Forget the `repeats`, if enough changes tell and others of the `n_observations` columns are left; them."""
-        if self._n_changes < _CHANGES or len(self.repeats) == n_observations:
-            return set()
-        self.columns = [name for name in self.columns if name not in self.repeats]
-        self.missing = {name: n for name, n in self.missing.items() if name not in self.repeats}
-        return self.repeats
+    def leave_out(self, n_observations: int) -> dict[str, str]:
+        """Forget `repeats`, if enough changes tell, and `clocks`, unless no other is left; these columns, and why."""
+        repeats = sorted(self.repeats) if self._n_changes >= _FEW_STEPS else []
+        found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
+        if len(found) == n_observations:
+            return {}
+        self.columns = [name for name in self.columns if name not in found]
+        self.missing = {name: n for name, n in self.missing.items() if name not in found}
+        return found
 
     def _add(self, name: str, values: Array, same: Array) -> None:
         columns = np.ascontiguousarray(values.T)  # in which numbers are compared fast
@@ -263,10 +268,22 @@ class ScannedColumns:
         self.low[name], self.high[name] = low, high
         is_constant = np.ones(values.shape[1], dtype=bool)
         within, always = self._within.get(name, is_constant), self._always.get(name, is_constant)
-        if within.any():  # and else no column is always the same either
-            repeats = values == np.concatenate([self._last.get(name, values[:1]), values[:-1]])
+        if within.any() or name in self.clocks:  # and else no column is always the same either
+            before = np.concatenate([self._last.get(name, values[:1]), values[:-1]])
+            if name in self.clocks and same.any():
+                self._follow_clock(name, values[same], before[same])
+            repeats = values == before
             within, always = within & repeats[same].all(axis=0), always & repeats.all(axis=0)
         self._within[name], self._always[name], self._last[name] = within, always, values[-1:]
+
+    def _follow_clock(self, name: str, values: Array, before: Array) -> None:
+        """Strike out a clock that does not grow by its constant, but for the rounding of its numbers."""
+        with np.errstate(invalid="ignore"):
+            grown, rounding = np.subtract(values, before, dtype=float), 2 * np.spacing(np.abs(values).max())
+            step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
+            near = _ROUNDING * step + float(rounding)
+            if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
+                del self.clocks[name]
 
     def ranges(self, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[float, float]]:
         """Smallest and largest of the numbers that are there; `names` are those of the numbers of each column."""
@@ -291,8 +308,8 @@ class Scan:
     statistics: ScannedColumns
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
-    last_actions: Set[str]
-    """Columns that were to be observations, and repeat the last action."""
+    left_out: Mapping[str, str]
+    """Columns that were to be observations, and why their values are none: the last action, or a time."""
 
     @property
     def action_range(self) -> tuple[Array, Array]:
@@ -309,6 +326,8 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     if not columns.observations_given:
         numbers = [one for one in layout.observations if one[0] not in layout.categories]
         statistics.repeats = {name for name, width in numbers if width == max(layout.n_parts, 1)}
+        if np.diff(places.offsets).max(initial=1) > 2:  # any two numbers differ by a constant
+            statistics.clocks = dict.fromkeys((name for name, width in numbers if width == 1), inf)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
@@ -317,8 +336,8 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
-    repeated = statistics.leave_out_repeats(len(layout.observations))
+    left_out = statistics.leave_out(len(layout.observations))
     if columns.history >= (n := int(np.diff(places.offsets).max(initial=1))):
         raise DataError(f"{source}: demonstrations have at most {counted(n, 'step')}; give <option> fewer.", "history")
-    finished = actions.finish(source).without(repeated).with_history(columns.history, actions.classes)
-    return Scan(places, finished, actions, statistics, operators, tasks, repeated)
+    finished = actions.finish(source).without(left_out).with_history(columns.history, actions.classes)
+    return Scan(places, finished, actions, statistics, operators, tasks, left_out)

@@ -3,7 +3,6 @@ the facts that nothing uses unasked."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
@@ -14,7 +13,7 @@ import numpy as np
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
 from rpil.data.json_files import Parsed
-from rpil.data.names import EPISODE, natural_key, plain_name, quoted
+from rpil.data.names import EPISODE, plain_name, quoted
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 MAX_NAMES = 20
 """Tasks and operators of a description, at most."""
 
-ONE_FILE_EACH = "one file each"
 SIZES = "total_episodes", "total_frames"
 
 
@@ -114,20 +112,12 @@ def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[
 def _order(
     table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin
 ) -> tuple[Float[Array, " M"] | None, str]:
-    """The place of each demonstration, and what states it: LeRobot's index, wall-clock times, or one file each."""
+    """The place of each demonstration, and what states it: LeRobot's index, or wall-clock times."""
     if not origin.files:
         return None, ""
     if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(ids[0], int):
         return np.array(ids, dtype=float), columns.episode
-    found = start_times({name: table[name] for name in clock_columns(columns)}, offsets)
-    if found is not None:
-        return found[1].astype(float), found[0]
-    # Names that differ in more than their numbers, as those of people or of copies, state no order.
-    names = sorted(set(origin.files), key=natural_key)
-    if 1 < len(names) == len(ids) and len({re.sub(r"\d+", "0", name) for name in names}) == 1:
-        place = {name: float(k) for k, name in enumerate(names)}
-        return np.array([place[name] for name in origin.files]), ONE_FILE_EACH
-    return None, ""
+    return start_times({name: table[name] for name in clock_columns(columns)}, offsets)
 
 
 def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], origin: Origin) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def usual_step(steps: Array) -> float | None:
 def clock_columns(columns: Columns) -> list[str]:
     """The columns that may hold the time of each step, the likeliest first."""
     named = [name for name in columns.all if plain_name(name) in TIMESTAMP]
-    return list(dict.fromkeys([*columns.orders, *named]))
+    return list(dict.fromkeys([*columns.orders, *named, *columns.times]))
 
 
 def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | None:
@@ -113,28 +113,26 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     words = plain_name(name).split("_")
     if words[-1] in _SECONDS and len(words) > 1:
         return _SECONDS[words[-1]]
-    if not _WORDS_OF_TIME & set(words):
-        return None
     largest = float(np.abs(values).max())
     for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if largest > limit:
             return unit
+    if not _WORDS_OF_TIME & set(words):
+        return None
     return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
 
 
-def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple[str, Array] | None:
-    """The first of the `columns` in which each demonstration has a wall-clock time of its own, and when each starts.
+def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple[Array | None, str]:
+    """When each demonstration starts, and the first of the `columns` in which each has a wall-clock time of its own.
 
-    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
-    demonstration, or with the recorder, do not tell which demonstration came first.
+    The columns are in the order of the demonstrations. None, and no name, where none has: clocks that begin anew with
+    each demonstration, or with the recorder, do not tell which demonstration came first.
     """
     for name, column in columns.items():
         seconds = _since_1970(name, column)
-        if seconds is not None:
-            starts = seconds[offsets[:-1]]
-            if len(np.unique(starts)) == len(starts):
-                return name, starts
-    return None
+        if seconds is not None and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
+            return starts.astype(float), name
+    return None, ""
 
 
 def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
@@ -145,9 +143,6 @@ def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
         column = column.cast(pa.timestamp("s"))
     values = order_values(column)
     if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
-        return None
-    words = {*_WORDS_OF_TIME, "date", "datetime"} & {*plain_name(name).split("_")}
-    if not words and not pa.types.is_timestamp(column.type):
         return None
     seconds = values * (unit_of(name, column.type, values) or 1.0)
     low, high = _WALL_CLOCK

@@ -156,7 +156,7 @@ class HeldOutRidge(_Linear):
         self.actions = ActionScale.of(self.data)(self.data.actions)
 
     def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return log_densities(self.errors(weight, ridge), other, self.settings).sum(axis=1)
+        return np.asarray(log_densities(self.errors(weight, ridge), other, self.settings).sum(axis=1))
 
     def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         return log_densities(self.errors(weight, ridge), weight, self.settings)
