@@ -84,7 +84,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
 )
 def test_what_is_damaged_is_one_sentence(text, tmp_path):
     (tmp_path / "a.jsonl").write_text(text)
-    with pytest.raises(DataError, match=r"^a\.jsonl: .*\.$"):
+    with pytest.raises(DataError, match=r"^a\.jsonl[:,] .*\.$"):
         rpil.read(tmp_path / "a.jsonl")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import check_paths, open_with_missing
+from rpil.cli.commands import check_paths, open_with_missing, tell_of_set_aside
 from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
@@ -66,13 +66,15 @@ def check(
 
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        skip_bad, columns = columns.skip_bad, replace(columns, skip_bad=False)  # their missing values are findings
+        skip_bad = columns.skip_bad
+        columns = replace(columns, skip_bad=False, skip_damage=skip_bad)  # whose missing values are findings
         read = open_with_missing(file, columns, progress, options["stream"])
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         given = {"fps": options["fps"], "video": options["video"], "expected": suppressed}
         report = find_faults(read, skip_bad=skip_bad, **given)
         if output:
             report.write(output)
+    tell_of_set_aside(read)
     if options["json_wanted"] or form == "json":
         click.echo(terminal.to_json(terminal.schema("check") | report.to_dict()))
     elif form == "text":

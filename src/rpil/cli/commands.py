@@ -173,10 +173,8 @@ def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[
 
 
 def tell_of_set_aside(recording: Recording) -> None:
-    """Name the demonstrations that --skip-bad left out, for commands that do not print what was read."""
-    from rpil.formats.chosen import set_aside_lines
-
-    for line in set_aside_lines(recording.set_aside):
+    """Name what --skip-bad left out, for commands that do not print what was read."""
+    for line in recording.left_out:
         click.echo(line, err=True)
 
 

@@ -160,7 +160,9 @@ COLUMN_OPTIONS = (
     ),
     click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
-    click.option("--skip-bad", is_flag=True, help="Set demonstrations with missing values aside, and go on."),
+    click.option(
+        "--skip-bad", is_flag=True, help="Set demonstrations with missing values aside; skip damaged lines and files."
+    ),
     click.option(
         "--memory",
         metavar="SIZE",
@@ -231,9 +233,9 @@ def with_options(*options: Option) -> Option:
 def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.id_values import is_id_file
-    from rpil.formats.columns import ColumnOptions
+    from rpil.formats.columns import INTERNAL, ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk", "guess"}
+    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", *INTERNAL}
     operator = options["operator"]
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,

@@ -39,6 +39,10 @@ class DataError(SentenceWithOptions, ValueError):
     """Bad input."""
 
 
+class DamagedError(DataError):
+    """Bad input because of what is in a file; another file beside it may be sound."""
+
+
 class DataWarning(SentenceWithOptions, UserWarning):
     """Something about the data that a user may want to change."""
 

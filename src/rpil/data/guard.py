@@ -6,7 +6,7 @@ import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DamagedError, DataError, MissingExtraError
 from rpil.data.files import StrPath
 from rpil.data.privacy import without_secrets
 
@@ -39,7 +39,7 @@ def guarded(
             raise DataError(f"{where}: the system could not read it ({in_words(error)}); try again.") from error
         if is_own and isinstance(error, PermissionError):
             raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
-        raise DataError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
+        raise DamagedError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
 
 
 def in_words(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -74,7 +75,7 @@ def check(
     """
     check_options(columns)
     skip_bad = columns.pop("skip_bad", False)
-    options = ColumnOptions(**columns)
+    options = ColumnOptions(**columns, skip_damage=skip_bad and isinstance(data, str | os.PathLike))
     is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
     recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     times = _times_of(recording, times, fps)

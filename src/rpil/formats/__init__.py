@@ -28,7 +28,6 @@ from rpil.data.memory import Size
 from rpil.data.names import is_data
 from rpil.data.persons import Label
 from rpil.formats.arrow import Frame, read_frame
-from rpil.formats.chosen import set_aside_lines
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.columns_file import write_weights
 from rpil.formats.description import Description
@@ -109,7 +108,8 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     only, without : str, int or sequence of these
         Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
     skip_bad : bool
-        Leave demonstrations out in which a value is missing or infinite, with a warning that names them.
+        Leave out demonstrations in which a value is missing or infinite, damaged lines of text, and damaged files of a
+        folder, with a warning that names them.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
@@ -130,7 +130,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         return Demonstrations.from_episodes(path)
     recording = read_recording(path, options)
     demonstrations = recording.demonstrations
-    for line in set_aside_lines(recording.set_aside):
+    for line in recording.left_out:
         warnings.warn(f"{recording.description.source}: {line}", stacklevel=2)
     assert isinstance(demonstrations, Demonstrations)
     return demonstrations

@@ -12,12 +12,9 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.formats.columns import ColumnOptions, Ids
-from rpil.formats.description import commas
-from rpil.formats.recording import Recording
+from rpil.formats.recording import Recording, set_aside_lines
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
-
-_MOST_NAMED = 30  # in one line
 
 
 def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
@@ -46,12 +43,6 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *set_aside_lines(names))
     described = replace(found.description, notes=notes)
     return replace(found, description=described, ids=ids, set_aside=names)
-
-
-def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
-    """The line that names the demonstrations that were set aside; none where there are none."""
-    named = commas(list(map(str, ids)), _MOST_NAMED)
-    return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
 
 
 def _listed(wanted: Ids) -> list[Id]:

@@ -23,7 +23,8 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, without_suffix
+from rpil.formats.damage import skipped_files, skipped_lines, without_damaged
+from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
@@ -51,12 +52,13 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     file = find_dialect(path, options)
     note = () if file.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {file.encoding}.",)
-    return _read({path.name: file}, find_text_columns(file, options), Origin(path.name, file.words, notes=note))
+    origin = Origin(path.name, file.words, notes=note, skipped=skipped_lines(path.name, file.skipped))
+    return _read({path.name: file}, find_text_columns(file, options), origin)
 
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
-    files = {name: find_dialect(path, options) for name, path in names_in_folder(paths).items()}
+    files, skipped = readable(names_in_folder(paths), options)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
@@ -67,7 +69,14 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
         other = seen.setdefault(without_suffix(name), name)
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
-    return _read(files, columns, Origin(source, f"{first.words}, {counted(len(paths), 'file')}"))
+    return _read(files, columns, Origin(source, f"{first.words}, {counted(len(files), 'file')}", skipped=skipped))
+
+
+def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
+    """The text tables at the paths, by their names, and sentences on lines and files that are skipped."""
+    files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options)
+    lines = [skipped_lines(name, file.skipped) for name, file in files.items()]
+    return files, (*skipped_files(damaged), *itertools.chain(*lines))
 
 
 def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
@@ -224,7 +233,9 @@ def _read_table(file: TextTable, columns: Columns) -> Rows:
     with guarded(file.path.name, *_FAULT):
         try:
             # Where there is text, or true and false, they are read as such, so that the message can say where.
-            return _parsed(file, rows, *(common | {"column_types": types} for types in (texts | floats, texts)))
+            found = _parsed(file, rows, *(common | {"column_types": types} for types in (texts | floats, texts)))
+            file.check(len(found))
+            return found
         except pa.ArrowInvalid as error:
             if "CSV conversion error" not in str(error):
                 raise
@@ -241,39 +252,25 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
     import pyarrow as pa
     from pyarrow import csv
 
-    ragged: list[csv.InvalidRow] = []
-
     def on_invalid(row: csv.InvalidRow) -> str:
-        if row.text.lstrip().startswith("#"):
-            return "skip"
-        ragged.append(row)
-        return "error"
+        return "skip" if row.text.lstrip().startswith("#") else "error"
 
     parsing = csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
     reading = csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
-    reading.encoding = {"utf-8": "utf8"}.get(file.encoding, file.encoding)
+    reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
     while True:
         converting = csv.ConvertOptions(decimal_point=file.decimal, **conversions[0])
         try:
-            with text_bytes(file.path) as text:
+            with file.bytes() as text:
                 return take(text, reading, parsing, converting)
         except pa.ArrowInvalid as error:
-            if ragged and not reading.use_threads:
-                row = ragged[0]
-                raise DataError(
-                    f"{file.path.name}, row {row.number - file.skip_rows}: {row.actual_columns} values for "
-                    f"{row.expected_columns} columns in {row.text[:40]!r}, which is damaged or truncated; "
-                    "write it again."
-                ) from error
-            if ragged:
-                reading.use_threads = False  # only then rows are numbered
-                ragged.clear()
-            elif "CSV conversion error" in str(error) and conversions[1:]:
+            if "CSV conversion error" in str(error) and conversions[1:]:
                 conversions = conversions[1:]
             elif "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
                 reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
             else:
+                file.check()
                 raise
 
 
@@ -287,34 +284,25 @@ def keep_text(
     file = find_dialect(path, options)
     episode = find_text_columns(file, options, None if name is None else FILE).episode
     is_one = name is not None and episode == FILE
-    if is_one and name not in cuts:
+    if is_one and name not in cuts and not file.skipped:
         if name in ids:
             shutil.copyfile(path, output)
         return {str(name)} & ids
     column, found = file.names.index(episode) if not is_one else None, set[str]()
     waiting: dict[str, list[tuple[str, list[str]]]] = {}  # rows of demonstrations that are cut, until all are there
     opener = gzip.open if path.suffix.lower() == ".gz" else open
-    with (
-        text_bytes(path) as stream,
-        io.TextIOWrapper(stream, encoding=file.encoding, newline="") as source,
-        cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target,
-    ):
-        target.writelines(itertools.islice(source, file.skip_rows))
-        lines, ahead = itertools.tee(source)
-        rows, n_lines = csv.reader(ahead, delimiter=file.separator), 0
-        for values in rows:
-            line = "".join(itertools.islice(lines, rows.line_num - n_lines))  # a row may have several
-            n_lines = rows.line_num
-            is_comment = line.lstrip().startswith("#") and len(values) != len(file.names)
-            is_row = bool(values) and not is_comment
-            demonstration = str(name) if column is None else from_cell(values[column].strip()) if is_row else ""
+    with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
+        for _, _, lines, values, fault in text_rows(file):
+            if fault:
+                file.check()
+            demonstration = str(name) if column is None else from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
-            if is_row and (cut := cuts.get(demonstration)):
+            if values and (cut := cuts.get(demonstration)):
                 own = waiting.setdefault(demonstration, [])
-                own.append((line, values))
+                own.append(("".join(lines), values))
                 target.writelines(_cut_lines(own, cut, file) if len(own) == len(cut.places) else ())
-            elif not is_row or demonstration in ids:
-                target.write(line)
+            elif not fault and (not values or demonstration in ids):
+                target.writelines(lines)
     return found & ids
 
 

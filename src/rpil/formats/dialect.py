@@ -1,21 +1,26 @@
-"""How a text table is written: its encoding, its separator, its decimal sign and the names of its columns."""
+"""How a text table is written: its encoding, its separator, its decimal sign, the names of its columns, its rows."""
 
 from __future__ import annotations
 
 import codecs
 import csv
+import io
+import itertools
 import re
-from collections.abc import Iterator
+import tempfile
+from collections import deque
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError, DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
 from rpil.formats.columns import ColumnOptions, as_list
+from rpil.formats.damage import damaged_lines
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,6 +48,9 @@ class TextTable:
     encoding: str
     decimal: str
     on_disk: bool  # whether its rows are copied to disk
+    n_lines: int  # or more, where parts in which it is read end between the two signs of an end of line
+    is_quoted: bool  # whether it has quotation marks
+    skipped: Sequence[int] = ()  # damaged lines, counted from 1, that are not read
 
     @property
     def words(self) -> str:
@@ -51,6 +59,99 @@ class TextTable:
         found += ["decimal commas"] if self.decimal == "," else []
         found += [self.encoding] if self.encoding != "utf-8" else []
         return ", ".join(["CSV", *found])
+
+    @contextmanager
+    def bytes(self) -> Iterator[pa.NativeFile]:
+        """All but the lines that are skipped, without which the encoding is UTF-8."""
+        import pyarrow as pa
+
+        if not self.skipped:
+            with text_bytes(self.path) as stream:
+                yield stream
+            return
+        skipped = {*self.skipped}
+        with tempfile.TemporaryFile() as copy, self.lines() as lines:
+            copy.writelines(line.encode() for number, line in enumerate(lines, 1) if number not in skipped)
+            copy.seek(0)
+            yield pa.PythonFile(copy)
+
+    @contextmanager
+    def lines(self) -> Iterator[Iterator[str]]:
+        """All lines, with their ends."""
+        with text_bytes(self.path) as stream, io.TextIOWrapper(stream, self.encoding, newline="") as lines:
+            yield lines
+
+    def check(self, n_rows: int | None = None) -> None:
+        """A `DataError` that names the first damaged line, where there is one; no line is looked at where all others
+        are in `n_rows` rows."""
+        if self.skipped or (n_rows is not None and not (self.is_quoted and self.n_lines != self.skip_rows + n_rows)):
+            return
+        damaged = [f"row {row.number}: {row.fault}, at line {row.line}" for row in text_rows(self) if row.fault]
+        if damaged:
+            raise damaged_lines(self.path.name, damaged)
+
+
+class TextRow(NamedTuple):
+    """Lines of a text table that are one row, and what is wrong with it."""
+
+    number: int  # among the rows of values, from 1
+    line: int  # the first one, from 1
+    lines: list[str]  # with their ends
+    values: list[str]  # none of the header, a comment or an empty line
+    fault: str
+
+
+def text_rows(file: TextTable) -> Iterator[TextRow]:
+    """The header of a text table and all of its rows, so that each line is in one of them.
+
+    Where a quotation joins rows, its first line is damaged, and those after it are rows again.
+    """
+    waiting, n_columns = deque[str](), len(file.names)
+    numbers: Set[int] | None = None  # columns that hold numbers in the first row
+    with file.lines() as source:
+
+        def ahead(taken: list[str]) -> Iterator[str]:
+            while one := waiting.popleft() if waiting else next(source, ""):
+                taken.append(one)
+                yield one
+
+        lines = [*itertools.islice(source, file.skip_rows)]
+        row = TextRow(0, 1, lines, [], "")
+        while row.lines:
+            yield row
+            line = row.line + len(row.lines)
+            lines, values, fault = [], [], ""
+            with suppress(csv.Error):  # of fields that are too long
+                values = next(csv.reader(ahead(lines), delimiter=file.separator), [])
+            if len(lines) > 1 and are_several_rows(lines, n_columns, file.separator, numbers):
+                fault = f"a quotation begins and does not end in {lines[0].strip()[-40:]!r}"
+                waiting.extendleft(reversed(lines[1:]))
+                del lines[1:]
+            elif values and len(values) != n_columns:
+                if not lines[0].lstrip().startswith("#"):
+                    fault = f"{len(values)} values for {n_columns} columns in {lines[0].strip()[:40]!r}"
+                values = []
+            elif numbers is None and values:
+                numbers = _numbers_in(values)
+            row = TextRow(row.number + bool(values or fault), line, lines, values, fault)
+
+
+def are_several_rows(lines: Sequence[str], n_columns: int, separator: str, numbers: Set[int] | None) -> bool:
+    """Whether lines that one quotation joins are rows of their own: its end is none, or one of them has a value for
+    each column, and `numbers` in these columns, or anywhere."""
+    try:
+        next(csv.reader(lines, delimiter=separator, strict=True))
+    except csv.Error:
+        return True
+    for values in csv.reader((line.replace('"', "") for line in lines[1:]), delimiter=separator):
+        found = _numbers_in(values)
+        if len(values) == n_columns and (found if numbers is None else numbers <= found):
+            return True
+    return False
+
+
+def _numbers_in(values: Sequence[str]) -> set[int]:
+    return {k for k, value in enumerate(values) if _WRITTEN_NUMBER.fullmatch(value)}
 
 
 @contextmanager
@@ -66,16 +167,19 @@ def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
 def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
     with guarded(path.name, "a damaged or truncated compressed file", "write it again"):
-        head, encoding = _decoded(path, options)
+        head, encoding, n_lines, is_quoted = _decoded(path, options)
     lines = head.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
-    if "\0" in head or not any(line.strip() for line in lines):
-        raise DataError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again.")
+    if "\0" in "".join(lines[:1]) or not any(line.strip() for line in lines):
+        raise DamagedError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again.")
     start = next((k for k, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), len(lines) - 1)
     header = _QUOTED.sub("", lines[start])
     separator = max(_SEPARATORS, key=header.count)
     reader = csv.reader(lines[start:], delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
     skip = start + reader.line_num
+    if reader.line_num > 1 and are_several_rows(lines[start:skip], len(names), separator, None):
+        said = f"a quotation begins and does not end in {lines[start].strip()[-40:]!r}, its names of columns"
+        raise DamagedError(f"{path.name}, line {start + 1}: {said}; correct it.")
     if given := as_list(options.columns):
         names, skip, n_columns = given, start, len(names)
         if len(given) != n_columns:
@@ -85,7 +189,12 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         said = f"the first row holds numbers, not names; name its {len(names)} columns with <option>"
         raise DataError(f"{path.name}: {said}, as in a,b,c, or put their names above it.", "columns")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    return TextTable(path, tuple(names), skip, separator, encoding, _decimal(lines[skip:], separator), options.on_disk)
+    decimal = _decimal(lines[skip:], separator)
+    file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines, is_quoted)
+    if not options.skips_damage:
+        return file
+    damaged = (range(row.line, row.line + len(row.lines)) for row in text_rows(file) if row.fault)
+    return replace(file, skipped=[*itertools.chain(*damaged)])
 
 
 def without_suffix(name: str) -> str:
@@ -93,13 +202,14 @@ def without_suffix(name: str) -> str:
     return _SUFFIX.sub("", name)
 
 
-def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str]:
-    """The beginning of a file, and its encoding: UTF-8 or, by its first bytes, UTF-16; else that of Western Windows.
+def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int, bool]:
+    """The beginning of a file; its encoding, UTF-8 or, by its first bytes, UTF-16, else that of Western Windows; the
+    number of its lines, and whether it has quotation marks.
 
     A `DataError` where its values would not fit in memory.
     """
     for encoding in ("utf-8", "cp1252", "latin-1"):
-        n_bytes, head = 0, ""
+        n_bytes, n_lines, head, text, is_quoted = 0, 0, "", "", False
         with suppress(UnicodeDecodeError), text_bytes(path) as stream:
             while chunk := stream.read(_CHUNK):
                 if not n_bytes:
@@ -108,9 +218,10 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str]:
                 n_bytes += len(chunk)
                 check_memory(0 if options.on_disk else _MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
                 text = decoder.decode(chunk)
-                head = head or text
-            return head, encoding
-    return "", encoding
+                head, is_quoted = head or text, is_quoted or '"' in text
+                n_lines += text.count("\n") + text.count("\r") - text.count("\r\n")
+            return head, encoding, n_lines + (not text.endswith(("\n", "\r"))), is_quoted
+    return "", encoding, 0, False
 
 
 def _decimal(lines: list[str], separator: str) -> str:

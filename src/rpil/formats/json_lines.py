@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Set
+from collections.abc import Collection, Set
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +22,7 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
+from rpil.formats.damage import damaged_lines, skipped_files, skipped_lines
 from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.store import has_tables
@@ -31,6 +35,7 @@ JSON_SUFFIXES = (".jsonl", ".ndjson", _TUB)
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
+_LINE = "\0line"  # the column of the number of a line, as no other is called
 _COMMANDS = "user/angle", "user/throttle"
 _OF_TUBS = (
     "A tub does not say where demonstrations end, and only its images say what the driver saw: --split-gap 1 ends them "
@@ -54,21 +59,26 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
-    tables = {name: _table(file) for name, file in files.items()}
+    found = {name: _parsed(file, options) for name, file in files.items()}
+    whole = [name for name, (table, damaged) in found.items() if damaged and not len(table)]
+    tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items() if name not in whole}
+    lines = [skipped_lines(name, found[name][1]) for name in tables]
+    skipped = (*skipped_files(whole), *chain(*lines))
     is_tub, default = any(name.lower().endswith(_TUB) for name in files), None
     if path.is_dir() and not is_tub:
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "Donkeycar tub" if is_tub else "JSON lines"
-    return from_arrow(
+    steps = from_arrow(
         _with_last_commands(table) if is_tub else table,
         options,
         path.name,
-        name if len(files) == 1 else f"{name}, {len(files):,} files",
+        name if len(tables) == 1 else f"{name}, {len(tables):,} files",
         (_OF_TUBS,) if is_tub else (),
         default,
     )
+    return replace(steps, origin=replace(steps.origin, skipped=skipped))
 
 
 def _files(path: Path) -> list[Path]:
@@ -81,22 +91,56 @@ def _files(path: Path) -> list[Path]:
     return [file for file in ordered if file.is_file() and file.stat().st_size]
 
 
-def _table(file: Path) -> pa.Table:
-    """The steps in the lines of a file."""
+def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
+    """A row for each object in the lines of a file, with the number of its line, and the lines that are skipped.
+
+    A `DataError` where a line holds no object, or several, and the options do not skip it.
+    """
     import pyarrow as pa
-    import pyarrow.json
 
     with guarded(file.name, *_NO_LINES):
         with held_bytes(file) as stream:
-            size = min(file.stat().st_size + 1, _LARGEST_BLOCK)  # a line may be as long as the file
-            reading = pa.json.ReadOptions(use_threads=False, block_size=size)
-            table = plain_columns(pa.json.read_json(pa.PythonFile(stream), reading))
-        manifest = file.with_name("manifest.json")
-        if file.suffix.lower() == _TUB and manifest.is_file() and "_index" in table.column_names:
-            lines = parse_lines(read_text(manifest, LARGEST_TABLE), str(manifest), LARGEST_TABLE)
-            deleted = [n for line in lines if isinstance(line, dict) for n in line.get("deleted_indexes", ())]
-            table = table.filter(pa.array(~np.isin(table["_index"].to_numpy(), deleted)))
-        return _steps(table)
+            content, damaged = stream.read(), list[int]()
+        with suppress(pa.ArrowInvalid):
+            table = _objects(content)
+            if len(table) == content.count(b"\n") + (content[-1:] != b"\n"):
+                return _with_numbers(table, range(1, len(table) + 1), file), damaged
+        lines = {number: line for number, line in enumerate(content.splitlines(keepends=True), 1) if line.strip()}
+        damaged = [number for number, line in lines.items() if not _is_object(line)]
+        if damaged and not options.skips_damage:
+            raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
+        for number in damaged:
+            del lines[number]
+        table = _objects(b"".join(lines.values())) if lines else pa.table({})
+        return _with_numbers(table, lines, file), damaged
+
+
+def _objects(content: bytes) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.json
+
+    size = min(len(content) + 1, _LARGEST_BLOCK)  # a line may be as long as the file
+    reading = pa.json.ReadOptions(use_threads=False, block_size=size)
+    return plain_columns(pa.json.read_json(pa.BufferReader(content), reading))
+
+
+def _is_object(line: bytes) -> bool:
+    try:
+        return isinstance(json.loads(line.decode("utf-8-sig")), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
+def _with_numbers(table: pa.Table, numbers: Collection[int], file: Path) -> pa.Table:
+    """The records with the numbers of their lines, without those that the manifest of a tub lists as deleted."""
+    import pyarrow as pa
+
+    table, manifest = table.append_column(_LINE, pa.array(numbers, pa.int64())), file.with_name("manifest.json")
+    if file.suffix.lower() != _TUB or not manifest.is_file() or "_index" not in table.column_names:
+        return table
+    lines = parse_lines(read_text(manifest, LARGEST_TABLE), str(manifest), LARGEST_TABLE)
+    deleted = [n for line in lines if isinstance(line, dict) for n in line.get("deleted_indexes", ())]
+    return table.filter(pa.array(~np.isin(table["_index"].to_numpy(), deleted)))
 
 
 def _steps(table: pa.Table) -> pa.Table:
@@ -148,14 +192,25 @@ def check_output(path: Path, output: Path, trim: bool = False) -> None:
 
 
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts) -> set[str]:
-    """Write the steps of the demonstrations `ids`, an object each; return the ids found."""
+    """Copy the lines of the demonstrations `ids`; return the ids found.
+
+    Where steps are cut, or a line holds steps of several demonstrations, an object for each step is written.
+    """
     import pyarrow as pa
 
-    table = _table(path)
+    table = _steps(_parsed(path, options)[0])
+    line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
     episode = from_arrow(table, options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
     own_cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
+    is_kept = np.isin(owners, [*wanted])
+    copied = {*line_of[is_kept].tolist()}
+    if not own_cuts and copied.isdisjoint(line_of[~is_kept].tolist()):
+        with held_bytes(path) as source, output.open("wb") as file:
+            lines = source.read().splitlines(keepends=True)
+            file.writelines(line for number, line in enumerate(lines, 1) if number in copied)
+        return {*wanted.values()}
     rows = {name: pa.array(kept_rows(owners, [*wanted], own_cuts, name)) for name in table.column_names}
     kept = pa.table({name: table[name].take(rows[name]) for name in rows})
     with output.open("w", encoding="utf-8") as file:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DamagedError
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
 from rpil.data.names import MARK, plain_name
@@ -21,7 +22,7 @@ from rpil.formats.made_columns import with_facts
 from rpil.formats.parquet_file import check_sizes
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.store import columns_of_file, open_rows, opened
+from rpil.formats.store import columns_of_file, open_rows, opened, readable, refuse_damaged
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -43,9 +44,14 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
-    rows, columns, layout, metadata = open_rows(filesystem, paths, options)
+    paths, skipped = readable(filesystem, paths, options)
+    try:
+        rows, columns, layout, metadata = open_rows(filesystem, paths, options)
+    except DamagedError:
+        refuse_damaged(filesystem, paths, source)
+        raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata)
+    origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)
     tables: Iterator[pa.Table] = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
     if options.on_disk and (columns.made or options.split_gap or options.segment):
         what = "columns of meta, and demonstrations that end at times, need the rows in memory; read them with"

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from rpil.numerics.types import Array, Bool, Int
 
 
+_MOST_NAMED = 30  # in one line
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """The demonstrations in a file; they are checked when they are first asked for, the description before.
@@ -111,6 +114,11 @@ class Recording:
         wanted = {*map(str, ids)}
         own = {m: ends for m, ends in trims.items() if str(m) in wanted}
         self.write_some(ids, output, find_cuts(own, self.rows, self.found.places, self.origin.source))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What is not read because it is damaged, or a value is missing, in sentences."""
+        return *self.origin.skipped, *set_aside_lines(self.set_aside)
 
     @property
     def operators(self) -> list[tuple[str, object]]:
@@ -186,6 +194,12 @@ class Recording:
         rows, source = self.rows.chosen(kept), self.origin.source
         again = scan(rows, self.found.actions.layout.without(self.found.left_out), self.columns, source, places)
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
+
+
+def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
+    """The line that names the demonstrations that were set aside; none where there are none."""
+    named = commas(list(map(str, ids)), _MOST_NAMED)
+    return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
 
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
@@ -283,6 +297,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *([f"Several agents act in a demonstration, as {columns.agent} says."] if columns.agent else []),
             *origin.notes,
+            *origin.skipped,
             *metadata.notes(len(places.ids), n_steps),
         ),
     )

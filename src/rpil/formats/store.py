@@ -6,7 +6,7 @@ import glob
 import itertools
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
 from typing import TYPE_CHECKING, Literal
@@ -17,14 +17,15 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guarded, in_words
-from rpil.data.names import OWN_TABLES, is_data, quoted
+from rpil.data.names import EPISODE, OWN_TABLES, is_data, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
+from rpil.formats.damage import damaged_files, skipped_files, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
-from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, input_file
+from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, input_file, read_table
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -139,6 +140,53 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
         with guarded(PurePosixPath(path).name, fault, "write it again"):
             raise
+
+
+def readable(
+    filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions
+) -> tuple[list[str], tuple[str, ...]]:
+    """The Parquet files that are not damaged, where the options skip others, and the sentence on those.
+
+    All rows are read for that. A `DataError` where none is left.
+    """
+
+    def read(path: str) -> None:
+        with opened(filesystem, path) as file:
+            for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False):
+                batch.validate(full=True)
+
+    found, damaged = without_damaged(paths if options.skips_damage else (), read, options)
+    return [*(found or paths)], skipped_files(*_lost_with(filesystem, damaged, found)[:2])
+
+
+def refuse_damaged(filesystem: fs.FileSystem, paths: Sequence[str], source: str) -> None:
+    """A `DataError` that names all damaged files among several, and the episodes in them, where there are any."""
+
+    def read(path: str) -> None:
+        with opened(filesystem, path):
+            pass
+
+    found, damaged = without_damaged(paths, read, ColumnOptions(skip_damage=True))
+    if damaged and len(paths) > 1:
+        raise damaged_files(source, *_lost_with(filesystem, damaged, found))
+
+
+def _lost_with(
+    filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
+) -> tuple[list[str], list[int], list[int]]:
+    """The names of damaged files; the episodes that ``meta`` lists and the others have not, and those that they have."""
+    from rpil.formats.meta_folder import MetaFolder
+
+    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
+    if data is None:
+        return [PurePosixPath(path).name for path in damaged], [], []
+    there, listed = set[int](), set[int]()
+    with suppress(DataError):  # of damaged metadata, which their reader names
+        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+    for path in others if listed else ():
+        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
+    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+    return names, sorted(listed - there), sorted(there)
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:

@@ -83,6 +83,8 @@ class Origin:
         The file of each; empty for formats in which files say nothing of order and sessions.
     ignored : mapping of str to str
         Parts of the file that are no columns, and why they are not read.
+    skipped : tuple of str
+        Which damaged files and lines are not read, in sentences.
     """
 
     source: str
@@ -91,6 +93,7 @@ class Origin:
     notes: tuple[str, ...] = ()
     files: Sequence[str] = ()
     ignored: Mapping[str, str] = field(default_factory=dict)
+    skipped: tuple[str, ...] = ()
 
     def only(self, ids: Sequence[Id]) -> Origin:
         """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""

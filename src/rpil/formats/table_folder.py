@@ -18,7 +18,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect, without_suffix
 from rpil.formats.format import Format, StepTables, check_found
 from rpil.formats.places import Cuts
-from rpil.formats.store import find_files, tables_of
+from rpil.formats.store import find_files, readable, tables_of
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -92,11 +92,13 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
 
     Files of other demonstrations are left out, and so is all that is not read.
     """
-    _, parquet_files, text_files, _ = _found(path, options)
-    files = [Path(file) for file in parquet_files or text_files]
+    filesystem, parquet_files, text_files, _ = _found(path, options)
+    files = [Path(file) for file in readable(filesystem, parquet_files, options)[0] or text_files]
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
-        for name, file in csv.names_in_folder(files).items():
+        names = csv.names_in_folder(files)
+        for name in names if parquet_files else csv.readable(names, options)[0]:
+            file = names[name]
             target = folder / file.relative_to(os.path.abspath(path))
             target.parent.mkdir(parents=True, exist_ok=True)
             if parquet_files:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError, DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
@@ -82,11 +83,14 @@ class CheckedFolder:
 
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
-        """The rows of each episode, by the data."""
+        """The rows of each episode, by the data; of those in damaged files there are none."""
         found: dict[int, EpisodeRows] = {}
         for file in find_files(self.path)[1]:
-            with guarded(file):
+            table = None
+            with suppress(DamagedError), guarded(file):
                 table = read_table(file, ["episode_index", "index", "timestamp"])
+            if table is None:
+                continue
             columns, place = table.column_names, os.path.relpath(file, self.path)
             times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
             numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
@@ -96,6 +100,11 @@ class CheckedFolder:
                 timing = self._timing(np.zeros(0) if times is None else times[own, 0])
                 found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
+
+    def files(self, only: Collection[str] | None = None) -> list[Path]:
+        """The data files that hold episodes, `only` these or any."""
+        own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
+        return [self.path / file for file in dict.fromkeys(own)]
 
     def _timing(self, times: Array) -> tuple[float, float, float]:
         """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
@@ -114,7 +123,7 @@ class CheckedFolder:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
         names = [name for name in self.info["features"] if name.startswith(("observation.state", "state"))]
         found: dict[int, Array] = {}
-        for file in find_files(self.path)[1]:
+        for file in self.files():
             table = read_table(file, ["episode_index", *names])
             values = [numbers_or_missing(table[name]) for name in names if name in table.column_names]
             if columns := [one for one in values if one is not None]:

@@ -27,7 +27,6 @@ from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
 from rpil.formats.places import Cuts
-from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
 
@@ -101,7 +100,7 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        n_files, files = 0, [*map(Path, find_files(self.old.path)[1])]
+        n_files, files = 0, self.old.files(self.wanted)
         rewarded = [name for file in files if self.cuts for name in self._rewarded(file)]
         if rewarded:
             message = (
