@@ -66,8 +66,8 @@ def check(
 
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        skip_bad = columns.skip_bad
-        columns = replace(columns, skip_bad=False, skip_damage=skip_bad)  # whose missing values are findings
+        skip_bad = bool(columns.skip_bad)  # but demonstrations with missing values, which are findings
+        columns = replace(columns, skip_bad="damage" if skip_bad else False)
         read = open_with_missing(file, columns, progress, options["stream"])
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         given = {"fps": options["fps"], "video": options["video"], "expected": suppressed}

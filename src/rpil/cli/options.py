@@ -233,9 +233,9 @@ def with_options(*options: Option) -> Option:
 def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
     """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
     from rpil.data.id_values import is_id_file
-    from rpil.formats.columns import INTERNAL, ColumnOptions
+    from rpil.formats.columns import ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", *INTERNAL}
+    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk", "guess"}
     operator = options["operator"]
     return ColumnOptions(
         operator=None if operator is None or is_id_file(operator) else operator,

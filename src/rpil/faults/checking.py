@@ -75,8 +75,10 @@ def check(
     """
     check_options(columns)
     skip_bad = columns.pop("skip_bad", False)
-    options = ColumnOptions(**columns, skip_damage=skip_bad and isinstance(data, str | os.PathLike))
+    options = ColumnOptions(**columns)
     is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
+    if skip_bad and isinstance(data, str | os.PathLike):
+        options = replace(options, skip_bad="damage")
     recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording

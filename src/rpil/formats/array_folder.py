@@ -26,7 +26,7 @@ from rpil.data.npy import opened_npz, write_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.damage import skipped_files, without_damaged
+from rpil.formats.damage import without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.npz import arrays_of
 from rpil.formats.places import Cut, Cuts
@@ -60,13 +60,13 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     files = _files(path)
-    read, damaged = without_damaged(files, lambda name: _part(name, files[name], path, options.fill_missing), options)
+    fills, skips = options.fill_missing, options.skip_bad
+    read, damaged = without_damaged(files, lambda name: _part(name, files[name], path, fills), skips)
     notes = tuple(dict.fromkeys(note for _, of_file in read.values() for note in of_file))
     format_name = f"{'NPZ' if _are_npz(files) else 'HDF5'}, a file for each demonstration"
     parts = [part for part, _ in read.values()]
     found = from_parts(parts, _FILE_NAME, path.name, format_name, options, notes=notes)
-    skipped = skipped_files([files[name].name for name in damaged])
-    return replace(found, origin=replace(found.origin, skipped=skipped))
+    return replace(found, origin=replace(found.origin, skipped=tuple(files[name].name for name in damaged)))
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:

@@ -12,7 +12,7 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.formats.columns import ColumnOptions, Ids
-from rpil.formats.recording import Recording, set_aside_lines
+from rpil.formats.recording import Recording, left_out_lines
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 
@@ -32,7 +32,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
     if not mask.any():
         raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
     n_asked = int(mask.sum())
-    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad and mask[m]]
+    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad is True and mask[m]]
     mask[aside] = False
     if not mask.any():
         raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
@@ -40,7 +40,7 @@ def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
         return recording
     found, names = recording.chosen(mask), tuple(ids[m] for m in aside)
     asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
-    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *set_aside_lines(names))
+    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *left_out_lines((), names))
     described = replace(found.description, notes=notes)
     return replace(found, description=described, ids=ids, set_aside=names)
 

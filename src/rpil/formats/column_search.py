@@ -131,7 +131,7 @@ class _Search:
             excluded_parts=self.excluded_parts,
             source=self.source,
             observations_given=bool(asked),
-            allows_missing=options.allow_missing or options.skip_bad,
+            allows_missing=options.allow_missing or options.skip_bad is True,
             id_chosen=options.id is not None or "id" in self.guessed,
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),

@@ -46,12 +46,12 @@ class ColumnOptions:
         The column of the session, or "file" for the file of each demonstration.
     outcome : str
         The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
+    skip_bad : bool or "damage"
+        Whether demonstrations with missing values are set aside, and damaged lines and files skipped; or these alone.
     guess : bool
         Whether the id and the action may be guessed from values where no name says them.
     allow_missing : bool
         Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
-    skip_damage : bool
-        Whether damaged files and lines are skipped, although demonstrations with missing values are not set aside.
     on_disk : bool
         Whether the rows go to disk instead of into memory; `rpil.formats.read_recording` decides it.
     """
@@ -75,9 +75,8 @@ class ColumnOptions:
     embeddings: str | None = None
     only: Ids = ()
     without: Ids = ()
-    skip_bad: bool = False
+    skip_bad: bool | Literal["damage"] = False
     allow_missing: bool = False
-    skip_damage: bool = False
     memory: Size | None = None
     fill_missing: bool = False
     on_disk: bool = False
@@ -91,18 +90,10 @@ class ColumnOptions:
             if seconds is not None and not 0 < seconds < float("inf"):
                 raise DataError(f"<option> is {seconds}; give a number of seconds, more than 0.", option)
 
-    @property
-    def skips_damage(self) -> bool:
-        """Whether damaged files and lines are skipped."""
-        return self.skip_bad or self.skip_damage
-
-
-INTERNAL = "allow_missing", "skip_damage", "on_disk", "guess"
-
 
 def check_options(given: Iterable[str]) -> None:
     """A `TypeError` that names the option that was meant, where one of the `given` names is that of none."""
-    known = [one.name for one in fields(ColumnOptions) if one.name not in INTERNAL]
+    known = [one.name for one in fields(ColumnOptions) if one.name not in ("allow_missing", "on_disk", "guess")]
     for name in sorted({*given} - {*known}):
         close = [f"; did you mean {one}?" for one in get_close_matches(name, [*known, "labels", "settings"], 1)]
         raise TypeError(f"there is no option {name!r}{''.join(close)}")

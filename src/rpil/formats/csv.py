@@ -23,7 +23,7 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.damage import skipped_files, skipped_lines, without_damaged
+from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
@@ -52,7 +52,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     file = find_dialect(path, options)
     note = () if file.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {file.encoding}.",)
-    origin = Origin(path.name, file.words, notes=note, skipped=skipped_lines(path.name, file.skipped))
+    origin = Origin(path.name, file.words, notes=note, skipped=_skipped({path.name: file}))
     return _read({path.name: file}, find_text_columns(file, options), origin)
 
 
@@ -73,10 +73,13 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
 
 
 def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
-    """The text tables at the paths, by their names, and sentences on lines and files that are skipped."""
-    files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options)
-    lines = [skipped_lines(name, file.skipped) for name, file in files.items()]
-    return files, (*skipped_files(damaged), *itertools.chain(*lines))
+    """The text tables at the paths, by their names, and which lines and files are skipped."""
+    files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options.skip_bad)
+    return files, (*damaged, *_skipped(files))
+
+
+def _skipped(files: Mapping[str, TextTable]) -> tuple[str, ...]:
+    return tuple(parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
 
 
 def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:

@@ -48,8 +48,7 @@ class TextTable:
     encoding: str
     decimal: str
     on_disk: bool  # whether its rows are copied to disk
-    n_lines: int  # or more, where parts in which it is read end between the two signs of an end of line
-    is_quoted: bool  # whether it has quotation marks
+    n_lines: int  # or more, where parts that are read end within an end of line; 0 where nothing is quoted
     skipped: Sequence[int] = ()  # damaged lines, counted from 1, that are not read
 
     @property
@@ -84,7 +83,7 @@ class TextTable:
     def check(self, n_rows: int | None = None) -> None:
         """A `DataError` that names the first damaged line, where there is one; no line is looked at where all others
         are in `n_rows` rows."""
-        if self.skipped or (n_rows is not None and not (self.is_quoted and self.n_lines != self.skip_rows + n_rows)):
+        if self.skipped or (n_rows is not None and self.n_lines in (0, self.skip_rows + n_rows)):
             return
         damaged = [f"row {row.number}: {row.fault}, at line {row.line}" for row in text_rows(self) if row.fault]
         if damaged:
@@ -121,9 +120,13 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
             yield row
             line = row.line + len(row.lines)
             lines, values, fault = [], [], ""
-            with suppress(csv.Error):  # of fields that are too long
+            try:
                 values = next(csv.reader(ahead(lines), delimiter=file.separator), [])
-            if len(lines) > 1 and are_several_rows(lines, n_columns, file.separator, numbers):
+            except csv.Error:
+                fault = f"a value has more than {csv.field_size_limit():,} characters"
+            if len(lines) > 1 and (
+                len(values) != n_columns or _are_several_rows(lines, values, file.separator, numbers)
+            ):
                 fault = f"a quotation begins and does not end in {lines[0].strip()[-40:]!r}"
                 waiting.extendleft(reversed(lines[1:]))
                 del lines[1:]
@@ -136,16 +139,23 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
             row = TextRow(row.number + bool(values or fault), line, lines, values, fault)
 
 
-def are_several_rows(lines: Sequence[str], n_columns: int, separator: str, numbers: Set[int] | None) -> bool:
-    """Whether lines that one quotation joins are rows of their own: its end is none, or one of them has a value for
-    each column, and `numbers` in these columns, or anywhere."""
+def _are_several_rows(lines: Sequence[str], values: Sequence[str], separator: str, numbers: Set[int] | None) -> bool:
+    """Whether lines that a quotation joins to a row of `values` are rows of their own.
+
+    So it is where the quotation has no end, or one of the lines has as many values, and `numbers` in these columns: on
+    the first line those after the quotation count, on the last one those before it.
+    """
     try:
         next(csv.reader(lines, delimiter=separator, strict=True))
     except csv.Error:
         return True
-    for values in csv.reader((line.replace('"', "") for line in lines[1:]), delimiter=separator):
-        found = _numbers_in(values)
-        if len(values) == n_columns and (found if numbers is None else numbers <= found):
+    quoted, last = next((k for k, value in enumerate(values) if "\n" in value or "\r" in value), 0), len(lines) - 1
+    for place, line in enumerate(lines):
+        own = next(csv.reader([line.replace('"', "")], delimiter=separator), [])
+        found, more = _numbers_in(own), len(own) - len(values)  # as a text may hold the separator
+        due = [k for k in numbers or () if (place > 0 or k > quoted) and (place < last or k <= quoted)]
+        is_row = place and found if numbers is None else due
+        if more >= 0 and is_row and all(k + more * (k > quoted) in found for k in due):
             return True
     return False
 
@@ -167,7 +177,7 @@ def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
 def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     """The dialect of a file, which may be compressed; a `DataError` where it is no text or has no names of columns."""
     with guarded(path.name, "a damaged or truncated compressed file", "write it again"):
-        head, encoding, n_lines, is_quoted = _decoded(path, options)
+        head, encoding, n_lines = _decoded(path, options)
     lines = head.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in "".join(lines[:1]) or not any(line.strip() for line in lines):
         raise DamagedError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again.")
@@ -177,7 +187,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     reader = csv.reader(lines[start:], delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
     skip = start + reader.line_num
-    if reader.line_num > 1 and are_several_rows(lines[start:skip], len(names), separator, None):
+    if reader.line_num > 1 and _are_several_rows(lines[start:skip], names, separator, None):
         said = f"a quotation begins and does not end in {lines[start].strip()[-40:]!r}, its names of columns"
         raise DamagedError(f"{path.name}, line {start + 1}: {said}; correct it.")
     if given := as_list(options.columns):
@@ -190,8 +200,8 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         raise DataError(f"{path.name}: {said}, as in a,b,c, or put their names above it.", "columns")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     decimal = _decimal(lines[skip:], separator)
-    file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines, is_quoted)
-    if not options.skips_damage:
+    file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines)
+    if not options.skip_bad:
         return file
     damaged = (range(row.line, row.line + len(row.lines)) for row in text_rows(file) if row.fault)
     return replace(file, skipped=[*itertools.chain(*damaged)])
@@ -202,9 +212,9 @@ def without_suffix(name: str) -> str:
     return _SUFFIX.sub("", name)
 
 
-def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int, bool]:
-    """The beginning of a file; its encoding, UTF-8 or, by its first bytes, UTF-16, else that of Western Windows; the
-    number of its lines, and whether it has quotation marks.
+def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int]:
+    """The beginning of a file; its encoding, UTF-8 or, by its first bytes, UTF-16, else that of Western Windows; and
+    the number of its lines if there is a quotation mark.
 
     A `DataError` where its values would not fit in memory.
     """
@@ -220,8 +230,8 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int, bool]:
                 text = decoder.decode(chunk)
                 head, is_quoted = head or text, is_quoted or '"' in text
                 n_lines += text.count("\n") + text.count("\r") - text.count("\r\n")
-            return head, encoding, n_lines + (not text.endswith(("\n", "\r"))), is_quoted
-    return "", encoding, 0, False
+            return head, encoding, is_quoted * (n_lines + (not text.endswith(("\n", "\r"))))
+    return "", encoding, 0
 
 
 def _decimal(lines: list[str], separator: str) -> str:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Collection, Set
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,7 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.damage import damaged_lines, skipped_files, skipped_lines
+from rpil.formats.damage import damaged_lines, parts_in_words
 from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
 from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.store import has_tables
@@ -60,10 +59,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found = {name: _parsed(file, options) for name, file in files.items()}
-    whole = [name for name, (table, damaged) in found.items() if damaged and not len(table)]
-    tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items() if name not in whole}
-    lines = [skipped_lines(name, found[name][1]) for name in tables]
-    skipped = (*skipped_files(whole), *chain(*lines))
+    tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items()}
+    skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)
     is_tub, default = any(name.lower().endswith(_TUB) for name in files), None
     if path.is_dir() and not is_tub:
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
@@ -74,7 +71,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         _with_last_commands(table) if is_tub else table,
         options,
         path.name,
-        name if len(tables) == 1 else f"{name}, {len(tables):,} files",
+        name if len(files) == 1 else f"{name}, {len(files):,} files",
         (_OF_TUBS,) if is_tub else (),
         default,
     )
@@ -103,11 +100,12 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
             content, damaged = stream.read(), list[int]()
         with suppress(pa.ArrowInvalid):
             table = _objects(content)
-            if len(table) == content.count(b"\n") + (content[-1:] != b"\n"):
+            borders = content.count(b"}\n{") + content.count(b"}\r\n{")  # of objects, as these have a comma within
+            if len(table) == content.count(b"\n") + (content[-1:] != b"\n") == borders + 1:
                 return _with_numbers(table, range(1, len(table) + 1), file), damaged
         lines = {number: line for number, line in enumerate(content.splitlines(keepends=True), 1) if line.strip()}
         damaged = [number for number, line in lines.items() if not _is_object(line)]
-        if damaged and not options.skips_damage:
+        if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
         for number in damaged:
             del lines[number]

@@ -22,7 +22,7 @@ from rpil.formats.made_columns import with_facts
 from rpil.formats.parquet_file import check_sizes
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.store import columns_of_file, open_rows, opened, readable, refuse_damaged
+from rpil.formats.store import columns_of_file, open_rows, opened, readable
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -44,11 +44,11 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
-    paths, skipped = readable(filesystem, paths, options)
+    paths, skipped = readable(filesystem, paths, source) if options.skip_bad else (paths, ())
     try:
         rows, columns, layout, metadata = open_rows(filesystem, paths, options)
     except DamagedError:
-        refuse_damaged(filesystem, paths, source)
+        readable(filesystem, paths, source, skips=False)
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
     origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)

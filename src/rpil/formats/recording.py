@@ -118,7 +118,7 @@ class Recording:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What is not read because it is damaged, or a value is missing, in sentences."""
-        return *self.origin.skipped, *set_aside_lines(self.set_aside)
+        return left_out_lines(self.origin.skipped, self.set_aside)
 
     @property
     def operators(self) -> list[tuple[str, object]]:
@@ -196,10 +196,11 @@ class Recording:
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
-def set_aside_lines(ids: Sequence[Id]) -> tuple[str, ...]:
-    """The line that names the demonstrations that were set aside; none where there are none."""
+def left_out_lines(skipped: Sequence[str], ids: Sequence[Id]) -> tuple[str, ...]:
+    """Lines that name damaged parts, and demonstrations that were set aside; none where there are none."""
+    damaged = [f"Skipped, because damaged: {', '.join(skipped)}."] if skipped else []
     named = commas(list(map(str, ids)), _MOST_NAMED)
-    return (f"Set aside: {named}, because a value is missing or infinite.",) if ids else ()
+    return (*damaged, *([f"Set aside: {named}, because a value is missing or infinite."] if ids else []))
 
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
@@ -297,7 +298,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *([f"Several agents act in a demonstration, as {columns.agent} says."] if columns.agent else []),
             *origin.notes,
-            *origin.skipped,
+            *left_out_lines(origin.skipped, ()),
             *metadata.notes(len(places.ids), n_steps),
         ),
     )

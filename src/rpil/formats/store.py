@@ -18,10 +18,10 @@ from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guarded, in_words
 from rpil.data.names import EPISODE, OWN_TABLES, is_data, quoted
+from rpil.formats import damage
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
-from rpil.formats.damage import damaged_files, skipped_files, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
@@ -143,38 +143,30 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
 
 
 def readable(
-    filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions
+    filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
 ) -> tuple[list[str], tuple[str, ...]]:
-    """The Parquet files that are not damaged, where the options skip others, and the sentence on those.
-
-    All rows are read for that. A `DataError` where none is left.
-    """
+    """The Parquet files that are not damaged, by all of their rows, and words for the others; unless these are skipped,
+    a `DataError` on them, by footers alone."""
 
     def read(path: str) -> None:
         with opened(filesystem, path) as file:
-            for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False):
+            for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False) if skips else ():
                 batch.validate(full=True)
 
-    found, damaged = without_damaged(paths if options.skips_damage else (), read, options)
-    return [*(found or paths)], skipped_files(*_lost_with(filesystem, damaged, found)[:2])
+    found, damaged = damage.without_damaged(paths, read)
+    names, lost, left = _episodes(filesystem, damaged, found)
+    words = damage.parts_in_words(lost, "episode", names)
+    if damaged and not skips:
+        said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
+        others = damage.parts_in_words(left, "episode", []) or "the others"
+        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
+    return [*found], (words,) if words else ()
 
 
-def refuse_damaged(filesystem: fs.FileSystem, paths: Sequence[str], source: str) -> None:
-    """A `DataError` that names all damaged files among several, and the episodes in them, where there are any."""
-
-    def read(path: str) -> None:
-        with opened(filesystem, path):
-            pass
-
-    found, damaged = without_damaged(paths, read, ColumnOptions(skip_damage=True))
-    if damaged and len(paths) > 1:
-        raise damaged_files(source, *_lost_with(filesystem, damaged, found))
-
-
-def _lost_with(
+def _episodes(
     filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
 ) -> tuple[list[str], list[int], list[int]]:
-    """The names of damaged files; the episodes that ``meta`` lists and the others have not, and those that they have."""
+    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
     from rpil.formats.meta_folder import MetaFolder
 
     data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)

@@ -84,7 +84,7 @@ class Origin:
     ignored : mapping of str to str
         Parts of the file that are no columns, and why they are not read.
     skipped : tuple of str
-        Which damaged files and lines are not read, in sentences.
+        Damaged files and lines, which are not read.
     """
 
     source: str

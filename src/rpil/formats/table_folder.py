@@ -93,7 +93,9 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
     Files of other demonstrations are left out, and so is all that is not read.
     """
     filesystem, parquet_files, text_files, _ = _found(path, options)
-    files = [Path(file) for file in readable(filesystem, parquet_files, options)[0] or text_files]
+    if options.skip_bad and parquet_files:
+        parquet_files, _ = readable(filesystem, parquet_files, path.name)
+    files = [Path(file) for file in parquet_files or text_files]
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
         names = csv.names_in_folder(files)

@@ -1,0 +1,305 @@
+"""Damaged lines and files: named without --skip-bad, and with it skipped; what is kept are records of the source."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import random
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import lerobot_folders
+import rpil
+from command_line import ok, refused
+from rpil.data.errors import DataError
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def table(n=8, length=6, head="episode_index,observation.x,action,note"):
+    rng = random.Random(0)
+    rows = [f"{m},{rng.random():.4f},{rng.randint(0, 1)},ok" for m in range(n) for _ in range(length)]
+    return [head, *rows]
+
+
+def written(name, lines):
+    Path(name).write_text("\n".join(lines) + "\n")
+    return name
+
+
+def records(n=8, length=6):
+    return [
+        json.dumps({"episode_index": m, "observation": {"x": k / 7 + m}, "action": k % 2, "note": "é"})
+        for m in range(n)
+        for k in range(length)
+    ]
+
+
+def read(path):
+    return rpil.open(path).description
+
+
+def read_rest(path):
+    return rpil.open(path, skip_bad=True)
+
+
+def test_a_quotation_that_does_not_end_is_named_with_its_row():
+    lines = table(20, 40)
+    lines[300] = f'{lines[300][:-2]}"5 cm off'
+    path = written("q.csv", lines)
+    for command in (["info", path], ["check", path], ["convert", path, "-o", "q.parquet"], ["audit", path]):
+        refused(r"q\.csv, row 300: a quotation begins and does not end in .*at line 301; .* --skip-bad", *command)
+    with pytest.raises(DataError, match="row 300"):
+        rpil.open(path, on_disk=True)
+    found = read_rest(path)
+    assert (found.description.demonstrations, found.description.steps) == (20, 799)
+    assert found.left_out == ("Skipped, because damaged: line 301 of q.csv.",)
+    ok("keep", path, "-o", "kept.csv", "--skip-bad", "--share", "1")
+    assert Path("kept.csv").read_text().splitlines() == [*lines[:300], *lines[301:]]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda lines: lines.__setitem__(9, f'"{lines[9]}'),  # ends nowhere
+        lambda lines: (lines.__setitem__(9, '0,0.5,1,"ok'), lines.__setitem__(30, '4,0.5,1,ok"')),  # ends far away
+        lambda lines: (lines.__setitem__(9, '0,0.5,1,"ok'), lines.__setitem__(10, '1,0.5,1,ok"')),
+        lambda lines: (lines.__setitem__(9, '0,0.5,1,"ok'), lines.__setitem__(11, '1,0.5,1,"a, b"')),
+        lambda lines: (lines.insert(9, '# a,"comment'), lines.__setitem__(12, '1,0.5,1,"ok"')),
+        lambda lines: lines.__setitem__(9, '0,"0.5,1,ok'),
+    ],
+)
+def test_rows_that_a_quotation_joins_are_told(damage):
+    lines = table()
+    damage(lines)
+    refused(r"q\.csv, row 9: .*at line 10", "info", written("q.csv", lines))
+    assert "line 10" in ok("info", "q.csv", "--skip-bad").stdout
+
+
+def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
+    lines = table()
+    lines[0] = 'episode_index,observation.x,"action,note'
+    refused(r"q\.csv, line 1: a quotation begins and does not end", "info", written("q.csv", lines))
+
+
+@pytest.mark.parametrize(
+    "note", ["two, with commas\nlines, 5 and 6\n\n7", 'a "word", 5\nx,2,3', "a, 2\nb, 4", "x\n" * 50]
+)
+@pytest.mark.parametrize("place", [0, 1, 4])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_lines_within_a_cell_stay_legal(note, place, end):
+    rows = [[str(m), f"{k / 7:.3f}", str(k % 2), f"{k}"] for m in range(8) for k in range(6)]
+    quoted = note.replace('"', '""').replace("\n", end)
+    for k, row in enumerate(rows):
+        row.insert(place, f'"{quoted}"' if k % 5 == 3 else "")
+    head = ["episode_index", "observation.x", "action", "step"]
+    head.insert(place, "note")
+    Path("a.csv").write_bytes("".join(",".join(row) + end for row in [head, *rows]).encode())
+    assert read("a.csv").steps == 48
+    assert read_rest("a.csv").left_out == ()
+
+
+def test_damaged_rows_of_any_encoding_are_skipped():
+    lines = table()
+    lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
+    content = "\n".join(lines) + "\n"
+    for name, encoding, pack in (("a.csv", "utf-16", bytes), ("b.csv.gz", "cp1252", gzip.compress)):
+        Path(name).write_bytes(pack(content.replace("ok", "é").encode(encoding)))
+        with pytest.raises(
+            DataError, match=r"row 5: 2 values for 4 columns in '0,0\.5', at line 6, the first of 3 dama"
+        ):
+            read(name)
+        for on_disk in (False, True):
+            found = rpil.open(name, skip_bad=True, on_disk=on_disk)
+            assert found.left_out == (f"Skipped, because damaged: lines 6, 21, 41 of {name}.",)
+            assert found.description.steps == 45
+        rpil.open(name, skip_bad=True).keep([0, 3], f"kept-{name}")
+        kept = read(f"kept-{name}")
+        assert (kept.demonstrations, kept.steps) == (2, 10)
+
+
+def test_damaged_lines_of_json_are_named_and_skipped():
+    lines = records(50, 30)
+    lines[744], lines[1029] = "\0" * 200, lines[1029][:20]
+    path = written("a.jsonl", lines)
+    sentence = r"a\.jsonl, line 745: it holds no object of JSON, the first of 2 damaged lines; .* --skip-bad"
+    for command in (["info", path], ["check", path], ["convert", path, "-o", "a.csv"]):
+        refused(sentence, *command)
+    assert "Skipped, because damaged: lines 745, 1030 of a.jsonl." in ok("info", path, "--skip-bad").stdout
+    assert "lines 745, 1030 of a.jsonl" in ok("check", path, "--skip-bad").stderr
+    assert "lines 745, 1030 of a.jsonl" in ok("keep", path, "-o", "b.jsonl", "--skip-bad", "--share", "1").stderr
+    assert Path("b.jsonl").read_text().splitlines() == [line for k, line in enumerate(lines) if k not in (744, 1029)]
+    with pytest.warns(UserWarning, match=r"Skipped, because damaged: lines 745, 1030"):
+        assert len(rpil.read(path, skip_bad=True)) == 50
+
+
+def test_two_objects_in_a_line_and_one_in_two_are_refused():
+    lines = records()
+    written("a.jsonl", [*lines[:4], lines[4] + lines[5], lines[6].replace(", ", ",\n", 1), *lines[7:]])
+    refused(r"a\.jsonl, line 5: it holds no object of JSON, the first of 3 damaged lines", "info", "a.jsonl")
+
+
+def test_damaged_lines_of_a_tub_are_skipped():
+    records = [
+        {"_index": k, "_session_id": "a", "_timestamp_ms": 50 * k, "user/angle": k / 40, "user/throttle": 0.5}
+        for k in range(40)
+    ]
+    lines = [json.dumps(record) for record in records]
+    Path("tub").mkdir()
+    written("tub/catalog_0.catalog", [*lines[:7], "\0\0", *lines[8:20]])
+    written("tub/catalog_1.catalog", ["\0" * 30])
+    written("tub/catalog_2.catalog", lines[20:])
+    written("tub/manifest.json", ["[]", "[]", "{}", "{}", json.dumps({"deleted_indexes": [3]})])
+    refused(r"catalog_0\.catalog, line 8: it holds no object", "info", "tub")
+    found = rpil.open("tub", action="user/angle,user/throttle", skip_bad=True)
+    assert found.description.steps == 38
+    assert found.left_out == ("Skipped, because damaged: line 8 of catalog_0.catalog, line 1 of catalog_1.catalog.",)
+
+
+def texts(folder):
+    for m in range(5):
+        written(folder / f"{m}.csv", [line.split(",", 1)[1] for line in table(1, 8)])
+    (folder / "2.csv").write_bytes(b"\0" * 300)
+
+
+def tables(folder):
+    for m in range(5):
+        columns = {"episode_index": [m] * 8, "observation.x": np.arange(8.0), "action": np.arange(8) % 2}
+        pq.write_table(pa.table(columns), folder / f"{m}.parquet")
+    (folder / "2.parquet").write_bytes((folder / "2.parquet").read_bytes()[:-40])
+
+
+def pages(folder):
+    tables(folder)
+    columns = {"episode_index": [2] * 8, "observation.x": np.arange(8.0), "action": np.arange(8) % 2}
+    pq.write_table(pa.table(columns), folder / "2.parquet", compression="none", write_page_checksum=True)
+    content = (folder / "2.parquet").read_bytes()
+    where = content.index(np.arange(8.0).tobytes())
+    (folder / "2.parquet").write_bytes(content[:where] + b"\7" * 16 + content[where + 16 :])
+
+
+def arrays(folder):
+    for m in range(5):
+        np.savez(
+            folder / f"{m}.npz", observations=np.random.default_rng(m).normal(size=(8, 2)), actions=np.arange(8) % 2
+        )
+    (folder / "2.npz").write_bytes((folder / "2.npz").read_bytes()[:200])
+
+
+@pytest.mark.parametrize("make", [texts, tables, pages, arrays])
+def test_a_damaged_file_of_a_folder_is_skipped_and_named(make):
+    folder = Path("runs")
+    folder.mkdir()
+    make(folder)
+    name = next(file.name for file in folder.iterdir() if file.name.startswith("2."))
+    refused(name.replace(".", r"\."), "info", "runs")
+    assert f"Skipped, because damaged: {name}." in ok("info", "runs", "--skip-bad").stdout
+    assert name in ok("check", "runs", "--skip-bad").stderr
+    ok("keep", "runs", "-o", "kept", "--skip-bad", "--share", "1")
+    assert read("kept").demonstrations == 4
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+@pytest.mark.parametrize("left", [0.5, 0.0])
+def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
+    folder = lerobot_folders.write(Path("arm"), [9, 8, 7, 9, 8, 9, 7], version, cameras=())
+    last = sorted(folder.rglob("data/**/*.parquet"))[1]
+    last.write_bytes(last.read_bytes()[: int(left * last.stat().st_size)])
+    lost, kept = (("episodes 3-5", "episodes 0-2, 6")) if version == "v3.0" else ("episode 1", "episodes 0, 2-6")
+    place = last.relative_to(folder).as_posix()
+    for command in (["info"], ["check"], ["audit"], ["convert", "-o", "a.csv"]):
+        refused(f"arm: damaged, .*: {lost} of {place}; .* {kept} with --skip-bad", command[0], "arm", *command[1:])
+    named = f"Skipped, because damaged: {lost} of {place}."
+    assert named in ok("info", "arm", "--skip-bad").stdout
+    checked = ok("check", "arm", "--skip-bad")
+    assert named in checked.stderr
+    assert "episodes that it lists are not in the data" in checked.stdout
+    assert named in ok("keep", "arm", "-o", "new", "--skip-bad", "--share", "1").stderr
+    n = 4 if version == "v3.0" else 6
+    assert read("new").demonstrations == n
+    assert rpil.check("new").findings == ()
+    assert rpil.check("arm", skip_bad=True).headline.startswith("No recording faults")
+    ok("keep", "arm", "-o", "new.json", "--skip-bad", "--share", "1")
+    assert len(json.loads(Path("new.json").read_text())["episodes"]) == n
+
+
+def test_where_no_file_is_sound_the_first_is_named():
+    folder = lerobot_folders.write(Path("arm"), [9, 8], cameras=())
+    for file in folder.rglob("data/**/*.parquet"):
+        file.write_bytes(b"PAR1" + bytes(80))
+    refused(r"file-000\.parquet: .*never finished", "info", "arm", "--skip-bad")
+
+
+def test_a_file_that_may_not_be_read_is_not_damaged(monkeypatch):
+    Path("runs").mkdir()
+    tables(Path("runs"))
+    shutil.copy("runs/1.parquet", "runs/2.parquet")
+    Path("runs/2.parquet").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 5\n")
+    refused(r"2\.parquet", "info", "runs", "--skip-bad")
+
+
+def step(m, k, rng):
+    """A line of a step: a time with a zone, integers of any size, an object, and keys that are missing in some."""
+    row = {"episode_index": m, "observation": {"x": rng.random(), "y": k}, "action": rng.randint(0, 1)}
+    row |= {"when": f"2024-01-01T00:00:{k:02d}Z", "big": 2**63 + k, "huge": 10**30, "list": [0, 1.0, None]}
+    for key in rng.sample(["when", "big", "huge", "list"], rng.randint(0, 3)):
+        del row[key]
+    return json.dumps(row, separators=rng.choice([(",", ":"), (", ", ": "), (" , ", " : ")]))
+
+
+def whole(m, rng):
+    """A line of a demonstration."""
+    n = rng.randint(3, 6)
+    row = {"when": f"2024-01-0{m + 1}T00:00:00Z", "observations": [[rng.random(), 0] for _ in range(n)]}
+    return json.dumps(row | {"actions": [rng.randint(0, 1) for _ in range(n)], "big": 2**63 + m})
+
+
+def row(m, k, rng):
+    note = rng.choice(["", "ok", '"a, b"', '"two\nlines"', " 007 ", "1e400", str(10**30), "2024-01-01T00:00:00Z"])
+    return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
+    rng = random.Random(seed)
+    n, end = rng.randint(3, 8), rng.choice(["\n", "\r\n"])
+    owners = sorted(range(n), key=lambda _: rng.random())
+    head = ["episode_index,observation.x,action,note"]
+    sources = {
+        "steps.jsonl": [(m, step(m, k, rng)) for m in owners for k in range(5)],
+        "wholes.ndjson": [(m, whole(m, rng)) for m in range(n)],
+        "rows.csv": [(m, row(m, k, rng)) for m in owners for k in range(5)],
+    }
+    if seed % 3 == 0:
+        for records in sources.values():
+            rng.shuffle(records)
+    kept = rng.sample(range(n), rng.randint(1, n))
+    for name, records in sources.items():
+        if name == "wholes.ndjson":
+            records = [(k, record) for k, (_, record) in enumerate(records)]
+        own = head if name.endswith(".csv") else []
+        last = rng.choice([end, ""])
+        Path(name).write_bytes((end.join([*own, *(record for _, record in records)]) + last).encode())
+        rpil.open(name).keep(kept, f"kept-{name}")
+        text = Path(f"kept-{name}").read_bytes().decode()
+        expected = end.join([*own, *(record for m, record in records if m in kept)])
+        assert text in (expected, expected + end)
+
+
+def test_a_line_with_steps_of_several_demonstrations_is_not_copied():
+    rows = [{"episode_id": [m, m, m, m + 1], "x": [0.5, 1.5, 2.5, 0], "action": [0, 1, 1, 0]} for m in (0, 2)]
+    written(
+        "a.jsonl",
+        [*map(json.dumps, rows), json.dumps({"episode_id": [9, 9, 9], "x": [1.0, 2, 3], "action": [1, 0, 1]})],
+    )
+    rpil.open("a.jsonl", id="episode_id").keep([0, 9], "b.jsonl")
+    kept = [json.loads(line) for line in Path("b.jsonl").read_text().splitlines()]
+    assert [row["episode_id"] for row in kept] == [0, 0, 0, 9, 9, 9]

@@ -1,0 +1,109 @@
+"""No row of a text is lost in silence: of damaged copies of CSV and JSON lines each is refused, or read whole."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import pytest
+
+import rpil
+from rpil.data.errors import DataError
+
+N_MUTANTS = 200
+CONTINUED = "~"  # with which the further lines of a cell begin
+NOTES = {
+    "plain": lambda k: "ok" if k % 7 else "",
+    "quoted": lambda k: f'"take {k}, ok"' if k % 3 else '""',
+    "lines": lambda k: f'"take {k}\n{CONTINUED} a, b\n{CONTINUED}"' if k % 5 == 0 else '"said ""go"""',
+    "inches": lambda k: '5" wide' if k % 4 else '"5"" wide"',
+}
+
+
+def table(note, separator=",", first=False, n=48):
+    """A text table with a note in its last column, or its second."""
+    rows = [["episode_index", "observation.x", "action", "note"]]
+    rows += [[str(k // 12), f"{k / 7:.3f}", str(k % 2), NOTES[note](k)] for k in range(n)]
+    rows = [[row[0], row[3], *row[1:3]] if first else row for row in rows]
+    return "".join(f"{separator.join(row)}\n" for row in rows)
+
+
+def lines(n=48):
+    rows = ({"episode_index": k // 12, "x": k / 7, "note": f'said "{k}"', "action": k % 2} for k in range(n))
+    return "".join(f"{json.dumps(row)}\n" for row in rows)
+
+
+def wholes(n=24):
+    rows = (
+        {"task": f"go {k}", "observations": [[k / 7, 1.5], [k / 9, 2.5]], "actions": [0.5, k / 3]} for k in range(n)
+    )
+    return "".join(f"{json.dumps(row)}\n" for row in rows)
+
+
+SAMPLES = [
+    *((f"{note}-{place}.csv", table(note, first=place == "second")) for note in NOTES for place in ("last", "second")),
+    ("tabs.tsv", table("quoted", "\t")),
+    ("semicolons.csv", table("lines", ";")),
+    ("steps.jsonl", lines()),
+    ("wholes.jsonl", wholes()),
+]
+
+
+def mutant(text, rng):
+    """The text with a mark that is dropped, doubled, moved or added, or a line that is cut."""
+    marks = [k for k, sign in enumerate(text) if sign in '",;\t{}[]:']
+    quotes = [k for k in marks if text[k] == '"'] or marks
+    place, other = rng.choice(quotes if rng.random() < 0.6 else marks), rng.randrange(len(text))
+    kind = rng.choice(("drop", "double", "move", "add", "pair", "cut", "join"))
+    if kind == "drop":
+        return text[:place] + text[place + 1 :]
+    if kind == "double":
+        return text[:place] + text[place] + text[place:]
+    if kind == "move":
+        rest = text[:place] + text[place + 1 :]
+        return rest[:other] + text[place] + rest[other:]
+    if kind == "add":
+        return text[:other] + rng.choice('",;\t') + text[other:]
+    if kind == "pair":  # two quotation marks at borders of values
+        borders = sorted(rng.sample([k for k, sign in enumerate(text) if sign in ",;\t\n"], 2))
+        return text[: borders[0] + 1] + '"' + text[borders[0] + 1 : borders[1]] + '"' + text[borders[1] :]
+    end = text.find("\n", other)
+    return text[:other] + text[end if kind == "cut" else end + 1 :]
+
+
+def units(name, text):
+    """The rows or lines that are in a text."""
+    own = [line for line in text.split("\n") if line.strip() and CONTINUED not in line[:3]]
+    return len(own) - (not name.endswith(".jsonl"))
+
+
+def read(path):
+    found = rpil.open(path, id=None if path.name == "wholes.jsonl" else "episode_index", action_kind="auto").description
+    return found.demonstrations if path.name == "wholes.jsonl" else found.steps
+
+
+def lost(folder, seeds):
+    """The mutants that are read with other units, of those of these seeds."""
+    found = []
+    for seed in seeds:
+        rng = random.Random(seed)
+        name, text = SAMPLES[seed % len(SAMPLES)]
+        damaged = mutant(text, rng)
+        (folder / name).write_text(damaged)
+        try:
+            n = read(folder / name)
+        except DataError:
+            continue
+        if n != units(name, damaged):
+            found.append((seed, name, n, units(name, damaged)))
+    return found
+
+
+@pytest.mark.parametrize(("name", "text"), SAMPLES)
+def test_samples_are_read_whole(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    assert read(tmp_path / name) == units(name, text)
+
+
+def test_no_row_of_a_mutant_is_lost_in_silence(tmp_path):
+    assert lost(tmp_path, range(N_MUTANTS)) == []
