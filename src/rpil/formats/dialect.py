@@ -31,6 +31,7 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
 _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
+_MOST_JOINED = 1_000_000  # lines that are looked at again, as quotations join them
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _WRITTEN_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
@@ -105,7 +106,7 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
 
     Where a quotation joins rows, its first line is damaged, and those after it are rows again.
     """
-    waiting, n_columns = deque[str](), len(file.names)
+    waiting, n_columns, n_joined = deque[str](), len(file.names), 0
     numbers: Set[int] | None = None  # columns that hold numbers in the first row
     with file.lines() as source:
 
@@ -114,29 +115,31 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
                 taken.append(one)
                 yield one
 
-        lines = [*itertools.islice(source, file.skip_rows)]
-        row = TextRow(0, 1, lines, [], "")
-        while row.lines:
-            yield row
-            line = row.line + len(row.lines)
-            lines, values, fault = [], [], ""
+        row = TextRow(0, 1, [*itertools.islice(source, file.skip_rows)], [], "")
+        yield row
+        while True:
+            lines, values, fault = list[str](), list[str](), ""
             try:
                 values = next(csv.reader(ahead(lines), delimiter=file.separator), [])
             except csv.Error:
                 fault = f"a value has more than {csv.field_size_limit():,} characters"
-            if len(lines) > 1 and (
-                len(values) != n_columns or _are_several_rows(lines, values, file.separator, numbers)
-            ):
+            if not lines:
+                return
+            is_wrong = len(values) != n_columns
+            if len(lines) > 1 and (is_wrong or _are_several_rows(lines, values, file.separator, numbers)):
                 fault = f"a quotation begins and does not end in {lines[0].strip()[-40:]!r}"
                 waiting.extendleft(reversed(lines[1:]))
+                n_joined += len(lines)
                 del lines[1:]
-            elif values and len(values) != n_columns:
-                if not lines[0].lstrip().startswith("#"):
-                    fault = f"{len(values)} values for {n_columns} columns in {lines[0].strip()[:40]!r}"
-                values = []
-            elif numbers is None and values:
+            elif values and is_wrong and not lines[0].lstrip().startswith("#"):
+                fault = f"{len(values)} values for {n_columns} columns in {lines[0].strip()[:40]!r}"
+            elif numbers is None and values and not is_wrong:
                 numbers = _numbers_in(values)
-            row = TextRow(row.number + bool(values or fault), line, lines, values, fault)
+            if n_joined > _MOST_JOINED:
+                raise DamagedError(f"{file.path.name}: very many quotations begin and do not end; write it again.")
+            own = [] if fault or is_wrong else values
+            row = TextRow(row.number + bool(own or fault), row.line + len(row.lines), lines, own, fault)
+            yield row
 
 
 def _are_several_rows(lines: Sequence[str], values: Sequence[str], separator: str, numbers: Set[int] | None) -> bool:
