@@ -7,7 +7,7 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
-from rpil.formats.chosen import set_aside_lines, with_chosen
+from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 
 N, T = 6, 8
@@ -160,4 +160,4 @@ def test_a_message_names_the_row_of_the_file(read):
 def test_a_recording_of_which_all_is_chosen_is_the_same():
     whole = rpil.open(table())
     assert with_chosen(whole, ColumnOptions(skip_bad=True)) is whole
-    assert set_aside_lines(()) == ()
+    assert whole.left_out == ()

@@ -12,7 +12,8 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.formats.columns import ColumnOptions, Ids
-from rpil.formats.recording import Recording, left_out_lines
+from rpil.formats.damage import left_out_lines
+from rpil.formats.recording import Recording
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 

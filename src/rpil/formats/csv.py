@@ -24,7 +24,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.damage import parts_in_words, without_damaged
-from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_rows, without_suffix
+from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import Cut, Cuts, in_two_files
 from rpil.formats.rows import Rows, TableRows
@@ -52,7 +52,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
     file = find_dialect(path, options)
     note = () if file.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {file.encoding}.",)
-    origin = Origin(path.name, file.words, notes=note, skipped=_skipped({path.name: file}))
+    skipped = (parts_in_words(file.skipped, "line", [path.name]),) if file.skipped else ()
+    origin = Origin(path.name, file.words, notes=note, skipped=skipped)
     return _read({path.name: file}, find_text_columns(file, options), origin)
 
 
@@ -75,11 +76,8 @@ def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> S
 def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
     """The text tables at the paths, by their names, and which lines and files are skipped."""
     files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options.skip_bad)
-    return files, (*damaged, *_skipped(files))
-
-
-def _skipped(files: Mapping[str, TextTable]) -> tuple[str, ...]:
-    return tuple(parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
+    lines = [parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped]
+    return files, (*damaged, *lines)
 
 
 def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
@@ -237,7 +235,8 @@ def _read_table(file: TextTable, columns: Columns) -> Rows:
         try:
             # Where there is text, or true and false, they are read as such, so that the message can say where.
             found = _parsed(file, rows, *(common | {"column_types": types} for types in (texts | floats, texts)))
-            file.check(len(found))
+            if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
+                file.check()
             return found
         except pa.ArrowInvalid as error:
             if "CSV conversion error" not in str(error):
@@ -265,7 +264,7 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
     while True:
         converting = csv.ConvertOptions(decimal_point=file.decimal, **conversions[0])
         try:
-            with file.bytes() as text:
+            with file.without_skipped() if file.skipped else text_bytes(file.path) as text:
                 return take(text, reading, parsing, converting)
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error) and conversions[1:]:

@@ -43,3 +43,10 @@ def parts_in_words(numbers: Iterable[int], what: str, names: Sequence[str]) -> s
     words = commas([f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs], _MOST_NAMED)
     what = f"{what}s" if sum(map(len, runs)) > 1 else what
     return " of ".join([*([f"{what} {words}"] if runs else []), *([commas(names, _MOST_NAMED)] if names else [])])
+
+
+def left_out_lines(skipped: Sequence[str], ids: Sequence[object] = ()) -> tuple[str, ...]:
+    """Lines that name damaged parts, and demonstrations that were set aside; none where there are none."""
+    damaged = [f"Skipped, because damaged: {', '.join(skipped)}."] if skipped else []
+    named = commas(list(map(str, ids)), _MOST_NAMED)
+    return (*damaged, *([f"Set aside: {named}, because a value is missing or infinite."] if ids else []))

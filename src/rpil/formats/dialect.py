@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.guard import guarded
@@ -31,7 +31,7 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
 _MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
-_MOST_JOINED = 1_000_000  # lines that are looked at again, as quotations join them
+_MOST_JOINED = MIB  # lines that are looked at again, because quotations join them
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _WRITTEN_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
@@ -61,14 +61,10 @@ class TextTable:
         return ", ".join(["CSV", *found])
 
     @contextmanager
-    def bytes(self) -> Iterator[pa.NativeFile]:
-        """All but the lines that are skipped, without which the encoding is UTF-8."""
+    def without_skipped(self) -> Iterator[pa.NativeFile]:
+        """The bytes of the lines that are not skipped, as UTF-8."""
         import pyarrow as pa
 
-        if not self.skipped:
-            with text_bytes(self.path) as stream:
-                yield stream
-            return
         skipped = {*self.skipped}
         with tempfile.TemporaryFile() as copy, self.lines() as lines:
             copy.writelines(line.encode() for number, line in enumerate(lines, 1) if number not in skipped)
@@ -81,24 +77,17 @@ class TextTable:
         with text_bytes(self.path) as stream, io.TextIOWrapper(stream, self.encoding, newline="") as lines:
             yield lines
 
-    def check(self, n_rows: int | None = None) -> None:
-        """A `DataError` that names the first damaged line, where there is one; no line is looked at where all others
-        are in `n_rows` rows."""
-        if self.skipped or (n_rows is not None and self.n_lines in (0, self.skip_rows + n_rows)):
-            return
-        damaged = [f"row {row.number}: {row.fault}, at line {row.line}" for row in text_rows(self) if row.fault]
+    def check(self) -> None:
+        """A `DataError` that names the first damaged line, where there is one that is not skipped."""
+        rows = () if self.skipped else text_rows(self)
+        damaged = [f"row {n}: {fault}, at line {line}" for n, line, _, _, fault in rows if fault]
         if damaged:
             raise damaged_lines(self.path.name, damaged)
 
 
-class TextRow(NamedTuple):
-    """Lines of a text table that are one row, and what is wrong with it."""
-
-    number: int  # among the rows of values, from 1
-    line: int  # the first one, from 1
-    lines: list[str]  # with their ends
-    values: list[str]  # none of the header, a comment or an empty line
-    fault: str
+TextRow = tuple[int, int, list[str], list[str], str]
+"""A row of a text table: its number among the rows of values and that of its first line, both from 1; its lines with
+their ends; its values, of which a comment, an empty line and the header have none; and what is wrong with it."""
 
 
 def text_rows(file: TextTable) -> Iterator[TextRow]:
@@ -115,10 +104,10 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
                 taken.append(one)
                 yield one
 
-        row = TextRow(0, 1, [*itertools.islice(source, file.skip_rows)], [], "")
-        yield row
+        number, line, lines = 0, 1, [*itertools.islice(source, file.skip_rows)]
+        yield number, line, lines, [], ""
         while True:
-            lines, values, fault = list[str](), list[str](), ""
+            line, lines, values, fault = line + len(lines), list[str](), list[str](), ""
             try:
                 values = next(csv.reader(ahead(lines), delimiter=file.separator), [])
             except csv.Error:
@@ -137,9 +126,9 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
                 numbers = _numbers_in(values)
             if n_joined > _MOST_JOINED:
                 raise DamagedError(f"{file.path.name}: very many quotations begin and do not end; write it again.")
-            own = [] if fault or is_wrong else values
-            row = TextRow(row.number + bool(own or fault), row.line + len(row.lines), lines, own, fault)
-            yield row
+            values = [] if fault or is_wrong else values
+            number += bool(values or fault)
+            yield number, line, lines, values, fault
 
 
 def _are_several_rows(lines: Sequence[str], values: Sequence[str], separator: str, numbers: Set[int] | None) -> bool:
@@ -206,7 +195,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines)
     if not options.skip_bad:
         return file
-    damaged = (range(row.line, row.line + len(row.lines)) for row in text_rows(file) if row.fault)
+    damaged = (range(line, line + len(lines)) for _, line, lines, _, fault in text_rows(file) if fault)
     return replace(file, skipped=[*itertools.chain(*damaged)])
 
 

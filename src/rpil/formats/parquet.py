@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DamagedError
+from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
-from rpil.data.names import MARK, plain_name
+from rpil.data.names import EPISODE, MARK, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.made_columns import with_facts
-from rpil.formats.parquet_file import check_sizes
+from rpil.formats.parquet_file import check_sizes, read_table
 from rpil.formats.places import Cuts, UnsortedError, kept_rows
 from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.store import columns_of_file, open_rows, opened, readable
+from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -63,6 +65,45 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
     return StepTables(tables, columns, origin, rows.sizes)
+
+
+def readable(
+    filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
+) -> tuple[list[str], tuple[str, ...]]:
+    """The Parquet files that are not damaged, by all of their rows, and words for the others; unless these are skipped,
+    a `DataError` on them, by footers alone."""
+
+    def read(path: str) -> None:
+        with opened(filesystem, path) as file:
+            for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False) if skips else ():
+                batch.validate(full=True)
+
+    found, damaged = without_damaged(paths, read)
+    names, lost, left = _episodes(filesystem, damaged, found)
+    words = parts_in_words(lost, "episode", names)
+    if damaged and not skips:
+        said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
+        others = parts_in_words(left, "episode", []) or "the others"
+        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
+    return [*found], (words,) if words else ()
+
+
+def _episodes(
+    filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
+) -> tuple[list[str], list[int], list[int]]:
+    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
+    from rpil.formats.meta_folder import MetaFolder
+
+    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
+    if data is None:
+        return [PurePosixPath(path).name for path in damaged], [], []
+    there, listed = set[int](), set[int]()
+    with suppress(DataError):  # of damaged metadata, which their reader names
+        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+    for path in others if listed else ():
+        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
+    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+    return names, sorted(listed - there), sorted(there)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -20,6 +20,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.categories import find_categories
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
+from rpil.formats.damage import left_out_lines
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rpil.numerics.types import Array, Bool, Int
-
-
-_MOST_NAMED = 30  # in one line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -196,13 +194,6 @@ class Recording:
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
-def left_out_lines(skipped: Sequence[str], ids: Sequence[Id]) -> tuple[str, ...]:
-    """Lines that name damaged parts, and demonstrations that were set aside; none where there are none."""
-    damaged = [f"Skipped, because damaged: {', '.join(skipped)}."] if skipped else []
-    named = commas(list(map(str, ids)), _MOST_NAMED)
-    return (*damaged, *([f"Set aside: {named}, because a value is missing or infinite."] if ids else []))
-
-
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables; `on_disk` they never are in memory all."""
     source = found.origin.source
@@ -298,7 +289,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *([f"Several agents act in a demonstration, as {columns.agent} says."] if columns.agent else []),
             *origin.notes,
-            *left_out_lines(origin.skipped, ()),
+            *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes(len(places.ids), n_steps),
         ),
     )

@@ -6,7 +6,7 @@ import glob
 import itertools
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
 from typing import TYPE_CHECKING, Literal
@@ -17,15 +17,14 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, refuse_pointer
 from rpil.data.folders import check_folder, check_inside, is_hidden
 from rpil.data.guard import guarded, in_words
-from rpil.data.names import EPISODE, OWN_TABLES, is_data, quoted
-from rpil.formats import damage
+from rpil.data.names import OWN_TABLES, is_data, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
-from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, input_file, read_table
+from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, input_file
 from rpil.formats.rows import BATCH_ROWS, ChosenRows, names_at
 from rpil.formats.spool import Copy
 from rpil.formats.table import Place
@@ -140,45 +139,6 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
             fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
         with guarded(PurePosixPath(path).name, fault, "write it again"):
             raise
-
-
-def readable(
-    filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
-) -> tuple[list[str], tuple[str, ...]]:
-    """The Parquet files that are not damaged, by all of their rows, and words for the others; unless these are skipped,
-    a `DataError` on them, by footers alone."""
-
-    def read(path: str) -> None:
-        with opened(filesystem, path) as file:
-            for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False) if skips else ():
-                batch.validate(full=True)
-
-    found, damaged = damage.without_damaged(paths, read)
-    names, lost, left = _episodes(filesystem, damaged, found)
-    words = damage.parts_in_words(lost, "episode", names)
-    if damaged and not skips:
-        said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
-        others = damage.parts_in_words(left, "episode", []) or "the others"
-        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
-    return [*found], (words,) if words else ()
-
-
-def _episodes(
-    filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
-) -> tuple[list[str], list[int], list[int]]:
-    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
-    from rpil.formats.meta_folder import MetaFolder
-
-    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
-    if data is None:
-        return [PurePosixPath(path).name for path in damaged], [], []
-    there, listed = set[int](), set[int]()
-    with suppress(DataError):  # of damaged metadata, which their reader names
-        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
-    for path in others if listed else ():
-        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
-    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
-    return names, sorted(listed - there), sorted(there)
 
 
 def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:

@@ -18,7 +18,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect, without_suffix
 from rpil.formats.format import Format, StepTables, check_found
 from rpil.formats.places import Cuts
-from rpil.formats.store import find_files, readable, tables_of
+from rpil.formats.store import find_files, tables_of
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -94,7 +94,7 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
     """
     filesystem, parquet_files, text_files, _ = _found(path, options)
     if options.skip_bad and parquet_files:
-        parquet_files, _ = readable(filesystem, parquet_files, path.name)
+        parquet_files, _ = parquet.readable(filesystem, parquet_files, path.name)
     files = [Path(file) for file in parquet_files or text_files]
     wanted, found = set(map(str, ids)), set()
     with new_folder(output) as folder:
