@@ -1,6 +1,7 @@
 """HDF5 files of no known layout, damaged ones, and ones made to break the reader."""
 
 import sys
+import zlib
 
 import numpy as np
 import pytest
@@ -163,3 +164,29 @@ def test_timeouts_that_were_not_written_are_all_false_where_that_is_asked_for(tm
     with pytest.raises(DataError, match=r"x\.hdf5: timeouts .*fill_missing=True"):
         rpil.read(path)
     assert len(rpil.read(path, fill_missing=True)) == 3
+
+
+@pytest.mark.parametrize("fill_missing", [False, True])
+def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path, fill_missing):
+    path = tmp_path / "x.hdf5"
+    with h5py.File(path, "w") as file:
+        for k in range(2):
+            file[f"data/demo_{k}/obs/x"] = np.ones((10, 3))
+        file["data/demo_0/actions"] = np.ones((10, 3))
+        how = {"chunks": (10, 3), "compression": "gzip"}
+        array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
+        array.id.write_direct_chunk((0, 0), zlib.compress(bytes(10**7), 1))
+    with pytest.raises(DataError, match=r"x\.hdf5: the chunks of data/demo_1/actions hold more than they declare; "):
+        rpil.read(path, fill_missing=fill_missing)
+
+
+def test_rows_that_do_not_fit_in_memory_are_not_allocated(tmp_path, monkeypatch):
+    path = tmp_path / "x.hdf5"
+    with h5py.File(path, "w") as file:
+        array = file.create_dataset("episode_index", (10**8,), "i8", chunks=(10**8,), compression="gzip")
+        array.id.write_direct_chunk((0,), zlib.compress(bytes(10**7), 1))
+        for name in ("observations", "actions"):
+            file.create_dataset(name, (10**8,), "f8")
+    monkeypatch.setattr("rpil.data.memory.free_memory", lambda: 1e9)
+    with pytest.raises(DataError, match=r"x\.hdf5: more memory than is free would be needed to read it"):
+        rpil.read(path)

@@ -55,8 +55,9 @@ def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
 
 
 def check_free(n_bytes: float) -> None:
-    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where so much memory is not free."""
-    if n_bytes > 64 * MIB and n_bytes > free_memory():  # which takes a moment to find
+    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where a part of a file takes more than the
+    default `budget`."""
+    if n_bytes > 64 * MIB and n_bytes > budget():  # which takes a moment to find
         raise MemoryError
 
 
