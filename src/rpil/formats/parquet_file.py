@@ -81,9 +81,9 @@ def check_sizes(
     `bytes_of_groups`, and a `DataError` where lists in a local file hold more than its footer says."""
     from pyarrow import fs
 
-    name, parts = PurePath(path).name, range(len(file.schema))
+    name = PurePath(path).name
     sizes = bytes_of_groups(file, columns, name)
-    lists = [k for k in parts if file.schema.column(k).max_repetition_level and _column_of(file, k) in columns]
+    lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]
     if lists and isinstance(filesystem, fs.LocalFileSystem):
         with input_file(filesystem, path) as stream:
             check_pages(file, stream, lists, name)
@@ -97,8 +97,7 @@ def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -
     can hold.
     """
     kinds = {field.name: kind_of_type(field.type) for field in file.schema_arrow}
-    chosen = {k: column for k in range(len(file.schema)) if (column := _column_of(file, k)) in columns}
-    sizes = []
+    chosen, sizes = _parts_of(file, columns), []
     for group in map(file.metadata.row_group, range(file.num_row_groups)):
         n_bytes, most = 0, BYTES_PER_NUMBER * _LONGEST_VALUE * group.num_rows + _LARGEST_PAGE
         for k, column in chosen.items():
@@ -113,9 +112,15 @@ def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -
     return sizes
 
 
-def _column_of(file: pq.ParquetFile, part: int) -> str:
-    """The column, whose name may have dots, of a part of it at a path such as ``x.list.element``."""
-    path, names = file.schema.column(part).path, file.schema_arrow.names
+def _parts_of(file: pq.ParquetFile, columns: Collection[str]) -> dict[int, str]:
+    """The parts of the `columns` by number, with the column of each."""
+    names, schema = {*file.schema_arrow.names}, file.schema
+    owners = {k: _column_of(schema.column(k).path, names) for k in range(len(schema))}
+    return {k: column for k, column in owners.items() if column in columns}
+
+
+def _column_of(path: str, names: Collection[str]) -> str:
+    """The column, one of the `names`, which may have dots, of a part of it at a path such as ``x.list.element``."""
     while path not in names and path:
         path = path.rpartition(".")[0]
     return path

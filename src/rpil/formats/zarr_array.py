@@ -215,7 +215,7 @@ class ZarrArray:
     def _most_bytes(self) -> int:
         """The bytes of a file with a chunk, or with a shard of several, at most: filters make up to 8 bytes of one."""
         n_chunks = math.prod(self.chunks) // math.prod(self.stored.chunks)
-        return 8 * self.dtype.itemsize * math.prod(self.chunks) + 4096 * n_chunks
+        return int(8 * self.dtype.itemsize * math.prod(self.chunks) + 4096 * n_chunks)
 
     def _missing(self) -> DataError:
         """The error that names the demonstrations some of whose steps have no chunk."""
