@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rpil.inference.answers import Answers
+from rpil.results.answering import rejecting_rules
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
@@ -83,4 +85,7 @@ def make_audit(
     for name, label in (labels or {}).items():
         fields["answers"].labels[fields["ids"].index(name)] = label
     nothing = np.zeros(size)
-    return Audit(**({"from_actions": fields["log_odds"], "from_demonstrator": nothing, "from_label": nothing} | fields))
+    audit = Audit(
+        **({"from_actions": fields["log_odds"], "from_demonstrator": nothing, "from_label": nothing} | fields)
+    )
+    return audit if "rejected_by" in fields else replace(audit, rejected_by=rejecting_rules(audit))

@@ -205,7 +205,7 @@ def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     ok("convert", data, *few, "-o", "some.csv")
     assert list(formats.read("some.csv").ids) == ids
     assert "14 demonstrations (" in ok("fit", data, "-o", "policy", *few).stdout
-    kept = ok("keep", data, *few, "-o", "kept.parquet", "--yes").stdout
+    kept = ok("keep", data, *few, "-o", "kept.parquet").stdout
     assert f"Kept {len(formats.read('kept.parquet'))} of 24 demonstrations" in kept
     assert {*formats.read("kept.parquet").ids} <= {*ids}
     assert audited(small, "--only", "0-15")["demonstrations"] == audited(small)["demonstrations"]

@@ -219,7 +219,7 @@ def test_ids_that_look_like_formulas(folder):
     Path("labels.csv").write_text("id,verdict\n'=cmd|'/C calc'!A0,bad\n+1+1,bad\n")
     for verdicts, kept in (("v.csv", ids), ("labels.csv", ids[2:])):
         for table in ("named.parquet", "t.csv"):
-            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts, "--yes")
+            ok("keep", table, "-o", f"k{Path(table).suffix}", "--verdicts", verdicts)
             assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept
 
 

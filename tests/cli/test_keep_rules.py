@@ -1,8 +1,8 @@
-"""What ``rpil keep`` rejects, and why: labels, faults, answers, and what is outlier only where answers allow it."""
+"""What ``rpil keep`` rejects, and why: labels, outcomes, faults, and what is inferred once answers contrast."""
 
+import csv
 import json
 import re
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,6 @@ FEW, MANY = 24, 12
 """Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
 
 COLUMNS = ["--observations", "x,v"]
-UNDECIDED = (
-    "rpil: 4 of 12 demonstrations are outliers, more than 20% of all: they are kept, because without two "
-    "answers nobody knows whether they are worse.\n"
-)
 
 
 def labels(**of):
@@ -36,66 +32,103 @@ def kept_in(path):
     return {*rpil.read(path).ids}
 
 
-def test_a_fifth_that_is_unlike_is_rejected_and_more_is_kept_with_code_3():
-    few, many = write("few.parquet", FEW), write("many.parquet", MANY)
-    assert ok("keep", few, "-o", "k.parquet", *COLUMNS, "-q").stdout.splitlines() == [
-        "Kept 20 of 24 demonstrations: k.parquet",
-        "Rejected: 4 as outliers.",
-        "  as outliers: 3, 5, 8 and 9",
-    ]
-    ok("audit", many, *COLUMNS, "--verdicts", "v.csv", "-q")
-    for extra, yes in product(([], ["--verdicts", "v.csv"]), ([], ["--yes"])):
-        Path("k.parquet").unlink()
-        result = call("keep", many, "-o", "k.parquet", *COLUMNS, "-q", *extra, *yes)
-        assert (result.exit_code, result.stderr) == (0 if yes else 3, UNDECIDED)
-        assert result.stdout == "Kept 12 of 12 demonstrations: k.parquet\n"
-        assert kept_in("k.parquet") == {*range(MANY)}
+def test_without_answers_all_are_kept_and_what_to_look_at_is_printed():
+    for n in (FEW, MANY):
+        data = write("d.parquet", n)
+        printed = ok("keep", data, "-o", "k.parquet", *COLUMNS).stdout.splitlines()
+        assert printed[0] == f"Kept {n} of {n} demonstrations: k.parquet"
+        lowest = re.fullmatch(r"Look at (\d+), (\d+), (\d+), (\d+) and (\d+), the lowest of the ranking\.", printed[1])
+        assert {*map(int, lowest.groups()[:4])} == BAD
+        assert printed[2].startswith("Which is better: ")
+        assert kept_in("k.parquet") == {*range(n)}
+        assert len(ok("keep", data, "-o", "k.parquet", *COLUMNS, "-q").stdout.splitlines()) == 1
+        ok("audit", data, *COLUMNS, "--verdicts", "v.csv", "-q")
+        ok("keep", data, "-o", "k.parquet", *COLUMNS, "--verdicts", "v.csv")
+        assert kept_in("k.parquet") == {*range(n)}
 
 
-@pytest.mark.parametrize(("n", "code", "outlier"), [(FEW, 0, [*sorted(BAD)]), (MANY, 3, [])])
-def test_an_audit_lists_what_keep_keeps(n, code, outlier):
-    data = write("d.parquet", n)
-    result = call("audit", data, *COLUMNS, "--keep", "k.json", "--json", "-q")
-    assert result.exit_code == code
-    assert (UNDECIDED in result.stderr) == (code == 3)
+@pytest.mark.parametrize("word", ["good", "bad"])
+def test_labels_of_one_side_reject_themselves_alone(word):
+    few = write("few.parquet", FEW)
+    said = [3, 5, 8] if word == "bad" else [0, 1, 2]
+    ok("keep", few, "-o", "k.parquet", *COLUMNS, *labels(**{f"_{m}": word for m in said}), "-q")
+    assert kept_in("k.parquet") == {*range(FEW)} - ({*said} if word == "bad" else set())
+
+
+@pytest.mark.parametrize("given", [{}, {"_0": "good", "_3": "bad"}])
+def test_an_audit_lists_what_keep_keeps(given):
+    data, more = write("d.parquet", FEW), labels(**given) if given else []
+    result = ok("audit", data, *COLUMNS, *more, "--keep", "k.json", "--json", "-q")
     listed = json.loads(Path("k.json").read_text())
-    found = {name: listed[name] for name in ("episodes", "rejected", "undecided")}
-    assert (
-        json.loads(result.stdout)["keep"]
-        == found
-        == {
-            "episodes": [m for m in range(n) if m not in outlier],
-            "rejected": {"outlier": outlier} if outlier else {},
-            "undecided": [] if outlier else sorted(BAD),
-        }
-    )
-    assert call("keep", data, "-o", "k.parquet", *COLUMNS, "-q").exit_code == code
+    assert json.loads(result.stdout)["keep"] == {name: listed[name] for name in ("episodes", "rejected")}
+    assert listed["rejected"] == ({"labels": [3], "answers": [5, 8, 9]} if given else {})
+    ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "-q")
     assert kept_in("k.parquet") == {*listed["episodes"]}
-    assert call("audit", data, *COLUMNS, "--keep", "k.json", "--yes", "-q").exit_code == 0
+    assert ("the lowest of the ranking" in ok("audit", data, *COLUMNS, *more, "--keep", "k.json").stdout) == (not given)
     assert call("audit", data, *COLUMNS, "--keep", "k.json", "-q", "--fail-on", "outlier").exit_code == 1
-    assert call("audit", data, *COLUMNS, "--verdicts", "v.csv", "-q").exit_code == 0, "nothing is kept by it"
 
 
-def test_what_would_decide_is_printed_and_holds():
-    """The numbers of what is kept are those of the same command with these answers, and with the share."""
-    many = write("many.parquet", MANY)
-    for given in ({}, {"_0": "good"}):
-        result = call("keep", many, "-o", "k.parquet", *COLUMNS, *(labels(**given) if given else []))
-        assert result.exit_code == (3 if not given or "outlier" in result.stderr else 0)
-        if result.exit_code == 0:
-            continue
-        cases = re.findall(r"If (.*), (\d+) of 12 are kept\.", result.stdout)
-        assert len(cases) == 2
-        for said, n in cases:
-            answers = dict(re.findall(r"(\d+) is (good|bad)", said))
-            assert set(answers.values()) == ({"good", "bad"} if not given else {said.rpartition(" ")[2]})
-            extra = labels(**given, **{f"_{name}": label for name, label in answers.items()})
-            again = ok("keep", many, "-o", "again.parquet", *COLUMNS, *extra, "-q").stdout
-            assert again.startswith(f"Kept {n} of 12 demonstrations")
-        [share] = re.findall(r"--share 0\.6 would keep (\d+)", result.stdout)
-        assert f"Kept {share} of 12" in ok("keep", many, "-o", "s.parquet", *COLUMNS, "--share", ".6", "-q").stdout
-        assert ("Is it good or bad: " if given else "Which is better: ") in result.stdout
-    assert "Which" not in call("keep", many, "-o", "k.parquet", *COLUMNS, "-q").stdout
+def test_the_worse_one_of_a_pair_is_named_and_then_rejected():
+    few = write("few.parquet", FEW)
+    Path("labels.csv").write_text("id,label\n0,better than 3\n")
+    given = ["keep", few, "-o", "k.parquet", *COLUMNS, "--labels", "labels.csv", "-q"]
+    assert ok(*given).stdout.splitlines() == [
+        "Kept 24 of 24 demonstrations: k.parquet",
+        "3 is kept though you called it worse than 0: one answer more decides.",
+    ]
+    Path("labels.csv").write_text("id,label\n0,better than 3\n1,good\n")
+    assert 3 not in {*map(int, re.findall(r"\d+", ok(*given).stdout.partition("Rejected")[0])[3:])}
+    assert 3 not in kept_in("k.parquet")
+
+
+SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astype(int)}
+
+
+@pytest.mark.parametrize("more", [[], ["--operator", "who"]])
+def test_an_outcome_of_zero_rejects_at_once(more):
+    data = write("d.parquet", FEW, **SUCCESS, who=np.repeat(["ann", "bob"], 480))
+    words = [data, *COLUMNS, "--outcome", "success", *more]
+    printed = ok("keep", *words, "-o", "k.parquet", "--ignore", "answers", "-q").stdout.splitlines()
+    assert printed[1:] == ["Rejected: 2 by success = 0.", "  by success = 0: 2 and 3"]
+    assert kept_in("k.parquet") == {*range(FEW)} - {2, 3}
+    ok("keep", *words, "-o", "k.parquet", "--ignore", "answers,outcome", "-q")
+    assert kept_in("k.parquet") == {*range(FEW)}
+    ok("keep", *words, "-o", "k.parquet", "--ignore", "answers", *labels(_2="good"), "-q")
+    assert kept_in("k.parquet") == {*range(FEW)} - {3}, "a label of the same demonstration says more"
+    shown = ok("audit", *words, "--verdicts", "v.csv", "--report", "r.html", "-q").stdout
+    assert re.search(r"^2 +bad .*success 0$", shown, re.M)
+    rows = {row["id"]: row for row in csv.DictReader(Path("v.csv").read_text().splitlines())}
+    assert [(rows[m]["verdict"], rows[m]["reason"][:9]) for m in "23"] == [("bad", "success 0")] * 2
+    assert '"success 0' in Path("r.html").read_text()
+    printed = ok("keep", data, *COLUMNS, "--verdicts", "v.csv", "-o", "k.parquet", "-q").stdout
+    assert "2 by success = 0" in printed
+
+
+def test_an_outcome_may_be_a_file():
+    data, other = write("d.parquet", FEW, **SUCCESS), write("o.parquet", FEW)
+    Path("success.csv").write_text("id,value\n" + "".join(f"{m},{m not in (2, 3)}\n" for m in range(FEW)))
+    Path("success.json").write_text(json.dumps({str(m): int(m not in (2, 3)) for m in range(FEW)}))
+    expected = ok("keep", data, *COLUMNS, "--outcome", "success", "-o", "k.parquet", "-q").stdout
+    for file in ("success.csv", "success.json"):
+        assert ok("keep", other, *COLUMNS, "--outcome", file, "-o", "k.parquet", "-q").stdout == expected
+        assert rpil.audit(other, outcome=file, observations=["x", "v"]).choice.rejected["outcome"] == (2, 3)
+    few = ok("keep", other, *COLUMNS, "--outcome", "success.csv", "--without", "2", "-o", "k.parquet", "-q").stdout
+    assert "1 by success = 0" in few
+    Path("failure.csv").write_text("id,value\n0,no\n")
+    refused(r"failure\.csv: outcome holds what is no number", "audit", other, "--outcome", "failure.csv")
+    Path("failure.csv").write_text("id,value\n0,1\n0,1\n")
+    refused(r"failure\.csv, demonstration '0': it has two outcomes", "audit", other, "--outcome", "failure.csv")
+    Path("failure.csv").write_text("id,value\n99,1\n")
+    refused(r"failure\.csv: no demonstration is called '99'", "audit", other, "--outcome", "failure.csv")
+    Path("failure.csv").write_text("id,value\n0,0\n1,0\n")
+    refused(r"failure\.csv: the outcome is 0 for every demonstration", "audit", other, "--outcome", "failure.csv")
+    refused("it is named twice in the command", "audit", other, "--outcome", "success.csv", "--verdicts", "success.csv")
+
+
+def test_a_failure_is_one_where_more_is_worse():
+    data = write("d.parquet", FEW, failed=1 - SUCCESS["success"])
+    printed = ok("keep", data, *COLUMNS, "--outcome=-failed", "-o", "k.parquet", "--ignore", "answers", "-q").stdout
+    assert "2 by failed = 1" in printed
 
 
 def test_the_page_shows_what_is_printed():
@@ -115,32 +148,23 @@ def test_two_answers_reject_what_they_say():
     printed = ok("keep", many, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad")).stdout
     ids = {rule: {*map(int, re.findall(r"\d+", found))} for rule, found in re.findall(r"  ([a-z ]+): (.*)", printed)}
     assert ids["by your labels"] == {3}
-    inferred = ids.get("by inference from your answers", set()) | ids.get("as outliers", set())
-    assert inferred
-    assert inferred <= BAD - {3}
+    assert ids["by inference from your answers"] <= BAD - {3}
     assert kept_in("k.parquet") == {*range(MANY)} - set.union(*ids.values())
-
-
-@pytest.mark.parametrize("words", [["--share", ".5"], ["--at-least", ".5"], ["--ignore", "outlier"]])
-def test_what_is_asked_for_leaves_nothing_undecided(words):
-    result = ok("keep", write("many.parquet", MANY), "-o", "k.parquet", *COLUMNS, *words, "-q")
-    assert result.stderr == ""
-    assert kept_in("k.parquet") == ({*range(MANY)} if words[0] == "--ignore" else kept_in("k.parquet") - BAD)
 
 
 def test_each_rule_can_be_ignored():
     few = write("few.parquet", FEW)
-    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "outlier,labels", *labels(_1="bad"), "-q")
+    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", *labels(_1="bad"), "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
     given = labels(_0="good", _1="good", _2="good", _3="bad", _5="bad")
-    for words, left in ((["--ignore", "labels"], {3, 5}), (["--ignore", "answers,outlier"], BAD - {3, 5})):
+    for words, left in ((["--ignore", "labels"], {3, 5}), (["--ignore", "answers"], BAD - {3, 5})):
         ok("keep", few, "-o", "k.parquet", *COLUMNS, *words, *given, "-q")
         assert left <= kept_in("k.parquet")
-    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", "--ignore", "answers, outlier", *given, "-q")
+    ok("keep", few, "-o", "k.parquet", *COLUMNS, "--ignore", "labels", "--ignore", "answers, outcome", *given, "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
-    assert ("labels", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
-    refused("'x' is not one of 'labels', 'answers'", "keep", few, "-o", "k.parquet", "--ignore", "labels,x")
-    for words in (["--ignore", "outlier"], ["--without-faults", "jump"], ["--yes"]):
+    assert ("labels", "outcome", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
+    refused("'x' is not one of 'labels', 'outcome'", "keep", few, "-o", "k.parquet", "--ignore", "labels,x")
+    for words in (["--ignore", "outcome"], ["--without-faults", "jump"]):
         refused("give --keep OUT.json", "audit", few, *words)
 
 
@@ -169,7 +193,7 @@ def test_faults_that_are_named_are_rejected():
         printed = ok(*call_of, "k.npz", *words).stdout
         assert "1 by your labels, 3 with a fault that was named." in printed
         assert kept_in("k.npz") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
-    ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "--yes", "-q")
+    ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "-q")
     assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
     refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.npz", "--without-faults", "jumps")
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
@@ -179,14 +203,16 @@ def test_faults_that_are_named_are_rejected():
 
 @pytest.mark.slow
 def test_each_task_counts_its_own_answers():
-    """Two answers about one task say nothing of the outliers of another task: 4 of 20 are a fifth, 4 of 19 more."""
+    """Answers that contrast about one task say nothing of the demonstrations of another task."""
     many, few = (pq.read_table(write(f"{n}.parquet", n)) for n in (MANY, FEW))
-    for n, code in ((20, 0), (19, 3)):
-        rows = few.filter(pc.and_(pc.greater_equal(few["episode_index"], 12), pc.less(few["episode_index"], n)))
-        tasks = pa.array(["lift"] * len(many) + ["turn"] * len(rows))
-        pq.write_table(pa.concat_tables([many, rows]).append_column("task", tasks), data := "two.parquet")
-        result = call("keep", data, "-o", "k.parquet", *COLUMNS, *labels(_14="good", _15="good"))
-        assert result.exit_code == code
-        assert kept_in("k.parquet") == {*range(n)} - (set() if code else BAD)
-    result = ok("keep", data, "-o", "k.parquet", *COLUMNS, *labels(_0="good", _3="bad"))
-    assert "Rejected: 1 by your labels, 3 as outliers." in result.stdout
+    rows = few.filter(pc.greater_equal(few["episode_index"], 12))
+    tasks = pa.array(["lift"] * len(many) + ["turn"] * len(rows))
+    pq.write_table(pa.concat_tables([many, rows]).append_column("task", tasks), data := "two.parquet")
+    for given, left in (
+        ({"_14": "good", "_15": "bad"}, {15}),
+        ({"_0": "good", "_15": "bad"}, {15}),
+        ({"_0": "good", "_3": "bad"}, BAD),
+    ):
+        ok("keep", data, "-o", "k.parquet", *COLUMNS, *labels(**given))
+        assert kept_in("k.parquet") & BAD == BAD - left
+        assert left <= {*range(FEW)} - kept_in("k.parquet")

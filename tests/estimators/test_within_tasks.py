@@ -135,7 +135,7 @@ def test_a_label_is_the_word_of_a_demonstration_that_is_alone_in_its_task(both, 
     row = next(row for row in found["demonstrations"] if row["id"] == 100)
     assert (row["verdict"], row["label"], row["reason"]) == (label, label, f"Labelled {label}.")
     assert row["log_odds"] == row["evidence"]["label"] == pytest.approx(sign * 20, abs=15)
-    ok("keep", *options, "--yes", "-o", tmp_path / "kept.parquet", settings=FAST)
+    ok("keep", *options, "-o", tmp_path / "kept.parquet", settings=FAST)
     assert (100 in pq.read_table(tmp_path / "kept.parquet")["episode_index"].to_pylist()) == (label == "good")
 
 

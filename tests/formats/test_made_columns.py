@@ -235,7 +235,7 @@ def test_the_command_prints_a_line_by_agent(tmp_path):
     assert "Mean score of a step by agent: C " in printed
     assert "Recording faults were not looked for: several agents act" in " ".join(printed.split())
     kept = tmp_path / "kept.csv"
-    ok("keep", path, "--agent", "player", "--share", "0.5", "--yes", "-o", kept)
+    ok("keep", path, "--agent", "player", "--share", "0.5", "-o", kept)
     assert len(kept.read_text().splitlines()) == 1 + N // 2 * 60  # all rows of the demonstrations, as they were
     refused("several agents act", "keep", path, "--agent", "player", "--trim", "-o", tmp_path / "b.csv")
 

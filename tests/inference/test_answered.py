@@ -136,13 +136,23 @@ def test_an_outcome_is_evidence_beside_what_the_columns_say():
     assert found.log_odds[1] == pytest.approx(log_odds_by(some, 1))
 
 
-def test_flags_err_and_a_label_goes_first():
+def test_flags_err_for_the_better_and_a_label_goes_first():
     outcome = np.array([1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
     some = answers_of([0] * 11 + [1], outcome=outcome)
     found = judged(COLUMNS, some)
-    for m in (0, 1, 3, 4):
-        assert found.log_odds[m] == pytest.approx(with_outcome(some, m, 99.0 if outcome[m] else -99.0))
-    assert found.log_odds[11] == pytest.approx(SURE)
+    for m in (0, 3):
+        assert found.log_odds[m] == pytest.approx(with_outcome(some, m, 99.0))
+    for m, sign in ((1, -1), (4, -1), (11, 1)):  # what failed is bad, unless a label says more
+        assert found.log_odds[m] == pytest.approx(sign * SURE)
+        assert found.verdicts[m] == sign
+
+
+def test_a_flag_of_zero_is_said_of_its_demonstration_and_of_copies_without_one():
+    known = answers_of([0, 0, 0, 1], outcome=[0.0, 1.0, NAN, 0.0])
+    assert known.said.tolist() == [-1, 0, 0, 1]
+    assert known.shared(np.array([0, 1, 0, 3])).said.tolist() == [-1, 0, -1, 1]
+    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).said.tolist() == [0] * 3, "no flag"
+    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).select([0, 1]).said.tolist() == [0] * 2, "nor are some of them"
 
 
 # An answer alone, and what was said before.

@@ -257,7 +257,9 @@ def test_copies_share_a_label_and_an_outcome():
     known = Answers(np.array([0, 0, 1, 0]), np.empty((0, 2), dtype=int), np.array([np.nan, 1.0, np.nan, 2.0]))
     shared = known.shared(np.array([0, 1, 0, 1]))
     assert shared.labels.tolist() == [1, 0, 1, 0]
-    np.testing.assert_array_equal(shared.outcome, [np.nan, 1.5, np.nan, 1.5])
+    np.testing.assert_array_equal(shared.outcome, [np.nan, 1.0, np.nan, 2.0])
+    of_three = known.shared(np.array([1, 1, 2, 1]))
+    assert of_three.outcome[0] == 1.5, "the mean of its copies where its own is unknown"
 
 
 def test_flags_of_copies_that_contradict_each_other_change_no_other_row():

@@ -110,8 +110,10 @@ def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
         assert one.verdicts == ((of_first if one.labelled else audit.verdicts[0]), *audit.verdicts[1:])
         assert {"similar", "outlier"} <= {*one.verdicts}
         assert one.doubts == (ONE_ANSWER,)
-        reason = one.reasons[audit.index("d9")]
-        assert reason.startswith("Outlier without the answers, which do not contradict it; ")
+        beginning = (
+            "Outlier without the answers, which do not contradict it; " if one.labelled else "You called it worse"
+        )
+        assert one.reasons[audit.index("d9")].startswith(beginning)
     assert audit.answered(LABELS).doubts == ()
     back = audit.answered({"d0": "bad"})
     assert back.claimed.tolist() == audit.claimed.tolist()

@@ -1,8 +1,8 @@
 """Which demonstrations are kept, by which rule the others are rejected, and tables of verdicts read back as written."""
 
+import copy
 import itertools
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,22 +12,21 @@ import pytest
 from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
+from rpil.results.answering import rejecting_rules
 from rpil.results.choice import KEEP_RULES, RULES_OF_VERDICTS, Asked, choose, read_verdicts
-from rpil.results.settings import KeepSettings
 from rpil.results.verdict_table import choice_of, verdict_columns, write_verdicts
 from rpil.results.vocabulary import SIDES
 
-SETTINGS = KeepSettings()
 TABLE = {
     "id": ["a", "b", "c", "d", "e"],
-    "verdict": ["similar", "outlier", "open", "similar", "open"],
+    "verdict": ["good", "bad", "open", "good", "open"],
     "expert_proba": [0.99, 0.02, 0.6, 0.95, 0.6],
     "log_odds": ["5", "-4", "0.4", "3", "0.4"],  # as in a file of text
 }
 
 
 def kept(table, **asked):
-    return list(choose(table, SETTINGS, Asked(**asked)).kept)
+    return list(choose(table, Asked(**asked)).kept)
 
 
 @pytest.mark.parametrize(
@@ -40,39 +39,33 @@ def kept(table, **asked):
         ({"share": 1}, "abcde"),
         ({"at_least": 0.6}, "acde"),
         ({"at_least": 0.991}, ""),
-        ({"ignored": {"outlier"}}, "abcde"),
+        ({"ignored": {"answers"}}, "abcde"),
         ({"faulty": {"a", "b"}}, "cde"),
         ({"share": 0.6, "faulty": {"a"}}, "cd"),
     ],
 )
 def test_choice(asked, ids):
-    choice = choose(TABLE, SETTINGS, Asked(**asked))
+    choice = choose(TABLE, Asked(**asked))
     assert list(choice.kept) == [*ids]
     assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
-    assert not choice.undecided
 
 
-def table_of(words, labels=None, most=None):
+def table_of(words, labels=None, rules=None):
     ids = [f"d{m}" for m in range(len(words))]
     columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
-    return columns if most is None else {**columns, "max_outliers": [most] * len(words)}
+    return columns if rules is None else {**columns, "rejected_by": list(rules)}
 
 
 def rule_by_brute_force(table, asked):
     """The rule of each demonstration, or nothing, in the words of docs/command-line.md, one demonstration at a time."""
-    rows = list(zip(table["id"], table["verdict"], table["label"], strict=True))
-    n_outliers = sum(word == "outlier" and label == "" for _, word, label in rows)
-    most = float(table["max_outliers"][0]) if "max_outliers" in table else 0.2
+    by_verdict = [{"bad": "answers", "adversary": "adversary"}.get(word, "") for word in table["verdict"]]
+    rows = zip(table["id"], table["label"], table.get("rejected_by", by_verdict), strict=True)
     rules = []
-    for name, word, label in rows:
-        rule = ""
-        if label == "" and word == "outlier" and n_outliers <= most * len(rows):
-            rule = "outlier"
-        if label == "" and word in ("bad", "adversary"):
-            rule = {"bad": "answers", "adversary": "adversary"}[word]
+    for name, label, rule in rows:
+        rule = "" if label and not (rule == "outcome" and label == "bad") else rule
         if rule in asked.ignored:
             rule = ""
-        if name in asked.faulty:
+        if name in asked.faulty and rule != "outcome":
             rule = "faults"
         if label == "bad" and "labels" not in asked.ignored:
             rule = "labels"
@@ -87,117 +80,141 @@ def test_every_rule_by_brute_force(seed):
     share = rng.dirichlet(np.ones(len(SIDES)) * 0.3)
     words = rng.choice([*SIDES], n, p=share / share.sum())
     labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
-    table = table_of(words, labels, [None, 1.0, 0.2, 0.0, "0.5"][seed % 5])
-    ignored = {rule for rule in ("labels", *RULES_OF_VERDICTS.values()) if rng.random() < 0.2}
+    rules = rng.choice(["", "outcome", "answers"], n, p=[0.5, 0.3, 0.2]) if seed % 2 else None
+    table = table_of(words, labels, rules)
+    known = ("labels", "outcome", *RULES_OF_VERDICTS.values())
+    ignored = {rule for rule in known if rng.random() < 0.2}
     asked = Asked(ignored=ignored, faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
     rules = rule_by_brute_force(table, asked)
-    choice = choose(table, SETTINGS, asked)
+    choice = choose(table, asked)
     assert choice.kept == tuple(name for name, rule in zip(table["id"], rules, strict=True) if not rule)
     for rule in KEEP_RULES:
         ids = tuple(name for name, own in zip(table["id"], rules, strict=True) if own == rule)
         assert choice.rejected.get(rule, ()) == ids
-    undecided = [
-        name
-        for name, word, label, rule in zip(table["id"], words, labels, rules, strict=True)
-        if word == "outlier" and not label and not rule and "outlier" not in ignored
-    ]
-    assert list(choice.undecided) == undecided
-    assert bool(choice.reason) == bool(undecided)
 
 
 def test_the_table_of_the_page_is_what_is_done():
-    """Each word of its rows, for one demonstration among ten, in either column."""
+    """Each row, for one demonstration among ten, in either column."""
     page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
-    lines = page.partition("| a demonstration | before two answers | after two answers |")[2].splitlines()[2:]
+    lines = page.partition("| a demonstration | before two answers contrast | after |")[2].splitlines()[2:]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in itertools.takewhile(bool, lines)]
-    done = {"labelled bad": ("open", "bad"), "labelled good": ("outlier", "good"), "bad by inference": ("bad", "")}
-    done |= {word: (word, "") for word in ("outlier", "adversary", "similar", "good", "expert", "open")}
+    flags = np.array([0.0] + [1.0] * 9)
+    audits = {
+        "labelled bad": (("bad",), {"labels": {0: -1}}),
+        "labelled good": (("good",), {"labels": {0: 1}}),
+        "failed, by an outcome of 0 where all are 0 or 1": (
+            ("bad",),
+            {"answers": replace(Answers.none(10), outcome=flags)},
+        ),
+        "bad by inference from answers": (("bad",), {}),
+        "outlier that answers do not contradict": (("outlier",), {}),
+        "the worse one of an answered pair": (
+            ("open",),
+            {"answers": replace(Answers.none(10), pairs=np.array([[8, 0]])), "log_odds": -np.ones(10)},
+        ),
+        "adversary (`--adversary` names one)": (("adversary",), {"anchor": "named adversary"}),
+    }
+    audits |= {word: ((word,), {}) for word in ("similar", "good", "expert", "open")}
     named = set()
-    for what, before, after in rows:
-        words = [what] if what.startswith("labelled") else re.split(r", | from answers| \(", what)
-        for word in filter(done.__contains__, words):
-            named.add(word)
-            for most, said in ((0.2, before), (1.0, after)):
-                verdict, label = done[word]
-                table = table_of([verdict] + ["open"] * 9, [label] + [""] * 9, most)
-                if said != "there is none":
-                    assert ("d0" in kept(table)) == said.startswith("kept"), (word, said)
-    assert named == {*done}
+    for what, *columns in rows:
+        for name in [what] if what in audits else what.split(", "):
+            if name in audits:
+                named.add(name)
+                words, changes = audits[name]
+                for said, more in zip(columns, ({}, {8: 1, 9: -1}), strict=True):
+                    changes = copy.deepcopy(changes)
+                    changes["labels"] = changes.get("labels", {}) | more
+                    kept = make_audit((*words, *["open"] * 9), **{"anchor": "answers"} | changes).choice.kept
+                    assert (0 in kept) == said.startswith("kept"), (name, said)
+    assert named == {*audits}
 
 
-def test_exactly_a_fifth_is_rejected_and_one_more_is_not():
-    assert all(k <= SETTINGS.max_outliers * (5 * k) for k in range(100_000)), "no rounding decides"
-    for k in range(1, 40):
-        at, above = (["outlier"] * count + ["open"] * (5 * k - count) for count in (k, k + 1))
-        assert len(choose(table_of(at), SETTINGS).kept) == 4 * k
-        assert len(choose(table_of(above), SETTINGS).undecided) == k + 1
-    reason = "2 of 5 demonstrations are outliers, more than 20% of all: they are kept, because without two "
-    assert choose(table_of(["outlier"] * 2 + ["open"] * 3), SETTINGS).reason.startswith(reason)
+def test_labels_of_one_side_reject_themselves_alone():
+    for sign, words in ((-1, ("bad",) * 10), (1, ("good",) * 8 + ("bad",) * 2)):
+        audit = make_audit(words, labels=dict.fromkeys(range(8), sign), anchor="answers")
+        assert audit.choice.kept == ((8, 9) if sign < 0 else tuple(range(10)))
+
+
+def pair_of(log_odds, labels=(), **changes):
+    """An audit of four: 0 is better than 1."""
+    known = replace(Answers.none(4), pairs=np.array([[0, 1]]))
+    audit = make_audit(("open",) * 4, log_odds=np.array(log_odds), answers=known, labels=dict(labels), **changes)
+    return replace(audit, rejected_by=rejecting_rules(audit))
+
+
+def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_that_agrees():
+    one = pair_of([1.0, -1.0, 0.0, 0.0])
+    said = "1 is kept though you called it worse than 0: one answer more decides."
+    assert (one.choice.kept, one.choice.lines()) == ((0, 1, 2, 3), [said])
+    assert one.reasons[1].startswith("You called it worse than 0")
+    two = pair_of([1.0, -1.0, 0.0, 0.0], {3: 1})
+    assert (two.choice.kept, two.choice.notes) == ((0, 2, 3), ())
+    assert two.choice.rejected == {"answers": (1,)}
+    against = pair_of([1.0, 1.0, 0.0, 0.0], {3: 1})
+    assert (against.choice.kept, against.choice.lines()) == ((0, 1, 2, 3), [said])
+    assert pair_of([1.0, 1.0, 0.0, 0.0], {1: 1}).choice.lines() == [], "it is labelled good"
+    assert choice_of(one, Asked(ignored={"answers"})).lines() == []
+    copied = pair_of([1.0, -1.0, -1.0, 0.0], {3: 1}, copy_of=np.array([0, 1, 1, 3]))
+    assert copied.choice.rejected == {"answers": (1, 2)}
 
 
 def test_a_share_or_a_probability_is_obeyed_in_full():
-    table = {**table_of(["outlier"] * 9 + ["similar"], most=0.0), "log_odds": range(10), "expert_proba": [0.05] * 10}
+    table = {**table_of(["bad"] * 9 + ["good"]), "log_odds": range(10), "expert_proba": [0.05] * 10}
     table["label"][9] = "bad"
     for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0), (Asked(share=0.5, ignored={"labels"}), 5)):
-        choice = choose(table, SETTINGS, asked)
-        assert (len(choice.kept), choice.undecided, choice.reason) == (n, (), "")
+        assert len(choose(table, asked).kept) == n
 
 
-def audit_with(words, answers, **changes):
-    """An audit with so many labels and pairs, of which the last one repeats the first."""
-    labels, pairs = np.zeros(len(words), dtype=np.int64), [(0, 1)] * answers.count("pair")
-    labels[2 : 2 + answers.count("label")] = 1
-    known = Answers(labels, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.full(len(words), np.nan))
-    return make_audit(words, answers=known, **changes)
+def with_flags(outcome, **changes):
+    known = replace(Answers.none(4), outcome=np.array(outcome), failure="success = 0")
+    return make_audit(("open",) * 4, answers=known, **changes)
 
 
-@pytest.mark.parametrize(
-    ("answers", "n_kept"),
-    [([], 10), (["label"], 10), (["pair"], 10), (["pair", "pair"], 10), (["label"] * 2, 7), (["pair", "label"], 7)],
-)
-def test_answers_about_different_demonstrations_are_counted(answers, n_kept):
-    words = ("similar",) * 7 + ("outlier",) * 3
-    assert len(audit_with(words, answers).choice.kept) == n_kept
-
-
-def test_answers_about_copies_are_one_answer():
-    words, copy_of = ("similar",) * 7 + ("outlier",) * 3, np.array([0, 1, 2, 2, *range(4, 10)])
-    audit = audit_with(words, ["label"] * 2, copy_of=copy_of)
-    assert audit.max_outliers == 0.2
-    assert len(audit.choice.undecided) == 3
-
-
-def test_outcomes_are_answers():
-    audit = make_audit(("similar",) * 7 + ("outlier",) * 3)
-    outcome = np.where(np.arange(10) < 2, [1.0, 0.0] * 5, np.nan)
-    assert len(replace(audit, answers=replace(audit.answers, outcome=outcome)).choice.kept) == 7
+def test_an_outcome_of_zero_rejects_and_is_named():
+    audit = with_flags([0.0, 1.0, 0.0, np.nan], labels={2: 1})
+    assert audit.choice.rejected == {"outcome": (0,)}, "a label says more of its demonstration"
+    assert audit.choice.lines() == ["Rejected: 1 by success = 0.", "  by success = 0: 0"]
+    assert audit.said == ("success = 0", "", "", "")
+    assert choice_of(audit, Asked(ignored={"outcome"})).kept == (0, 1, 2, 3)
+    assert choice_of(audit, Asked(spared={"0"})).kept == (0, 1, 2, 3)
+    assert choice_of(audit, Asked(share=1.0)).kept == (1, 2, 3)
+    both = with_flags([0.0, 1.0, 0.0, np.nan], labels={0: -1})
+    assert both.choice.rejected == {"labels": (0,), "outcome": (2,)}
+    assert choice_of(both, Asked(ignored={"labels"})).rejected == {"outcome": (0, 2)}
+    numbers = with_flags([0.0, 1.0, 0.0, 2.0])
+    assert numbers.choice.rejected == {}, "no flag"
+    copies = with_flags([0.0, 1.0, np.nan, np.nan], copy_of=np.array([0, 1, 0, 1]))
+    assert copies.choice.rejected == {"outcome": (0, 2)}
 
 
 @pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
     ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]
     path = tmp_path / f"verdicts{extension}"
-    for count in (0, 2):
-        words = ("similar",) * 5 + ("open",) + ("outlier",) * (4 if count else 2) + ("similar",) * (0 if count else 2)
-        audit = audit_with(words, ["label"] * count, ids=ids)
+    known = Answers(np.zeros(10, dtype=np.int64), np.array([[0, 9]]), np.array([0.0, *[np.nan] * 7, 1.0, np.nan]))
+    for labels in ({}, {"é": 1, "01": -1}):
+        words = ("good",) * 4 + ("open",) * 3 + ("bad",) * 3
+        changes = {"anchor": "answers", "labels": labels, "answers": known if labels else Answers.none(10)}
+        audit = make_audit(words, ids=ids, **changes)
         write_verdicts(path, audit, verdict_columns(audit, {}))
-        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"outlier"})):
+        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"answers"})):
             expected = choice_of(audit, asked)
             assert expected.kept
-            assert choose(verdict_columns(audit, {}), SETTINGS, asked) == expected
-            assert choose(read_verdicts(path), SETTINGS, asked) == expected
-        assert choice_of(audit).rejected
+            assert choose(verdict_columns(audit, {}), asked) == expected
+            assert choose(read_verdicts(path), asked) == expected
+    assert {*choice_of(audit).rejected} == {"labels", "outcome", "answers"}
 
 
 def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
     table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "open"]}
-    choice = choose(table, SETTINGS)
+    choice = choose(table)
     assert (choice.kept, choice.rejected) == (("a", "c"), {"adversary": ("b",)})
     with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of similar"):
-        choose(table | {"verdict": ["good", "perhaps", "bad"]}, SETTINGS)
-    for number in ("no", ""):
-        with pytest.raises(DataError, match="max_outliers; give those that rpil audit wrote"):
-            choose(table | {"max_outliers": [number] * 3}, SETTINGS)
+        choose(table | {"verdict": ["good", "perhaps", "bad"]})
+    with pytest.raises(
+        DataError, match="Demonstration 'c': the rejected by 'me' is unknown; write one of labels, outc"
+    ):
+        choose(table | {"rejected_by": ["", "answers", "me"]})
 
 
 @pytest.mark.parametrize(
@@ -207,7 +224,7 @@ def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
 def test_a_table_with_a_longer_column_is_refused(column, asked):
     """No row is left out in silence."""
     with pytest.raises(ValueError, match="longer"):
-        choose(TABLE | {column: ["open"] * 6}, SETTINGS, asked)
+        choose(TABLE | {column: ["open"] * 6}, asked)
 
 
 def test_labels_are_verdicts(tmp_path):
@@ -216,7 +233,7 @@ def test_labels_are_verdicts(tmp_path):
     for name in ("labels.csv", "labels.json"):
         table = read_verdicts(tmp_path / name)
         assert kept(table) == ["3", "5"]
-        assert choose(table, SETTINGS).rejected == {"labels": ("4",)}
+        assert choose(table).rejected == {"labels": ("4",)}
         with pytest.raises(DataError, match="no numbers in log_odds"):
             kept(table, share=0.5)
 
@@ -228,19 +245,14 @@ def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_pat
     assert read_verdicts(tmp_path / "v.csv")["id"] == ["=1"]
 
 
-def test_the_smallest_share_of_a_table_of_several_audits_holds():
-    table = table_of(["outlier"] + ["open"] * 9) | {"max_outliers": [1.0] * 5 + [0.0] + [0.2] * 4}
-    assert len(kept(table)) == 10
-
-
 def test_a_choice_as_lists_and_lines():
     words = ["bad"] * 25 + ["good"] * 3
-    choice = choose({"id": range(28), "verdict": words}, SETTINGS)
+    choice = choose({"id": range(28), "verdict": words})
     rejected = ", ".join(map(str, range(20)))
     assert choice.lines()[1] == f"  by inference from your answers: {rejected} and 5 more"
-    assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}, "undecided": []}
-    named = choose({"id": [1, "b", 3], "verdict": ["outlier", "bad", "open"]}, SETTINGS)
-    assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}, "undecided": ["1"]}
+    assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}}
+    named = choose({"id": [1, "b", 3], "verdict": ["outlier", "bad", "open"]})
+    assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}}
 
 
 @pytest.mark.parametrize(
@@ -261,20 +273,19 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path, text, said):
 
 def test_the_sentence_counts_each_rule():
     words = ["bad", "bad", "outlier", "adversary", "good"]
-    choice = choose(table_of(words, ["bad", "", "", "", ""]), SETTINGS)
-    said = "1 by your labels, 1 by inference from your answers, 1 as outliers, 1 like the adversary that was named"
+    choice = choose(table_of(words, ["bad", "", "", "", ""]))
+    said = "1 by your labels, 1 by inference from your answers, 1 like the adversary that was named"
     assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
-    assert choose(table_of(["open"]), SETTINGS).lines() == []
-    assert verdict_columns(make_audit(), {})["max_outliers"] == [0.2] * 10
+    assert choose(table_of(["open"])).lines() == []
 
 
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
-    table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "outlier", "open"], "label": ["bad", "", "", ""]}
+    table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "bad", "open"], "label": ["bad", "", "", ""]}
     for asked in (Asked(spared={"1"}, faulty={"4"}), Asked(faulty={"2"}), Asked(spared={"1", "3", "9"})):
-        choice = choose(table | {"max_outliers": [1.0] * 4}, KeepSettings(), asked)
+        choice = choose(table, asked)
         path = tmp_path / "keep.json"
         path.write_text(json.dumps(choice.to_dict()))
-        again = choose(read_verdicts(path, table["id"]), KeepSettings())
+        again = choose(read_verdicts(path, table["id"]))
         assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
         assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
     assert 1 in choice.kept, "spared, though it is labelled bad"

@@ -71,7 +71,7 @@ def full_audit() -> Audit:
         within="tasks",
         fps=30.0,
         provenance=Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {"x": ("a", 1, None)}, (), "2026-11-23"),
-        max_outliers_of_parts=0.3,
+        rejected_by=("", "", "labels", "outcome", "answers", "adversary", "", "", "", ""),
         step_share=rng.random(395).astype(np.float32),
         **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
     )
@@ -187,12 +187,10 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
 
 def test_answers_about_those_that_are_left_out_count():
     """As the labels of a reference do, beside which the others were judged."""
-    audit = make_audit(("similar",) * 2 + ("outlier",) * 8)
-    audit.answers.labels[:2] = 1
+    audit = make_audit(("good",) * 2 + ("bad",) * 8, labels={0: 1, 9: -1}, anchor="answers")
     part = select(audit, range(2, 10))
-    assert (part.answers.count, part.max_outliers) == (0, 1.0)
-    assert part.choice.kept == ()
-    assert len(select(make_audit(audit.verdicts), range(2, 10)).choice.kept) == 8
+    assert (part.answers.count, part.choice.kept) == (1, ())
+    assert len(select(make_audit(audit.verdicts, labels={0: 1}), range(2, 10)).choice.kept) == 8
 
 
 def test_many_demonstrations_are_selected_in_no_time():
@@ -244,7 +242,8 @@ def test_an_edited_field_is_refused_or_makes_an_audit_that_can_be_used(path, nam
         ("audit/log_odds", np.zeros(9)),
         ("audit/log_odds", np.zeros(10, dtype=np.int64)),
         ("audit/expert_proba", np.full(10, 5.0)),
-        ("audit/step_weight", np.full(395, 2.5)),
+        ("audit/step_weight", np.full(395, -0.5)),
+        ("audit/step_weight", np.full(395, np.inf)),
         ("audit/copy_of", np.full(10, 99)),
         ("audit/claimed", np.full(10, 2)),
         ("audit/offsets", np.zeros(11, dtype=np.int64)),

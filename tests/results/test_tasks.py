@@ -46,13 +46,15 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     )
 
 
-@pytest.mark.parametrize(("counts", "n_kept"), [((0, 0), 12), ((1, 1), 12), ((0, 2), 12), ((2, 0), 8), ((2, 2), 8)])
-def test_unlike_ones_are_kept_until_their_own_task_has_two_answers(counts, n_kept):
-    """4 of 12 are outlier, all of the first task."""
-    words = ("similar",) * 2 + ("outlier",) * 4
-    parts = [make_audit(own, ids=ids) for own, ids in ((words, "abcdef"), (("similar",) * 6, "uvwxyz"))]
-    for part, count in zip(parts, counts, strict=True):
-        part.answers.labels[:count] = 1
+@pytest.mark.parametrize(("labels", "n_kept"), [((), 12), ("ub", 11), ("av", 11), ("ab", 8)])
+def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, n_kept):
+    """4 of 12 are bad, all of the first task; the first label calls one good, the second one bad."""
+    words = ("open", "bad", "bad", "bad", "bad", "open")
+    signs = dict(zip(labels, (1, -1), strict=False))
+    parts = [
+        make_audit(own, ids=ids, anchor="answers", labels={m: signs[m] for m in ids if m in signs})
+        for own, ids in ((words, "abcdef"), (("open",) * 6, "uvwxyz"))
+    ]
     offsets = np.concatenate([[0], np.cumsum(np.concatenate([part.lengths for part in parts]))])
     places = {"one": [*range(6)], "other": [*range(6, 12)]}
 
@@ -90,15 +92,6 @@ def test_copies_and_notes_keep_their_tasks():
     audit = joined(copies | {"notes": (same, "Part 3 rests.")}, copies)
     assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
     assert audit.notes == (same, "one: Part 3 rests.")
-
-
-def test_of_tasks_with_unlike_ones_the_smallest_share_may_be_rejected():
-    """All where both have two answers; a task without outliers does not count."""
-    fifth = {"verdicts": ("outlier", "similar")}
-    every = fifth | {"answers": Answers.of_labels(np.array([1, -1]))}
-    assert joined(fifth, fifth).max_outliers == 0.2
-    assert joined(every, fifth).max_outliers == joined(fifth, every).max_outliers == 0.2
-    assert joined(every, every).max_outliers == joined(every, {}).max_outliers == 1.0
 
 
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
@@ -193,7 +186,7 @@ def test_the_names_of_tasks_and_sessions(tasks, sessions, places):
 def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_as_an_answer_is(label, sign):
     before = joined({"labels": {0: 1}})
     labels = Answers.of_labels(np.array([0, 0, 0, -1, sign]))  # that of a demonstration which was judged does not count
-    audit = with_labels_alone(before, [4], labels)
+    audit = with_labels_alone(before, [4], labels, for_learner=True)
     odds = 1e6 - 1  # P(good) is 1 - 1e-6 (`AnswerSettings.min_proba_bound`)
     assert audit.log_odds[4] == audit.from_label[4] == pytest.approx(sign * np.log(odds))
     assert audit.expert_proba[4] == pytest.approx({1: odds / (1 + odds), 0: 0.5, -1: 1 / (1 + odds)}[sign])

@@ -15,8 +15,8 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "rank", "expert_proba", "log_odds", "max_outliers", "from_actions", "from_demonstrator",
-    "from_label", "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
+    "id", "verdict", "label", "said", "rejected_by", "rank", "expert_proba", "log_odds", "from_actions",
+    "from_demonstrator", "from_label", "reliability", "demonstrator", "task", "n_steps", "faults", "reason", "run",
 ]  # fmt: skip
 
 
@@ -54,18 +54,21 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
 
 
 @pytest.mark.parametrize(
-    ("verdicts", "ids", "kept", "rejected", "undecided"),
+    ("verdicts", "ids", "kept", "rejected"),
     [
-        (("similar", "outlier", "similar", "open", "open"), (7, 3, 1, 5, 4), [7, 1, 5, 4], {"outlier": [3]}, []),
-        (("outlier", "similar"), ("a", 7), ["a", "7"], {}, ["a"]),
-        (("open", "bad", "adversary", "good"), (0, 1, 2, 3), [0, 3], {"answers": [1], "adversary": [2]}, []),
-        (("bad", "bad"), (0, 1), [], {"answers": [0, 1]}, []),
+        (("similar", "outlier", "similar", "open", "open"), (7, 3, 1, 5, 4), [7, 3, 1, 5, 4], {}),
+        (("good", "bad"), ("a", 7), ["a"], {"labels": ["7"]}),
+        (("good", "bad", "bad", "adversary"), (0, 1, 2, 3), [0], {"labels": [1], "answers": [2], "adversary": [3]}),
+        (("bad", "bad"), (0, 1), [0], {"labels": [1]}),
     ],
 )
-def test_kept_are_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept, rejected, undecided):
-    audit = make_audit(verdicts, ids=ids)
+def test_kept_are_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept, rejected):
+    labels = {one: {"good": 1, "bad": -1}[word] for one, word in zip(ids[:2], verdicts[:2], strict=True) if rejected}
+    if verdicts[0] == "bad":
+        labels.pop(ids[0])
+    audit = make_audit(verdicts, ids=ids, labels=labels)
     write_kept(tmp_path / "keep.json", audit, audit.choice)
-    found = {"episodes": kept, "rejected": rejected, "undecided": undecided, "run": audit.run_id}
+    found = {"episodes": kept, "rejected": rejected, "run": audit.run_id}
     assert json.loads((tmp_path / "keep.json").read_text()) == found
 
 

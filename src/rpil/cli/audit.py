@@ -24,7 +24,7 @@ from rpil.cli.options import (
     verdict_limit,
     with_options,
 )
-from rpil.cli.outputs import OUTPUTS, choice_asked, exit_code, lines_after_output, tell_if_too_many, write_outputs
+from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.printed_audit import head_lines, next_steps, odd_lines, print_audit
 from rpil.cli.progress import show_stages
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @click.option(
     "--keep",
     type=OutputFile(".json"),
-    help="Also write the ids of the demonstrations to keep, all but outliers and bad ones, as LeRobot takes them.",
+    help="Also write the ids of the demonstrations to keep, all but bad ones, as LeRobot takes them.",
 )
 @click.option(
     "--save",
@@ -87,11 +87,11 @@ def audit(
     start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
-        raise click.UsageError("--ignore, --without-faults and --yes say what --keep lists: give --keep OUT.json")
+        raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
         files = (path for title, path in outputs.items() if title != "annotate")
-        check_paths((file, given.labels, given.operator, given.reference), *files)
+        check_paths((file, *given.files), *files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 
@@ -127,8 +127,7 @@ def audit(
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
             if form == "text" and not given.quiet:
                 terminal.print_lines(lines_after_output(title, path, run))
-    undecided = exit_code(run.choice, given.yes) if outputs["keep"] else 0
-    return tell_if_too_many(result, fail_on) or undecided
+    return tell_if_too_many(result, fail_on)
 
 
 @click.command()

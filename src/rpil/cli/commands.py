@@ -213,19 +213,16 @@ def audit_data(
 ) -> AuditRun:
     """Judge the demonstrations in `file` within their tasks and sessions, beside those of a `reference`."""
     progress(LOADING)
-    from rpil.data.id_values import is_id_file
     from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
     from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
 
     stated = options.stated(recording, reference)
     features = JUDGE_FEATURES if options.features == "auto" else options.features  # no policy is kept
-    who = options.operator if options.operator and is_id_file(options.operator) else None
-    files = options.labels, who, options.reference
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
     chosen = FitOptions(features, options.adversary, options.seed, ctx.obj or Settings(), progress)
-    audit = audit_recording(recording, stated, chosen, file, command, files)
+    audit = audit_recording(recording, stated, chosen, file, command, options.files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
 

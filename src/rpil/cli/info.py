@@ -31,7 +31,8 @@ from rpil.cli.options import (
 @click.pass_context
 def info(ctx: click.Context, /, file: str, json_wanted: bool, stream: bool | None, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
-    recording = open_recording(file, pop_columns(options, guess=True), lambda _: None, stream)
+    columns = pop_columns(options, guess=True)
+    recording = open_recording(file, columns, lambda _: None, stream)
     if json_wanted:
         click.echo(terminal.to_json(recording.description.to_dict()))
     else:
@@ -40,5 +41,5 @@ def info(ctx: click.Context, /, file: str, json_wanted: bool, stream: bool | Non
     if not json_wanted:
         words = command_words(ctx, "audit", without=())
         operator = recording.description.operator_column
-        more = ["--operator", operator] if operator and options.get("operator") is None else []
+        more = ["--operator", operator] if operator and columns.operator is None else []
         click.echo(f"\nNext: {shlex.join([*words, *more])}")

@@ -26,7 +26,7 @@ from rpil.cli.options import (
     quiet_option,
     with_options,
 )
-from rpil.cli.outputs import choice_asked, deciding_lines, exit_code
+from rpil.cli.outputs import choice_asked, look_lines
 from rpil.cli.progress import StageProgress, show_stages
 from rpil.cli.terminal import print_lines
 from rpil.data.errors import DataError
@@ -64,11 +64,11 @@ def keep(
     verdicts: str | None,
     trim: bool,
     **options: Any,
-) -> int:
-    """Write demonstrations to a new file of the same format, without those that an audit calls bad or outliers.
+) -> None:
+    """Write demonstrations to a new file of the same format, without those that are bad.
 
-    All others are kept, unless --share or --at-least says otherwise. Without two answers no more than a fifth is
-    rejected as outliers; where more are, all of these are kept, and the exit code is 3.
+    Those are bad that a label, or an outcome of 0, calls so; and those that an audit calls bad, after two answers, of
+    which one is good or better and one bad or worse. All others are kept, unless --share or --at-least says otherwise.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
@@ -98,9 +98,8 @@ def keep(
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
-        deciding = deciding_lines(audit, choice) if audit is not None and choice.undecided else ()
-        print_lines([*deciding, *lost, *source.commands_to_keep(read.ids, choice.kept, output)])
-    return exit_code(choice, given.yes)
+        look_at = () if audit is None else look_lines(audit, choice, faults)
+        print_lines([*look_at, *lost, *source.commands_to_keep(read.ids, choice.kept, output)])
 
 
 def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
@@ -116,9 +115,8 @@ def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
     """The choice among all that is read, and how many are kept although the table does not name them: all without a
     named fault. Ids are compared as text."""
     from rpil.results.choice import choose
-    from rpil.results.settings import KeepSettings
 
-    choice, ids, named = choose(table, KeepSettings(), asked), read.demonstrations.ids, {*map(str, table["id"])}
+    choice, ids, named = choose(table, asked), read.demonstrations.ids, {*map(str, table["id"])}
     others = [name for name in ids if str(name) not in named]
     faulty = [name for name in others if str(name) in asked.faulty]
     rejected = dict(choice.rejected)
@@ -174,7 +172,8 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
     """
-    operator, columns = options["operator"], pop_columns(options)
+    columns = pop_columns(options)
+    operator = columns.operator
     with show_stages(quiet) as progress:
         from rpil import formats
 

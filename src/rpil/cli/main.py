@@ -50,7 +50,7 @@ for command in (audit, report, check, info, label, review, keep, convert, evalua
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    check_paths((file, run.labels, run.operator), output)
+    check_paths((file, *run.files), output)
     with show_stages(run.quiet) as progress:
         recording, _ = commands.read_data(file, run, progress)
         progress(LOADING)
@@ -58,7 +58,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.rpil import RPIL
 
         model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=ctx.obj, progress=progress)
-        model.fit(recording, labels=run.labels, demonstrators=run.operator)
+        model.fit(recording, labels=run.labels)
         save(model, output)
     commands.tell_of_set_aside(recording)
     terminal.print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])

@@ -32,7 +32,6 @@ class RunOptions:
 
     columns: ColumnOptions
     labels: str | None
-    operator: str | None
     features: str
     adversary: str
     seed: int
@@ -43,8 +42,11 @@ class RunOptions:
     """What is kept: rules that reject nobody."""
     without_faults: tuple[str, ...] = ()
     """Rules of ``rpil check`` that reject."""
-    yes: bool = False
-    """Whether a choice is accepted where answers are too few to reject outliers."""
+
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """The files that it names beside the data."""
+        return self.labels, *self.columns.files.values(), self.reference
 
     @classmethod
     def of(cls, options: dict[str, Value], guess: bool = False) -> RunOptions:
@@ -57,7 +59,7 @@ class RunOptions:
         """What is known of the demonstrations of a recording, and of those of a reference."""
         from rpil.estimators.within_tasks import Statements
 
-        return Statements.of(recording, self.labels, self.operator, reference=reference)
+        return Statements.of(recording, self.labels, None, reference=reference)
 
 
 # The names once more: the modules that define them take too long to import for --help; a test compares them.
@@ -118,8 +120,9 @@ stream_option = click.option(
 )
 outcome_option = click.option(
     "--outcome",
-    metavar="[-]COLUMN",
-    help="How each demonstration ended: a success, a return, rewards; or length, its steps; - where more is worse.",
+    metavar="[-]COLUMN|FILE",
+    help="How each demonstration ended: a success, where 0 is bad; a return, rewards; or length, its steps; - where "
+    "more is worse; or a CSV file (id,value), or JSON.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
@@ -214,15 +217,14 @@ JUDGE_OPTIONS = (
     ),
 )
 
-CHOICE_RULES = ("labels", "answers", "outlier", "adversary")
+CHOICE_RULES = ("labels", "outcome", "answers", "adversary")
 """Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
 _SAY_NAMES: Value = {"metavar": "RULES", "multiple": True, "callback": _rule_names}
 CHOICE_OPTIONS = (
     click.option("--ignore", **_SAY_NAMES, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
     click.option("--without-faults", **_SAY_NAMES, help="Reject by faults, as jump,frozen-sensor."),
-    click.option("--yes", is_flag=True, help="Exit with code 0, not 3, where answers are too few to reject outliers."),
 )
-CHOICE_NAMES = ("ignore", "without_faults", "yes")
+CHOICE_NAMES = ("ignore", "without_faults")
 
 
 def with_options(*options: Option) -> Option:
@@ -231,14 +233,11 @@ def with_options(*options: Option) -> Option:
 
 
 def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
-    """The options for reading, removed from `options`; operator and session stay, because a fit needs them too."""
-    from rpil.data.id_values import is_id_file
+    """The options for reading, removed from `options`; the session stays, because a fit needs it too."""
     from rpil.formats.columns import ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"operator", "session", "allow_missing", "on_disk", "guess"}
-    operator = options["operator"]
+    names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk", "guess"}
     return ColumnOptions(
-        operator=None if operator is None or is_id_file(operator) else operator,
         session=options.get("session"),
         guess=guess,
         **{name: options.pop(name) for name in names & options.keys()},

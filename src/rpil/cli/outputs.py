@@ -6,26 +6,23 @@ import re
 import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
 from rpil.cli.commands import AuditRun, tell_if_interrupted
 from rpil.cli.label import WITHOUT
 from rpil.cli.options import CHOICE_NAMES, RunOptions, command_words
 from rpil.cli.progress import StageProgress
-from rpil.data.text import printable
+from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.results.choice import Asked, Choice
     from rpil.results.record import Audit
     from rpil.results.view import About
-
-UNDECIDED = 3
-"""The exit code where a list to keep is written, and holds outliers for want of answers."""
 
 OUTPUTS = ("weights", "verdicts", "keep", "report", "save", "annotate")
 """The options that name these files, in the order in which they are written."""
@@ -39,7 +36,6 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     from rpil.formats.registry import find
     from rpil.results.html.page import Article, write_page
     from rpil.results.saved import write_audit
-    from rpil.results.step_weights import why_equal
     from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
     from rpil.results.view import make_view
 
@@ -53,11 +49,13 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     def write_step_weights(path: str) -> None:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
         write_weights(path, *steps, run.recording.step_columns)
-        if reason := why_equal(audit):
-            warnings.warn(f"{path}: {reason}", stacklevel=1)
+        if np.ptp(audit.step_weight) == 0:
+            why = "every step weighs the same, because nothing says who is good; two answers do, one good and one bad."
+            warnings.warn(f"{path}: {why}", stacklevel=1)
 
     def write_annotated(path: str) -> None:
-        columns = {"rpil/verdict": audit.verdicts, "rpil/score": audit.log_odds.tolist()}
+        rules = audit.table()["rejected_by"]
+        columns = {"rpil/verdict": audit.verdicts, "rpil/score": audit.log_odds.tolist(), "rpil/rejected_by": rules}
         by_id = {name: dict(zip(map(str, audit.ids), values, strict=True)) for name, values in columns.items()}
         find(run.source).annotate(path, by_id)
 
@@ -109,7 +107,7 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     from rpil.formats.registry import find
 
     if title == "annotate":
-        keeps = 'episode_filter=lambda episode: episode["rpil/verdict"] not in ("outlier", "bad")'
+        keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
     if title == "weights":
         return [*find(run.source).format.notes_on_weights]
@@ -118,7 +116,7 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     if title == "keep":
         rejected = [*run.choice.lines(), ""]
         lines = [f"{len(ids):,} of {len(run.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
-        lines += deciding_lines(run.audit, run.choice) if run.choice.undecided else ()
+        lines += look_lines(run.audit, run.choice, run.faults)
     if len(ids) in (0, len(every)):  # nothing was chosen
         return lines
     return [*lines, *run.lost, *find(run.source).commands_to_keep(every, ids, path)]
@@ -137,31 +135,18 @@ def choice_asked(
     return Asked(share, at_least, {*options.ignore}, faulty)
 
 
-def exit_code(choice: Choice, is_accepted: bool) -> int:
-    """`UNDECIDED` where demonstrations are undecided, which is said on stderr, unless that is accepted; else 0."""
-    if choice.undecided:
-        click.echo(f"rpil: {choice.reason}", err=True)
-    return UNDECIDED if choice.undecided and not is_accepted else 0
-
-
-def deciding_lines(audit: Audit, choice: Choice) -> Iterator[str]:
-    """The question of an audit that leaves outliers undecided, and how many are kept by two answers to it,
-    either way, and by the ranking."""
-    from rpil.results.verdict_table import choice_of
-
-    share, pair = audit.settings.keep.example_share, audit.pair if audit.question else audit.suggest_labels(1)
+def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
+    """What to look at where nothing that is inferred rejects: the lowest of the ranking that are kept, the odd ones
+    where they are known, and the question."""
+    if choice.asked.by_number or not {"answers", "adversary"}.isdisjoint(choice.rejected):
+        return
+    kept = {*choice.kept}
+    odd = [name for name in (report.odd if report else ()) if name in kept]
+    lowest = [audit.ids[m] for m in audit.ranking()[::-1].tolist() if audit.ids[m] in kept][:MAX_LISTED_NAMES]
+    yield f"Look at {listed(lowest)}, the lowest of the ranking{f'; and at odd recordings: {listed(odd)}' * bool(odd)}."
+    pair = audit.pair if audit.question else audit.suggest_labels(1)
     if pair:
         yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
-    # Answers to an audit of tasks, or beside a reference, are learned from in another way when it is made again.
-    for labels in (("good", "bad"), ("bad", "good")) if audit.columns.size and pair and not audit.own_reasons else ():
-        answers = dict(zip(pair, labels, strict=False))
-        said = " and ".join(f"{printable(name)} is {label}" for name, label in answers.items())
-        n = len(choice_of(audit.answered(answers), choice.asked).kept)
-        yield f"  If {said}, {n:,} of {len(audit.ids):,} are kept."
-    if audit.within:
-        yield f"  Two answers about each of the {audit.within} with outliers decide; rpil label asks for them."
-    by_rank = choice_of(audit, replace(choice.asked, share=share)).kept
-    yield f"  --share {share:g} would keep {len(by_rank):,}, those that rank highest."
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -115,11 +115,12 @@ def _finish(
     if not given.get("write"):
         places = {name: m for m, name in enumerate(run.audit.ids)}
         rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}
-        return {"kept": len(run.choice.kept), "rejected": rejected, "reason": run.choice.reason}
+        found = {"kept": len(run.choice.kept), "rejected": rejected, "notes": run.choice.notes}
+        return found | {"outcome": run.choice.words("outcome")}
     beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((run.source, session.path, ctx.params["operator"]), *beside.values())
+    check_paths((run.source, session.path, *run.recording.options.files.values()), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
     if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}

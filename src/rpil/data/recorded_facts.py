@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from rpil.data.arrays import Indices
 from rpil.data.errors import DataError
-from rpil.data.id_values import check_ids
+from rpil.data.id_values import check_ids, read_id_pairs
 from rpil.data.names import plain_name
 from rpil.numerics.types import Array, Float, Int
 
@@ -46,6 +48,11 @@ class Facts:
     sessions: tuple[str, ...] = ()
     outcome: Float[Array, " M"] | None = None
     outcome_name: str = ""
+
+    @property
+    def failure(self) -> str:
+        """How a demonstration fails where the outcome is a flag: its column, and the value there."""
+        return f"{self.outcome_name.removeprefix('-')} = {int(self.outcome_name.startswith('-'))}"
 
     def select(self, indices: Indices) -> Facts:
         """The facts about the demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
@@ -95,16 +102,25 @@ def tells(outcome: Float[Array, " M"] | None) -> bool:
     return outcome is not None and len(np.unique(outcome[~np.isnan(outcome)])) > 1
 
 
-def given_outcome(given: Outcome | None, ids: Sequence[Hashable], source: str) -> Float[Array, " M"] | None:
+def given_outcome(
+    given: Outcome | str | None, ids: Sequence[Hashable], source: str, every: Sequence[Hashable] = ()
+) -> Float[Array, " M"] | None:
     """The outcome that a user gives, by id or for each of M demonstrations; those that are left out are unknown.
 
-    A `DataError` as `check_outcome`, and where an id is unknown, a value no number, or their count another one.
+    It may be a file (id,value) that speaks of others of `every` demonstration, too. A `DataError` as `check_outcome`,
+    and where an id is unknown, or twice in the file, a value no number, or their count another one.
     """
     if given is None:
         return None
+    if isinstance(given, str):
+        source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
+        words = {"true": 1, "false": 0, "": np.nan}
+        given = {m: words.get(str(value).lower(), value) for m, value in pairs}
+        if twice := [m for m, count in Counter(m for m, _ in pairs).items() if count > 1]:
+            raise DataError(f"{source}, demonstration {twice[0]!r}: it has two outcomes; keep one.")
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
-        check_ids(by_id, ids, "the outcome", "<option>", "outcome")
+        check_ids(by_id, every or ids, source, "<option>", "outcome")
         given = [by_id.get(str(m), np.nan) for m in ids]
     return check_outcome(_numbers(given, "outcome", ids, source), "the outcome", source)
 

@@ -13,7 +13,6 @@ from typing import Unpack
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import StrPath
-from rpil.data.id_values import is_id_file
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.pipeline import FitOptions
 from rpil.estimators.settings import Settings
@@ -50,8 +49,8 @@ def audit(
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
     outcome : str, mapping of id to number, or sequence of M numbers, optional
-        How each demonstration ended: a column, "length", or numbers, of which more is better; in the name of a column
-        a minus before it says that more is worse.
+        How each demonstration ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is
+        better; a minus before a name says that more is worse. Where all are 0 or 1, those with 0 are bad.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional
@@ -76,20 +75,17 @@ def audit(
     >>> audit.to_frame(), audit.question                                          # doctest: +SKIP
     """
     check_options(columns)
-    operator = columns.get("operator")
-    from_file = operator is not None and is_id_file(operator)
     options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)
-    options = replace(options, operator=None) if from_file else options
     recording = opened(data, replace(options, guess=isinstance(data, str | os.PathLike | Frame)))
     if recording.columns.guessed:
         warnings.warn(recording.columns.guess, stacklevel=2)
-    stated = Statements.of(recording, labels, operator, None if isinstance(outcome, str) else outcome)
+    stated = Statements.of(recording, labels, None, None if isinstance(outcome, str) else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
     given |= recording.columns.guessed
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
-    files = labels if isinstance(labels, str | os.PathLike) else None, operator if from_file else None
+    files = labels if isinstance(labels, str | os.PathLike) else None, *options.files.values()
     chosen = FitOptions(JUDGE_FEATURES, "auto", random_state, settings or Settings(), progress or (lambda _: None))
     return audit_recording(recording, stated, chosen, path, call, files)
 

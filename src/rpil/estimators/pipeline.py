@@ -240,7 +240,8 @@ class FullFit:
         task, settings, copies = self.task, self.options.settings, posed.copies
         is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
         judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept))
-        settings_of_audit = replace(settings.audit, judge=settings.judge)  # an audit answers like the judge
+        # An audit answers like the judge, and without a policy its weights are for other trainings.
+        settings_of_audit = replace(settings.audit, judge=settings.judge, weighs_for_learner=self.keeps_policy)
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
         notes = (*audit.notes, *parts_not_judged(posed.data.factors[-1]), "" if copies is None else copies.sentence)
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))

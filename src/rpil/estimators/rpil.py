@@ -154,7 +154,7 @@ class RPIL(PolicyEstimator):
         groups: ArrayLike | None = None,
         labels: Labels | StrPath | None = None,
         demonstrators: DemonstratorNames | str | None = None,
-        outcome: Outcome | None = None,
+        outcome: Outcome | str | None = None,
         order: Sequence[float] | Array | None = None,
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
@@ -176,8 +176,9 @@ class RPIL(PolicyEstimator):
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
-        outcome : mapping of id to number, or sequence of M numbers, optional
-            How each demonstration ended, as its return or its success; more is better, and NaN is not known.
+        outcome : mapping of id to number, or sequence of M numbers, or path, optional
+            How each demonstration ended, as its return or its success; more is better, and NaN is not known. Where all
+            are 0 or 1, those with 0 are bad.
         order : sequence of M numbers, optional
             The place of each demonstration in the order in which they were made.
 

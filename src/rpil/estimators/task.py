@@ -7,6 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,11 +40,11 @@ Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 def answers_of(
     labels: Labels | StrPath | None,
-    outcome: Outcome | None,
+    outcome: Outcome | str | None,
     demonstrations: Demonstrations | Dataset,
     ids: Sequence[Hashable] = (),
 ) -> Answers:
-    """The answers of a user about demonstrations, from words by id, or from a file of them, and from outcomes.
+    """The answers of a user about demonstrations, from words and outcomes by id, or from files of them.
 
     Answers about others of the `ids`, which were left out when the demonstrations were read, are left out too. A
     `DataError` names an unknown id or word.
@@ -57,8 +58,9 @@ def answers_of(
     chosen = {*map(str, read)}
     better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
     signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
-    results = given_outcome(outcome, read, demonstrations.source)
-    return Answers(signs, better, np.full(len(read), np.nan) if results is None else results, tied)
+    results = given_outcome(outcome, read, demonstrations.source, every)
+    words = f"{Path(outcome).stem} = 0" if isinstance(outcome, str) else Answers.failure
+    return Answers(signs, better, np.full(len(read), np.nan) if results is None else results, tied, words)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class Task:
         groups = group_by_demonstrator(demonstrators, source)
         nothing = Answers.none(len(source.ids))
         answers = answers or nothing
-        if not tells(answers.outcome):  # as within one session
+        if not tells(answers.outcome) and not answers.failed.any():  # as within one session
             answers = replace(answers, outcome=nothing.outcome)
         return cls(source, space, classes, answers, groups, given_order(order, source.ids, source.source))
 

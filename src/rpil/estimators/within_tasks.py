@@ -57,23 +57,24 @@ class Statements:
         recording: Recording,
         labels: Labels | StrPath | None,
         demonstrators: DemonstratorNames | str | None,
-        outcome: Outcome | None = None,
+        outcome: Outcome | str | None = None,
         order: Sequence[float] | Array | None = None,
         reference: Recording | None = None,
     ) -> Statements:
         """What a user says, and else what the columns say that were named when the recording was opened.
 
-        A path is a file of labels; a text is a file of demonstrators, or their column. Files may speak of
+        A path is a file of labels or outcomes; a text is a file of demonstrators, or their column. Files may speak of
         demonstrations that are in the data and were left out.
         """
         read, source, facts = recording.demonstrations, recording.description.source, recording.facts
         ids = recording.ids or read.ids
-        answers = answers_of(labels, outcome, read, ids)
+        options = recording.options
+        answers = answers_of(labels, options.files.get("outcome") if outcome is None else outcome, read, ids)
         if outcome is None and facts.outcome is not None:  # of a column, which the message names
             beside = [] if reference is None or reference.facts.outcome is None else [reference.facts.outcome]
             check_outcome(np.concatenate([facts.outcome, *beside]), f"the outcome {facts.outcome_name!r}", source)
-            answers = replace(answers, outcome=facts.outcome)
-        demonstrators = recording.options.operator if demonstrators is None else demonstrators
+            answers = replace(answers, outcome=facts.outcome, failure=facts.failure)
+        demonstrators = options.operator if demonstrators is None else demonstrators
         named_by = source
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
@@ -157,7 +158,7 @@ def fit_within_tasks(
         warnings.warn(text, stacklevel=1)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    audit = with_labels_alone(joined, alone, stated.answers)
+    audit = with_labels_alone(joined, alone, stated.answers, for_learner=keeps_policy)
     return _with_facts(audit, recording, stated), fits
 
 
@@ -186,7 +187,11 @@ def _fit_group(
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
     audit = result.audit
-    return audit if len(audit.ids) == n else select(audit, range(n), ids), (task, result)
+    if len(audit.ids) > n:
+        audit = select(audit, range(n), ids)
+        if not keeps_policy:
+            audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
+    return audit, (task, result)
 
 
 def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:

@@ -73,6 +73,7 @@ def find_columns(
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
+    options = replace(options, **dict.fromkeys(options.files))
     found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError, DataWarning
+from rpil.data.id_values import is_id_file
 from rpil.data.memory import Size, parse_size
 from rpil.data.recorded_facts import FILE_SESSION
 
@@ -41,11 +42,12 @@ class ColumnOptions:
     Attributes
     ----------
     operator, task : str
-        One column each: of who gave the demonstration, and of what was to be done.
+        One column each: of who gave the demonstration, and of what was to be done; operator also a file of these.
     session : str
         The column of the session, or "file" for the file of each demonstration.
     outcome : str
-        The column that says how a demonstration ended, or "length", with a minus before it where more is worse.
+        The column that says how a demonstration ended, or "length", with a minus before it where more is worse; or a
+        file of these.
     skip_bad : bool or "damage"
         Whether demonstrations with missing values are set aside, and damaged lines and files skipped; or these alone.
     guess : bool
@@ -80,6 +82,12 @@ class ColumnOptions:
     memory: Size | None = None
     fill_missing: bool = False
     on_disk: bool = False
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The operator and the outcome that are files, and no columns."""
+        given = {"operator": self.operator, "outcome": self.outcome}
+        return {name: path for name, path in given.items() if path and is_id_file(path)}
 
     def __post_init__(self) -> None:
         if self.memory is not None:

@@ -160,7 +160,8 @@ def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> 
             f"so that nothing says which value is the outcome; {_others(columns)}.",
             "outcome",
         )
-    return -found if wanted != name else found
+    most = float(np.isin(found[~np.isnan(found)], (0, 1)).all())  # a flag stays one
+    return most - found if wanted != name else found
 
 
 def _others(columns: Columns) -> str:

@@ -71,10 +71,10 @@ def answer(
     """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each, and `claimed`
     is what was said without answers: 1 similar, 0 open, -1 outlier.
 
-    A labelled demonstration has the verdict of its label; where other answers contradict it, it is named. No other
-    demonstration is good before an answer calls one good, and none is bad before one is called bad; one answer alone
-    neither gives nor takes a verdict. A copy confirms nothing: copies are judged as one demonstration, by what is known
-    of any of them.
+    A labelled demonstration has the verdict of its label; where other answers contradict it, it is named. One that
+    failed, by an outcome of 0 where outcomes are 0 and 1, is bad unless its label is good. No other demonstration is
+    good before an answer calls one good, and none is bad before one is called bad; one answer alone neither gives nor
+    takes a verdict. A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     columns, claimed, once = columns[first], claimed[first], answers.once(copy_of)
@@ -87,11 +87,12 @@ def answer(
         good = (log_odds >= logit(settings.min_proba)) & (1 in once.sides)
         bad = (log_odds <= -logit(settings.min_proba)) & (-1 in once.sides)
         verdicts, stays = good.astype(int) - bad.astype(int), np.where(claimed * log_odds >= 0, claimed, 0)
-    log_odds = np.where(labels == 0, log_odds, labels * logit(1 - settings.min_proba_bound))
-    verdicts = np.where(labels == 0, verdicts, labels)
-    stays, doubtful = np.where(verdicts == 0, stays, 0), contradicting(columns, once, settings)
+    said = answers.shared(copy_of).said
+    log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
+    verdicts = np.where(said == 0, verdicts[place], said)
+    stays, doubtful = np.where(verdicts == 0, stays[place], 0), contradicting(columns, once, settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
-    return Answered(log_odds[place], verdicts[place], stays[place], named, once.count, fitted.p_nothing)
+    return Answered(log_odds, verdicts, stays, named, once.count, fitted.p_nothing)
 
 
 def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings) -> Int[Array, " K"]:
@@ -115,11 +116,11 @@ def contradicting(columns: Float[Array, "M D"], answers: Answers, settings: Answ
 def most_telling(
     columns: Float[Array, "M D"], answers: Answers, settings: AnswerSettings, k: int, excluded: Sequence[int] = ()
 ) -> list[int]:
-    """Up to `k` demonstrations without a label to ask about, the first one first: those nearest to `asked_quantiles` of
-    the ranking by P(good), of which the last one is that of all further ones."""
+    """Up to `k` demonstrations to ask about, of which nothing was said, the first one first: those nearest to
+    `asked_quantiles` of the ranking by P(good), of which the last one is that of all further ones."""
     proba = posterior(columns, answers, settings).proba(columns)
     place = np.argsort(np.argsort(proba, kind="stable")) / max(len(columns) - 1, 1)
-    asked = answers.labels == 0
+    asked = answers.said == 0
     asked[list(excluded)] = False
     first, chosen = int(np.count_nonzero(answers.labels)), list[int]()
     for n in range(first, first + min(k, int(asked.sum()))):

@@ -21,7 +21,7 @@ Columns are correlated, and this posterior is wider than it should be: so what t
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -58,8 +58,10 @@ class Answers:
     """Higher is better; NaN where it is unknown."""
     tied: Int[Array, "T 2"] = field(default_factory=no_pairs, metadata=array_field("tied 2", np.int64))
     """The two demonstrations of each pair without a difference."""
-    _flag: bool | None = None
-    """Whether outcomes that are means of copies were a flag before; None where the outcomes themselves say so."""
+    failure: str = "outcome = 0"
+    """How a demonstration fails: the column of the outcome, and its value there."""
+    flag: bool | None = None
+    """Whether the outcomes, of which these are some, or means of copies, are a flag; None where these say so."""
 
     @classmethod
     def none(cls, n_demonstrations: int) -> Answers:
@@ -74,7 +76,7 @@ class Answers:
     @property
     def unsaid(self) -> Answers:
         """The outcomes alone."""
-        return Answers(np.zeros_like(self.labels), no_pairs(), self.outcome, no_pairs(), self._flag)
+        return replace(self, labels=np.zeros_like(self.labels), pairs=no_pairs(), tied=no_pairs())
 
     @property
     def count(self) -> int:
@@ -91,7 +93,10 @@ class Answers:
         chosen, place = list(indices), np.full(len(self.labels), -1)
         place[chosen] = np.arange(len(chosen))
         pairs, tied = _renumbered(self.pairs, place), _renumbered(self.tied, place)
-        return Answers(self.labels[chosen], pairs, self.outcome[chosen], tied)
+        return self._with(self.labels[chosen], pairs, self.outcome[chosen], tied)
+
+    def _with(self, *fields: Array) -> Answers:
+        return Answers(*fields, self.failure, self.is_flag)
 
     @property
     def compared(self) -> Int[Array, "_ 2"]:
@@ -114,13 +119,28 @@ class Answers:
         graded = np.sign(self.ranks()[self._graded] - 0.5).astype(int)
         return {1, -1} if len(self.pairs) else {*self.labels.tolist(), *graded.tolist()} - {0}
 
+    @property
+    def failed(self) -> Bool[Array, " M"]:
+        """Where the outcome is a flag, and is 0."""
+        return (self.outcome == 0) & self.is_flag
+
+    @property
+    def said(self) -> Int[Array, " M"]:
+        """The labels, and -1 where there is none and the demonstration `failed`."""
+        return np.where(self.failed & (self.labels == 0), -1, self.labels)
+
+    @property
+    def contrast(self) -> bool:
+        """Whether there are two answers or more, and they have both `sides`: from then on what they say acts."""
+        return self.count > 1 and len(self.sides) > 1
+
     def only(self, kept: Bool[Array, " R"]) -> Answers:
         """Those of the R answers, in the order of `rows`, that are `kept`."""
         of_labels, of_outcomes, of_tied, of_pairs = np.split(kept, np.cumsum(self._counts[:-1]))
         labels, outcome = self.labels.copy(), self.outcome.copy()
         labels[np.flatnonzero(labels)[~of_labels]] = 0
         outcome[self._graded[~of_outcomes]] = np.nan
-        return Answers(labels, self.pairs[of_pairs], outcome, self.tied[of_tied], self.is_flag)
+        return self._with(labels, self.pairs[of_pairs], outcome, self.tied[of_tied])
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
         """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
@@ -133,18 +153,19 @@ class Answers:
         outcome = np.divide(total, count, out=np.full(len(first), np.nan), where=count > 0)
         pairs = np.unique(_renumbered(self.pairs, place), axis=0)
         tied = np.unique(np.sort(_renumbered(self.tied, place)), axis=0)
-        return Answers(labels, pairs, outcome, tied, self.is_flag)
+        return self._with(labels, pairs, outcome, tied)
 
     def shared(self, copy_of: Int[Array, " M"]) -> Answers:
-        """The same, where a label or an outcome is that of all copies."""
+        """The same, where a label is that of all copies, and so is the outcome of those whose own is unknown."""
         once, place = self.once(copy_of), np.unique(copy_of, return_inverse=True)[1]
-        return Answers(once.labels[place], self.pairs, once.outcome[place], self.tied)
+        outcome = np.where(np.isfinite(self.outcome), self.outcome, once.outcome[place])
+        return self._with(once.labels[place], self.pairs, outcome, self.tied)
 
     @property
     def is_flag(self) -> bool:
         """Whether every known outcome is 0 or 1, or the mean of copies of which each is."""
-        if self._flag is not None:
-            return self._flag
+        if self.flag is not None:
+            return self.flag
         return {*self.outcome[np.isfinite(self.outcome)].tolist()} <= {0.0, 1.0}
 
     def ranks(self) -> Float[Array, " M"]:

@@ -68,12 +68,12 @@ def with_answers(audit: A, known: Answers) -> A:
     found = answer(columns, known, audit.settings.judge.answers, audit.copy_of, audit.claimed)
     from_label = found.log_odds - audit.from_actions
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
-    said = known.shared(audit.copy_of).labels
+    said = known.shared(audit.copy_of).said
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = audit.from_actions + from_demonstrator + from_label
     verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
     proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
-    is_decided = found.count >= audit.settings.keep.min_answers
+    is_decided = found.count > 1
     answered = replace(
         audit,
         finding="answered",
@@ -89,13 +89,26 @@ def with_answers(audit: A, known: Answers) -> A:
         demonstrators=rank_demonstrators(who, trust, audit.ids),
         answers=known,
         own_reasons=(),
-        max_outliers_of_parts=None,
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
         notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
         assumptions=_assumptions(audit, known, is_decided),
     )
-    return replace(answered, step_weight=weights_of(answered))
+    return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
+
+
+def rejecting_rules(audit: Judged) -> tuple[str, ...]:
+    """The rule of `rpil.results.choice.KEEP_RULES` that rejects each demonstration, or nothing.
+
+    What is inferred rejects once answers contrast: those that are bad, the outliers that answers do not contradict, and
+    of an answered pair the worse one unless the other answers speak for it.
+    """
+    known, verdicts, first = audit.answers.shared(audit.copy_of), np.array(audit.verdicts), audit.copy_of
+    worse = np.isin(first, first[known.pairs[:, 1]]) & (audit.log_odds <= 0)
+    is_bad = (np.isin(verdicts, ["bad", "outlier"]) | worse) & audit.answers.once(first).contrast
+    rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
+    rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
+    return tuple(np.select([*rules.values()], [*rules], "").tolist())
 
 
 def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
@@ -116,7 +129,7 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
     given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
     compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
-    return Answers(signs, compared, known.outcome, tied)
+    return replace(known, labels=signs, pairs=compared, tied=tied)
 
 
 def shown_proba(

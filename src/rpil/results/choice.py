@@ -1,8 +1,7 @@
 """The demonstrations to keep, and the rule by which each of the others is rejected.
 
-What a person said is obeyed in full: labels, faults that were named, a share, a least probability. Without two answers
-what the audit infers rejects no more than a fifth as outliers: the data cannot tell whether outliers are
-worse.
+What a person said is obeyed in full: labels, outcomes of 0 where they are 0 and 1, faults that were named, a share, a
+least probability. What the audit infers rejects only once two answers contrast.
 """
 
 from __future__ import annotations
@@ -23,11 +22,10 @@ from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
-from rpil.data.text import MAX_IDS, listed
+from rpil.data.text import MAX_IDS, listed, printable
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array, Float
-from rpil.results.settings import KeepSettings
-from rpil.results.vocabulary import SIDES
+from rpil.results.vocabulary import SIDES, WORSE
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
@@ -35,16 +33,16 @@ Table = Mapping[str, Sequence[object]]
 
 KEEP_RULES = {
     "labels": "by your labels",
+    "outcome": "by {}",
     "faults": "with a fault that was named",
     "answers": "by inference from your answers",
-    "outlier": "as outliers",
     "adversary": "like the adversary that was named",
     "threshold": "below --share or --at-least",
 }
-"""The rules by which demonstrations are rejected, as text that follows a number."""
+"""The rules by which demonstrations are rejected, as text that follows a number; {} is `Choice.failure`."""
 
-RULES_OF_VERDICTS = {"bad": "answers", "outlier": "outlier", "adversary": "adversary"}
-"""The rule by which a verdict rejects a demonstration without a label; the other verdicts keep it."""
+RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
+"""The rule by which a verdict rejects, in a table that says no rule, a demonstration without a label."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +54,16 @@ class Asked:
     at_least: float | None = None
     """Keep those whose probability is this or more."""
     ignored: Set[str] = frozenset()
-    """Rules that reject nobody: labels, or some of `RULES_OF_VERDICTS`."""
+    """Rules that reject nobody: labels, outcome, or some of `RULES_OF_VERDICTS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
     spared: Set[str] = frozenset()
     """Ids, as text, of those that are kept whatever speaks against them."""
+
+    @property
+    def by_number(self) -> bool:
+        """Whether a share or a least probability chooses, and not what is inferred."""
+        return self.share is not None or self.at_least is not None
 
 
 @dataclass(frozen=True)
@@ -70,25 +73,28 @@ class Choice:
     kept: tuple[Id, ...]
     rejected: Mapping[str, tuple[Id, ...]]
     """The others by the rule that rejects them, one of `KEEP_RULES`; no rule without any."""
-    undecided: tuple[Id, ...] = ()
-    """Those called outliers that are kept, because answers are too few to reject so many."""
-    reason: str = ""
-    """Why they are kept, one sentence; nothing where there are none."""
     asked: Asked = Asked()
+    failure: str = "outcome = 0"
+    """How those failed that an outcome rejects: its column, and the value there."""
+    notes: tuple[str, ...] = ()
+    """A sentence on each demonstration that is kept although it was called worse than another one."""
+
+    def words(self, rule: str) -> str:
+        """The rule as text that follows a number."""
+        return KEEP_RULES[rule].format(self.failure)
 
     def lines(self) -> list[str]:
-        """How many are rejected by each rule, one sentence, and a line for each rule with their ids; or nothing."""
-        counts = ", ".join(f"{len(ids):,} {KEEP_RULES[rule]}" for rule, ids in self.rejected.items())
-        lists = [f"  {KEEP_RULES[rule]}: {listed(ids, MAX_IDS)}" for rule, ids in self.rejected.items()]
-        return [f"Rejected: {counts}.", *lists] if lists else []
+        """How many are rejected by each rule, one sentence, and a line for each rule with their ids; then the notes."""
+        counts = ", ".join(f"{len(ids):,} {self.words(rule)}" for rule, ids in self.rejected.items())
+        lists = [f"  {self.words(rule)}: {listed(ids, MAX_IDS)}" for rule, ids in self.rejected.items()]
+        return [*([f"Rejected: {counts}."] * bool(lists)), *lists, *self.notes]
 
     def to_dict(self) -> dict[str, object]:
         """The ids as lists; whole numbers stay such where all ids are, and the others are text."""
         every = [*self.kept, *chain(*self.rejected.values())]
         named = dict(zip(every, file_ids(every), strict=True))
         rejected = {rule: [named[name] for name in ids] for rule, ids in self.rejected.items()}
-        kept, undecided = ([named[name] for name in ids] for ids in (self.kept, self.undecided))
-        return {"episodes": kept, "rejected": rejected, "undecided": undecided}
+        return {"episodes": [named[name] for name in self.kept], "rejected": rejected}
 
 
 def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
@@ -96,11 +102,11 @@ def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
     return list(ids if all(isinstance(name, int) for name in ids) else map(str, ids))
 
 
-def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choice:
+def choose(table: Table, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    Labels and named faults come first, then a share or a least probability, or where there is none the verdicts:
-    outlier rejects where no more than `max_outliers` are, a column of the table, or of `settings` where it has none.
+    Labels, outcomes of 0 and named faults come first, then a share or a least probability, or where there is none the
+    rules in the column rejected_by, or the verdicts where there is no such column.
 
     Parameters
     ----------
@@ -113,20 +119,28 @@ def choose(table: Table, settings: KeepSettings, asked: Asked = Asked()) -> Choi
         Where the table has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
-    labels = table.get("label", [""] * len(ids))
-    is_by_number = asked.share is not None or asked.at_least is not None
-    inferred = _by_threshold(table, asked) if is_by_number else _by_verdicts(table, labels, asked.ignored)
-    reason = _too_many(inferred.count("outlier"), table, settings)
-    rules = []
-    for name, label, rule in zip(ids, labels, inferred, strict=True):
-        by_label = label == "bad" and "labels" not in asked.ignored
-        by_person = "labels" if by_label else "faults" if str(name) in asked.faulty else rule
-        rules.append("" if str(name) in asked.spared else by_person)
+    labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
+    known = zip(ids, labels, _by_audit(table), _below(table, asked), strict=True)
+    rules = [_rule_of(str(name), *of_audit, asked) for name, *of_audit in known]
     of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
-    undecided = of_rule.pop("outlier") if reason else ()
-    kept = tuple(name for name, rule in zip(ids, rules, strict=True) if not rule or (reason and rule == "outlier"))
-    rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule.get(rule)}
-    return Choice(kept, rejected, undecided, reason if undecided else "", asked)
+    rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule[rule]}
+    failure, notes = Choice.failure, list[str]()
+    for name, label, how, rule in zip(ids, labels, map(str, said), rules, strict=True):
+        if rule == "outcome":
+            failure = how or failure
+        elif how.startswith(WORSE) and not (rule or label or str(name) in asked.spared or "answers" in asked.ignored):
+            notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
+    return Choice(of_rule[""], rejected, asked, failure, tuple(notes))
+
+
+def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> str:
+    """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
+    is `below` what is asked for."""
+    if name in asked.spared:
+        return ""
+    found = {"labels": label == "bad", "outcome": rule == "outcome" and label != "good", "faults": name in asked.faulty}
+    inferred = ("threshold", below) if asked.by_number else (rule, not label)
+    return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
 
 
 def rows_of(table: Table, ids: Set[str]) -> Table:
@@ -169,43 +183,28 @@ def _table_of_kept(kept: Mapping[str, Any]) -> Table:
     """A table of what `Choice.to_dict` gave."""
     rules = dict.fromkeys(kept["episodes"], "")
     rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
-    n = len(rules)
-    return {"id": [*rules], "verdict": ["open"] * n, "rejected_by": [*rules.values()], "max_outliers": [1.0] * n}
+    return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
 
 
-def _by_threshold(table: Table, asked: Asked) -> list[str]:
-    """The rule that rejects each demonstration, or nothing, by the least probability or the share."""
+def _below(table: Table, asked: Asked) -> list[bool]:
+    """Whether each demonstration is below the least probability or the share that is asked for, if any is."""
     if asked.at_least is not None:
-        is_kept = _numbers(table, "expert_proba") >= asked.at_least
-    else:
-        ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
-        is_kept = ranks < max(round((asked.share or 0.0) * len(ranks)), 1)
-    return ["" if kept else "threshold" for kept in is_kept.tolist()]
+        return (_numbers(table, "expert_proba") < asked.at_least).tolist()
+    if asked.share is None:
+        return [False] * len(table["id"])
+    ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
+    return (ranks >= max(round(asked.share * len(ranks)), 1)).tolist()
 
 
-def _by_verdicts(table: Table, labels: Sequence[object], ignored: Set[str]) -> list[str]:
-    """The rule by which its verdict rejects each demonstration, or nothing: a label stands above what is inferred."""
-    if "rejected_by" in table:
-        return [*map(str, table["rejected_by"])]
-    verdicts = [*map(str, table["verdict"])]
-    for name, verdict in zip(table["id"], verdicts, strict=True):
-        if verdict not in SIDES:
-            known = ", ".join(SIDES)
-            raise DataError(f"Demonstration {name!r}: the verdict {verdict!r} is unknown; write one of {known}.")
-    reject = {verdict: rule for verdict, rule in RULES_OF_VERDICTS.items() if rule not in ignored}
-    return [
-        "" if label in ("good", "bad") else reject.get(one, "") for one, label in zip(verdicts, labels, strict=True)
-    ]
-
-
-def _too_many(count: int, table: Table, settings: KeepSettings) -> str:
-    """Why `count` outliers of a table are not rejected; nothing where they are."""
-    n = len(table["id"])
-    most = float(_numbers(table, "max_outliers").min()) if n and "max_outliers" in table else settings.max_outliers
-    if count <= most * n:
-        return ""
-    outliers = f"{count:,} of {n:,} demonstrations are outliers, more than {most:.0%} of all"
-    return f"{outliers}: they are kept, because without two answers nobody knows whether they are worse."
+def _by_audit(table: Table) -> list[str]:
+    """The rule by which an audit rejects each demonstration, or nothing; where the table has none, by the verdict."""
+    column, known = ("rejected_by", ["", *KEEP_RULES]) if "rejected_by" in table else ("verdict", [*SIDES])
+    words = [str(word or "") for word in table[column]]
+    for name, word in zip(table["id"], words, strict=True):
+        if word not in known:
+            rest = f"{word!r} is unknown; write one of {', '.join(filter(None, known))}"
+            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
+    return words if column == "rejected_by" else [RULES_OF_VERDICTS.get(word, "") for word in words]
 
 
 def _numbers(table: Table, column: str) -> Float[Array, " M"]:

@@ -166,7 +166,7 @@ class Judged:
     verdicts: tuple[Verdict, ...] = field(metadata=TEXT | {"nothing": "open"})
     step_log_ratio: Float[Array, " N"] = field(metadata=of_step())
     step_share: Float[Array, " N"] = field(metadata=of_step(0.5, SHARE))
-    step_weight: Float[Array, " N"] = field(metadata=of_step(1.0))
+    step_weight: Float[Array, " N"] = field(metadata=of_step(1.0, (0.0, np.inf)))
     prior: Interval
     adversary: str
     columns: Float[Array, "M D"] = field(metadata=of_demonstration("M channels"))
@@ -191,10 +191,10 @@ class Judged:
     taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_step(limits=(-1.0, 1.0)))
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
+    rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""
     fps: float | None = None
     provenance: Provenance | None = None
-    max_outliers_of_parts: float | None = None
 
     @property
     def vocabulary(self) -> Vocabulary:

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logit
 
+from rpil.data.text import printable
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 from rpil.results.judged import Judged
-from rpil.results.vocabulary import SIDES
+from rpil.results.vocabulary import SIDES, WORSE
 
 MIN_STRETCH = 5.0
 """Nats against the policy of the trusted from which a stretch is named: a hundred and fifty to one. No verdict depends
@@ -56,12 +57,15 @@ def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
     return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
 
 
-def reasons_of(audit: Judged, answers: Answers) -> Iterator[str]:
-    """The reason for the verdict on each demonstration; the `answers` about one are about its copies too."""
+def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator[str]:
+    """The reason for the verdict on each demonstration; the `answers` about one are about its copies too. What was
+    `said` of each is `AuditResult.said`."""
     groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
     rank = np.argsort(np.argsort(audit.log_odds, kind="stable"))
     for m, name in enumerate(audit.ids):
-        reason = _by_answers(audit, m, answers) or _by_finding(audit, groups.get(name, ""), rank[m] / len(rank))
+        reason = _by_answers(audit, m, answers, said[m]) or _by_finding(
+            audit, groups.get(name, ""), rank[m] / len(rank)
+        )
         reason = reason or _by_evidence(audit, m, int(rank[m]))
         differs = _where_it_differs(audit, m) if audit.finding != "nothing could be learned" else ""
         if reason == DIFFERENT and differs:
@@ -107,15 +111,19 @@ def at_a_glance(audit: Judged, reason: str, m: int) -> tuple[str, str]:
     first, last = (int(seen[1]),) * 2 if seen else (stretch.first, stretch.last)
     is_long = last + 1 - first >= NEARLY_ALL * audit.lengths[m]
     where = THROUGHOUT if is_long else span(first, last, audit.fps).removeprefix("from ").removeprefix("at ")
+    if audit.rejected_by[m : m + 1] == ("outcome",):
+        return where, why
     return where, does[seen.end() :] if seen else does or why
 
 
-def _by_answers(audit: Judged, m: int, answers: Answers) -> str:
-    """The reason by the label of demonstration `m`, or by what is learned from answers; or nothing."""
+def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
+    """The reason by what was said of demonstration `m`, or by what is learned from answers; or nothing."""
     verdict, vocabulary = audit.verdicts[m], audit.vocabulary
     if answers.labels[m]:
         again = ", which contradicts the other answers: look again" * (audit.ids[m] in audit.contradicting)
         return f"Labelled {'good' if answers.labels[m] > 0 else 'bad'}{again}"
+    if said and verdict != vocabulary.upper:
+        return f"You called it {printable(said)}" if said.startswith(WORSE) else said.replace(" = ", " ")
     if audit.finding != "answered" or verdict == "open":
         return ""
     if verdict not in (vocabulary.upper, vocabulary.lower):

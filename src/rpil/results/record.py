@@ -59,8 +59,9 @@ class Audit(AuditResult):
         How far each step follows the policy of those that agree best rather than that of the others, in [0, 1]; its
         mean over every demonstration is 1/2.
     step_weight : (N,) array
-        Weight of each step for training a policy, in [0, 2] (`rpil.results.step_weights`): its mean over a
-        demonstration is 1, less where that is an outlier, and P(good) once two answers are given.
+        Weight of each step for training a policy (`rpil.results.step_weights`). Of `rpil.audit` it is 1 until two
+        answers contrast, then P(good) of its demonstration times what makes the mean over all steps 1. Of `RPIL` it is
+        that of the learner, with a mean over a demonstration of 1, less in outliers, and P(good) after two answers.
     prior : Interval
         Share of the demonstrations with the upper verdict of `vocabulary`.
     identifiable : bool
@@ -115,15 +116,15 @@ class Audit(AuditResult):
         Those by which verdicts and weights were given.
     own_reasons : tuple of str
         Those of `reasons` that compare with demonstrations that are not in the audit; else empty.
+    rejected_by : tuple of str
+        The rule by which ``rpil keep`` rejects each demonstration, or ""; empty where there are neither answers nor a
+        named adversary (`rpil.results.choice.KEEP_RULES`).
     fps : float or None
         Steps a second, where they are known: then sentences name seconds.
     within : str
         "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
     provenance : Provenance or None
         How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
-    max_outliers_of_parts : float or None
-        Where tasks were judged by themselves, the smallest `max_outliers` of a task with outliers; where a reference
-        was judged beside them, that with its labels; else None.
     """
 
     @property
@@ -135,8 +136,8 @@ class Audit(AuditResult):
 
     @property
     def choice(self) -> Choice:
-        """Which demonstrations ``rpil keep`` keeps, and by which rule each other one is rejected: ``choice.kept``,
-        ``choice.rejected`` and ``choice.undecided``."""
+        """Which demonstrations ``rpil keep`` keeps, ``choice.kept``, and which it rejects by each rule,
+        ``choice.rejected``."""
         from rpil.results.verdict_table import choice_of
 
         return choice_of(self)
@@ -144,10 +145,10 @@ class Audit(AuditResult):
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of the data.
 
-        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, rank (the place in the
-        ranking, 1 the most trusted), expert_proba (the probability that `vocabulary` names), log_odds and its parts,
-        reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session where
-        sessions are known.
+        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, label, said,
+        rejected_by (the rule by which ``rpil keep`` rejects it), rank (the place in the ranking, 1 the most trusted),
+        expert_proba (the probability that `vocabulary` names), log_odds and its parts, reliability, n_steps, facts, and
+        the reason; demonstrator where demonstrators were given, and session where sessions are known.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ from rpil.results.answering import Id
 from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Judged
 from rpil.results.reasons import GivenLabel, reasons_of
-from rpil.results.vocabulary import SIDES
+from rpil.results.vocabulary import SIDES, WORSE
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
@@ -44,7 +44,7 @@ class AuditResult(Judged):
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons or tuple(reasons_of(self, self._answers_of_copies()))
+        return self.own_reasons or tuple(reasons_of(self, self._answers_of_copies(), self.said))
 
     @property
     def labels(self) -> tuple[GivenLabel, ...]:
@@ -57,13 +57,12 @@ class AuditResult(Judged):
         return self.answers.shared(self.copy_of)
 
     @property
-    def max_outliers(self) -> float:
-        """The largest share of the demonstrations that ``rpil keep`` rejects as outliers."""
-        if self.max_outliers_of_parts is not None:
-            return self.max_outliers_of_parts
-        if self._answers_of_copies().once(self.copy_of).count >= self.settings.keep.min_answers:
-            return 1.0
-        return self.settings.keep.max_outliers
+    def said(self) -> tuple[str, ...]:
+        """What was said of each demonstration beside a label: how it failed, or than which other one it is worse."""
+        first, failed = self.copy_of.tolist(), [rule == "outcome" for rule in self.rejected_by]
+        worse = {first[m]: f"{WORSE}{self.ids[better]}" for better, m in self.answers.pairs.tolist()}
+        how = [self.answers.failure if is_failed else "" for is_failed in failed] or [""] * len(first)
+        return tuple(own or worse.get(m, "") for own, m in zip(how, first, strict=True))
 
     @property
     def labelled(self) -> tuple[Hashable, ...]:
@@ -177,6 +176,8 @@ class AuditResult(Judged):
             "id": self.ids,
             "verdict": self.verdicts,
             "label": self.labels,
+            "said": self.said,
+            "rejected_by": self.rejected_by or ("",) * len(self.ids),
             "rank": self.ranks.tolist(),
             "expert_proba": self.expert_proba.tolist(),
             "log_odds": self.log_odds.tolist(),

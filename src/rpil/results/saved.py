@@ -21,6 +21,7 @@ from rpil.data.files import StrPath, check_readable
 from rpil.data.guard import guarded
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
+from rpil.results.choice import KEEP_RULES
 from rpil.results.judged import SHARE, Judged
 from rpil.results.result import AuditResult
 from rpil.results.view import About, View, make_view
@@ -93,7 +94,7 @@ def check_sound(audit: Judged) -> None:
     sound &= len(audit.verdicts) == len(known.labels) == len(audit.copy_of) == n
     sound &= audit.finding in FINDINGS and {*known.labels.tolist(), *audit.claimed.tolist()} <= {-1, 0, 1}
     sound &= audit.columns_within.shape[1] in (0, audit.columns.shape[1] + 1)
-    sound &= _are_within(audit.step_weight, 0, 2)
+    sound &= {*audit.rejected_by} <= {"", *KEEP_RULES} and bool(np.isfinite(audit.step_weight).all())
     sound &= _are_within(np.concatenate([audit.copy_of, known.compared.ravel()]), 0, n - 1)
     sound &= _are_within(np.array([audit.prior.mean, audit.prior.low, audit.prior.high]), *SHARE)
     sound &= audit.fps is None or audit.fps > 0

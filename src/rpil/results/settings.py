@@ -1,4 +1,4 @@
-"""Settings of the audit: one record for each stage."""
+"""Settings of the audit."""
 
 from __future__ import annotations
 
@@ -6,19 +6,6 @@ from dataclasses import dataclass
 
 from rpil.data.archive import stored
 from rpil.inference.settings import JudgeSettings
-
-
-@stored()
-@dataclass(frozen=True)
-class KeepSettings:
-    """How far demonstrations are rejected because they differ from the others; all three are chosen by hand."""
-
-    min_answers: int = 2
-    """Answers about different demonstrations from which on all outliers may be rejected: one answer may be wrong."""
-    max_outliers: float = 0.2
-    """Share of the demonstrations that may be without: a larger group may as well be another way to do it."""
-    example_share: float = 0.6
-    """Share of the demonstrations that is named as another way to choose, by the ranking."""
 
 
 @stored()
@@ -33,8 +20,8 @@ class AuditSettings:
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
     judge: JudgeSettings = JudgeSettings()
     """Of answers, of verdicts without answers, of steps and of demonstrators; a fit puts its own here."""
-    keep: KeepSettings = KeepSettings()
-    """Of what is kept."""
+    weighs_for_learner: bool = True
+    """Whether weights of steps are those of `RPIL`, or those for other trainings; a fit puts its own here."""
 
     def min_proba(self, anchor: str) -> float:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""

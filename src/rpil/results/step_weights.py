@@ -1,4 +1,8 @@
-"""Weights of steps for training a policy, from what is known of their demonstrations and of the steps themselves.
+"""Weights of steps for training a policy: those for any training, and those of the learner, `RPIL`.
+
+For any training they are 1 until two answers contrast, one good or better and one bad or worse, and then P(good) of the
+demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). The learner uses
+what is known of the demonstrations without answers, and of the steps themselves:
 
     w_n = W_m [1 + c (2 s_n - 1)]
 
@@ -12,8 +16,8 @@ evidence: 1 for that of the training group T, -1 for that of the others R, 0 whe
 
 Where T or R has no members, c = 0. One answer alone changes the weight of its own demonstration.
 
-Where a person took over from a policy, what the person did is good and what came just before is bad: z_n is 1 and -1
-there, else 0, and within each demonstration the weights move, but not their mean:
+In both, where a person took over from a policy, what the person did is good and what came just before is bad: z_n is 1
+and -1 there, else 0, and within each demonstration the weights move, but not their mean:
 
     w_n = 2 W_m sigmoid(logit(w_n / 2 W_m) + 2 z_n + b_m)
 """
@@ -75,7 +79,7 @@ def agents_of(audit: Judged, names: Sequence[Hashable], agent: Int[Array, " N"])
 def step_weight(
     lengths: Int[Array, " M"], weight: Float[Array, " M"], sign: Float[Array, " M"], share: Float[Array, " N"]
 ) -> Float[Array, " N"]:
-    """Weight of each step, in [0, 2]: from `weight` W_m and `sign` c of its demonstration, and its `share` s_n.
+    """Weight of each step, from `weight` W_m and `sign` c of its demonstration, and its `share` s_n.
 
     Empty where steps are not kept.
     """
@@ -85,12 +89,16 @@ def step_weight(
 
 
 def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
-    """W_m and c of each demonstration."""
+    """W_m and c of each demonstration; c is 0 for any training but that of the learner."""
     proba, known = audit.expert_proba, audit.answers
     if audit.anchor == "named adversary":
         return proba, np.zeros(len(proba))
+    once = known.once(audit.copy_of)
+    if not audit.settings.weighs_for_learner:
+        mean = np.average(proba, weights=audit.lengths)
+        return proba / mean if once.contrast else np.ones(len(proba)), np.zeros(len(proba))
     labels = known.shared(audit.copy_of).labels
-    if known.once(audit.copy_of).count >= audit.settings.keep.min_answers:
+    if once.count > 1:
         groups = [proba[audit.from_actions > 0], proba[audit.from_actions <= 0]]
         sign = groups[0].mean() - groups[1].mean() if all(map(len, groups)) else 0.0
         return proba, np.full(len(proba), sign)
@@ -98,14 +106,3 @@ def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, "
     proba = np.where(labels, proba, expit(audit.from_actions))
     weighs_less = is_lower & (audit.identifiable | (labels < 0))
     return np.where(weighs_less, proba, 1.0), np.full(len(proba), float(audit.identifiable))
-
-
-def why_equal(audit: Judged) -> str:
-    """One sentence that says why all demonstrations have the same mean weight, within 5 %; "" where they have not."""
-    mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
-    if np.ptp(mean) > 0.05 * mean.max():
-        return ""
-    return (
-        f'all demonstrations have the same mean weight, because the finding is "{audit.finding}"; answers to the '
-        "questions change that."
-    )

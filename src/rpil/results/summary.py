@@ -21,6 +21,7 @@ from rpil.inference.trust import Judgement
 from rpil.results.answering import (
     NOT_USED,
     rank_demonstrators,
+    rejecting_rules,
     sentence_of,
     shown_proba,
     verdicts_of,
@@ -127,7 +128,7 @@ def audit_from_mixture(
     labelled = data.labels * np.maximum(np.abs(from_actions), settings.min_label_log_odds)
     log_odds = np.where(data.labels == 0, from_actions, labelled)
     proba = expit(log_odds)
-    return Audit(
+    audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
         finding="mixture",
@@ -152,6 +153,7 @@ def audit_from_mixture(
         copy_of=np.arange(len(ids)),
         settings=settings,
     )
+    return replace(audit, rejected_by=rejecting_rules(audit))
 
 
 def assumption_sentences(

@@ -50,7 +50,6 @@ def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None 
             replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
         ),
         answers=audit.answers.select(chosen.tolist()),
-        max_outliers_of_parts=audit.max_outliers,
         copy_of=first[place],
         contradicting=named(audit.contradicting),
         traces={names[name]: own for name, own in audit.traces.items() if name in names},
@@ -131,7 +130,6 @@ def join_audits(
         anchor=anchors.pop() if len(anchors) == 1 else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
-        max_outliers_of_parts=min((audit.max_outliers for audit in parts if "outlier" in audit.verdicts), default=None),
     )
 
 
@@ -148,25 +146,29 @@ def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing
     return joined if not is_text else tuple(joined) if any(joined) else ()
 
 
-def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers) -> Audit:
-    """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels."""
-    signs = np.zeros(len(audit.ids), dtype=np.int64)
-    signs[alone] = answers.labels[alone]
-    verdicts, reasons = [*audit.verdicts], [*audit.reasons]
+def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_learner: bool) -> Audit:
+    """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
+    flags, and for the learner the weights."""
+    signs, known = np.zeros(len(audit.ids), dtype=np.int64), audit.answers
+    labels, outcome = known.labels.copy(), known.outcome.copy()
+    signs[alone], labels[alone], outcome[alone] = answers.said[alone], answers.labels[alone], answers.outcome[alone]
+    verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
-        reasons[m] = f"Labelled {verdicts[m]}."
+        reasons[m] = f"Labelled {verdicts[m]}." if labels[m] else f"{answers.failure}."
+        rules[m] = "" if signs[m] > 0 else "labels" if labels[m] else "outcome"
     log_odds = np.where(signs, signs * logit(1 - audit.settings.judge.answers.min_proba_bound), audit.log_odds)
-    proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs, audit.lengths)
+    proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs != 0, audit.lengths)
     return replace(
         audit,
         log_odds=log_odds,
         from_label=np.where(signs, log_odds, audit.from_label),
         expert_proba=proba,
         verdicts=tuple(verdicts),
-        step_weight=np.where(of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
-        answers=replace(audit.answers, labels=audit.answers.labels + signs),
+        step_weight=np.where(for_learner & of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
+        answers=replace(known, labels=labels, outcome=outcome, failure=answers.failure, flag=answers.flag),
         own_reasons=tuple(reasons),
+        rejected_by=tuple(rules),
     )
 
 
@@ -177,7 +179,9 @@ def _joined_answers(of_tasks: Sequence[Answers], numbers: Sequence[Array], n: in
         joined.labels[places], joined.outcome[places] = answers.labels, answers.outcome
     pairs = [places[answers.pairs] for answers, places in zip(of_tasks, numbers, strict=True)]
     tied = [places[answers.tied] for answers, places in zip(of_tasks, numbers, strict=True)]
-    return replace(joined, pairs=np.concatenate([joined.pairs, *pairs]), tied=np.concatenate([joined.tied, *tied]))
+    both = np.concatenate([joined.pairs, *pairs]), np.concatenate([joined.tied, *tied])
+    of_all = of_tasks[0] if of_tasks else joined  # whose outcomes are a flag, or not, as those of all tasks
+    return replace(of_all, labels=joined.labels, outcome=joined.outcome, pairs=both[0], tied=both[1])
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 
 from rpil.data.files import StrPath, check_extension, replacing
@@ -24,9 +23,9 @@ def verdict_columns(
 ) -> dict[str, Sequence[object]]:
     """The columns of the table, in the order of the data: a row for each demonstration.
 
-    They are id, verdict, label (good, bad or nothing), rank (the place in the ranking, 1 the most trusted),
-    expert_proba, log_odds, max_outliers (the share that may be rejected as outliers), the parts of log_odds
-    from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
+    They are id, verdict, label (good, bad or nothing), said (how it failed, or than which one it is worse), rejected_by
+    (a rule of `KEEP_RULES`, or nothing), rank (the place in the ranking, 1 the most trusted), expert_proba, log_odds,
+    its parts from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
     fact_length and so on where they are known, faults (the rules of `findings`, the worst first), reason, and the run
     id. `demonstrators` and `tasks` are by ids as text; a demonstration that is not in them has an empty text.
     """
@@ -36,7 +35,6 @@ def verdict_columns(
     return {
         **audit.table(),
         "id": file_ids(audit.ids),
-        "max_outliers": [audit.max_outliers] * len(audit.ids),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
         "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
@@ -67,12 +65,12 @@ def write_verdicts(path: StrPath, audit: AuditResult, columns: Mapping[str, Sequ
 
 def choice_of(audit: AuditResult, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of an audit are kept."""
-    return choose(audit.table(), replace(audit.settings.keep, max_outliers=audit.max_outliers), asked)
+    return choose(audit.table(), asked)
 
 
 def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
-    """Write ``{"episodes": [...], "rejected": {...}, "undecided": [...], "run": ..., "provenance": ...}``: the ids that
-    are kept, those that are rejected by rule, and outliers that are kept for want of answers.
+    """Write ``{"episodes": [...], "rejected": {...}, "run": ..., "provenance": ...}``: the ids that are kept, and those
+    that are rejected by rule.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set.

@@ -75,6 +75,9 @@ SIDES: dict[str, Side] = {
 }
 """The side of each verdict, whatever the vocabulary."""
 
+WORSE = "worse than "
+"""Begins what is said of the worse one of an answered pair."""
+
 PLURALS = {"expert": "experts", "outlier": "outliers", "adversary": "adversaries"}
 """The verdicts that are nouns."""
 

@@ -67,7 +67,7 @@ const makeFinish = ({ ask, part }) => {
     isLess = found.kept < size;
     const open = new Set([...body.querySelectorAll("details[open]")].map((one) => one.dataset.word));
     for (const [rule, members] of Object.entries(found.rejected)) {
-      const word = WORDS[rule] ?? BY_MODEL;
+      const word = rule === "outcome" ? found.outcome : WORDS[rule] ?? BY_MODEL;
       groups.set(word, [...(groups.get(word) ?? []), ...members]);
     }
     const counts = [...groups].map(([word, members]) => `${members.length.toLocaleString("en")} ${word}`);
@@ -83,7 +83,7 @@ const makeFinish = ({ ask, part }) => {
     body.replaceChildren(
       el("h2", {}, `${found.kept.toLocaleString("en")} of ${size.toLocaleString("en")} kept.`),
       el("p", { "data-role": "counts" }, counts.length ? `Rejected: ${counts.join(", ")}.` : "None is rejected."),
-      found.reason ? el("p", {}, printable(found.reason)) : "", ...lists.map(([, box]) => box),
+      ...found.notes.map((note) => el("p", {}, printable(note))), ...lists.map(([, box]) => box),
       kinds.length ? el("fieldset", {}, el("legend", {}, "Reject also those whose recording is odd by"), kinds) : "",
       el("label", { class: "names" }, el("input", { type: "checkbox", "data-role": "names", checked: names }), " Name the persons on the page for the supplier"),
       el("p", { class: "buttons" }, el("button", { type: "button", class: "first", "data-role": "write", onclick: () => write({}) }, "Write files"), el("button", { type: "button", class: "close", onclick: () => dialog.close() }, "Close ", el("kbd", {}, "Esc"))),
