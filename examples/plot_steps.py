@@ -4,7 +4,7 @@ Which steps went wrong
 
 A demonstration need not be good or bad as a whole. Here some are good but for a stretch in which the hand slipped. An
 audit gives every step a log-ratio: how much better a policy of the others predicts the action than the frequencies of
-the actions do. From these comes the weight of the step.
+the actions do. From these comes the weight by which `RPIL` learns from the step.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ demonstrations = rpil.Demonstrations.from_groups(
 
 # %%
 # The weight of a step is small where it does not follow the policy of the others.
-audit = rpil.audit(demonstrations)
+audit = rpil.RPIL().fit(demonstrations).audit_
 weight = audit.step_weight.reshape(N_DEMONSTRATIONS, N_STEPS)
 print(f"mean weight: {weight[slip].mean():.2f} of slips, {weight[~slip].mean():.2f} of all other steps")
 

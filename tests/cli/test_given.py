@@ -55,7 +55,7 @@ def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, comm
     ok(command[0], data, *command[1:], "--observations", "x,v")
     ok(command[0], data, *command[1:], "--observations", "x,v", "--outcome", "-next.success")
     assert [np.isnan(task.answers.outcome).all() for task in given] == [True, False]
-    np.testing.assert_array_equal(given[1].answers.outcome, [0 if m in BAD else -1 for m in range(24)])
+    np.testing.assert_array_equal(given[1].answers.outcome, [float(m in BAD) for m in range(24)])
 
 
 def test_a_fit_is_given_the_order_that_the_file_states(given):

@@ -151,7 +151,7 @@ def test_keep_refuses_before_it_judges(folder, monkeypatch):
 
 
 def test_what_is_open_is_kept(folder):
-    printed = ok("keep", folder / "shifted.parquet", "-o", "k.parquet").stdout
+    printed = ok("keep", folder / "shifted.parquet", "-o", "k.parquet", "-q").stdout
     assert printed == "Kept 12 of 12 demonstrations: k.parquet\n"
 
 

@@ -32,7 +32,7 @@ def test_a_folder_is_read_block_by_block(tmp_path):
     assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
     assert found["n_steps"] == data.n_steps
     table = pq.read_table(weights)
-    np.testing.assert_array_equal(table["weight"].to_numpy(), model.audit_.step_weight)
+    np.testing.assert_array_equal(table["weight"].to_numpy(), 1.0)
     np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
     np.testing.assert_array_equal(table["step_index"].to_numpy()[: data.lengths[0]], np.arange(data.lengths[0]))
     assert "</html>" in (tmp_path / "r.html").read_text()

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from rpil.cli.commands import AuditRun, tell_if_interrupted
 from rpil.cli.label import WITHOUT
@@ -49,7 +48,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     def write_step_weights(path: str) -> None:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
         write_weights(path, *steps, run.recording.step_columns)
-        if np.ptp(audit.step_weight) == 0:
+        if audit.step_weight.min() == audit.step_weight.max():
             why = "every step weighs the same, because nothing says who is good; two answers do, one good and one bad."
             warnings.warn(f"{path}: {why}", stacklevel=1)
 
@@ -136,9 +135,9 @@ def choice_asked(
 
 
 def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """What to look at where nothing that is inferred rejects: the lowest of the ranking that are kept, the odd ones
-    where they are known, and the question."""
-    if choice.asked.by_number or not {"answers", "adversary"}.isdisjoint(choice.rejected):
+    """What to look at until answers contrast: the lowest of the ranking that are kept, the odd ones where they are
+    known, and the question."""
+    if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:
         return
     kept = {*choice.kept}
     odd = [name for name in (report.odd if report else ()) if name in kept]

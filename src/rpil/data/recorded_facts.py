@@ -27,27 +27,18 @@ _REWARD = re.compile(r"(?:next_)?rew(?:ard)?s?")
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What is known of M demonstrations beside their steps; nothing of it is used unless it is asked for.
-
-    Attributes
-    ----------
-    order : (M,) array, optional
-        The position of each demonstration in the order that the file states; None where it states none.
-    order_source : str
-        What states it, as "episode_index" or "timestamp".
-    sessions : tuple of M str
-        The session of each demonstration; empty where none are known.
-    outcome : (M,) array, optional
-        How each demonstration ended, more is better; NaN where it is not known.
-    outcome_name : str
-        The column of the outcome, as the user named it.
-    """
+    """What is known of M demonstrations beside their steps; nothing of it is used unless it is asked for."""
 
     order: Float[Array, " M"] | None = None
+    """The position of each demonstration in the order that the file states, if it states one."""
     order_source: str = ""
+    """What states it, as "episode_index" or "timestamp"."""
     sessions: tuple[str, ...] = ()
+    """Of each demonstration; empty where none are known."""
     outcome: Float[Array, " M"] | None = None
+    """How each demonstration ended, more is better; NaN where it is not known."""
     outcome_name: str = ""
+    """Its column, as the user named it."""
 
     @property
     def failure(self) -> str:
@@ -116,8 +107,9 @@ def given_outcome(
         source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
         words = {"true": 1, "false": 0, "": np.nan}
         given = {m: words.get(str(value).lower(), value) for m, value in pairs}
-        if twice := [m for m, count in Counter(m for m, _ in pairs).items() if count > 1]:
-            raise DataError(f"{source}, demonstration {twice[0]!r}: it has two outcomes; keep one.")
+        if len(given) < len(pairs):
+            [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
+            raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
         check_ids(by_id, every or ids, source, "<option>", "outcome")

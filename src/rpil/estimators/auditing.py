@@ -49,8 +49,8 @@ def audit(
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
     outcome : str, mapping of id to number, or sequence of M numbers, optional
-        How each demonstration ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is
-        better; a minus before a name says that more is worse. Where all are 0 or 1, those with 0 are bad.
+        How each ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is better (a minus
+        before a name: worse). Where all are 0 or 1, those with 0 are bad.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional

@@ -177,8 +177,7 @@ class RPIL(PolicyEstimator):
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
         outcome : mapping of id to number, or sequence of M numbers, or path, optional
-            How each demonstration ended, as its return or its success; more is better, and NaN is not known. Where all
-            are 0 or 1, those with 0 are bad.
+            How each ended, as its return; more is better, NaN is not known, and of 0 and 1 those with 0 are bad.
         order : sequence of M numbers, optional
             The place of each demonstration in the order in which they were made.
 

@@ -61,20 +61,19 @@ class Statements:
         order: Sequence[float] | Array | None = None,
         reference: Recording | None = None,
     ) -> Statements:
-        """What a user says, and else what the columns say that were named when the recording was opened.
+        """What a user says, and else what the columns or files say that were named when the recording was opened.
 
-        A path is a file of labels or outcomes; a text is a file of demonstrators, or their column. Files may speak of
-        demonstrations that are in the data and were left out.
+        A path is a file of labels; a text is a file of demonstrators, or a column. Files may speak of what is left out.
         """
         read, source, facts = recording.demonstrations, recording.description.source, recording.facts
         ids = recording.ids or read.ids
-        options = recording.options
-        answers = answers_of(labels, options.files.get("outcome") if outcome is None else outcome, read, ids)
+        outcome = recording.options.files.get("outcome") if outcome is None else outcome
+        answers = answers_of(labels, outcome, read, ids)
         if outcome is None and facts.outcome is not None:  # of a column, which the message names
             beside = [] if reference is None or reference.facts.outcome is None else [reference.facts.outcome]
             check_outcome(np.concatenate([facts.outcome, *beside]), f"the outcome {facts.outcome_name!r}", source)
             answers = replace(answers, outcome=facts.outcome, failure=facts.failure)
-        demonstrators = options.operator if demonstrators is None else demonstrators
+        demonstrators = recording.options.operator if demonstrators is None else demonstrators
         named_by = source
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
@@ -186,11 +185,9 @@ def _fit_group(
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
-    audit = result.audit
-    if len(audit.ids) > n:
-        audit = select(audit, range(n), ids)
-        if not keeps_policy:
-            audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
+    audit = result.audit if len(result.audit.ids) == n else select(result.audit, range(n), ids)
+    if not keeps_policy and audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
+        audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
     return audit, (task, result)
 
 

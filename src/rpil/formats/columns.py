@@ -42,12 +42,11 @@ class ColumnOptions:
     Attributes
     ----------
     operator, task : str
-        One column each: of who gave the demonstration, and of what was to be done; operator also a file of these.
+        One column each: of who gave the demonstration (or a file), and of what was to be done.
     session : str
         The column of the session, or "file" for the file of each demonstration.
     outcome : str
-        The column that says how a demonstration ended, or "length", with a minus before it where more is worse; or a
-        file of these.
+        The column, or file, that says how each ended, or "length", with a minus before it where more is worse.
     skip_bad : bool or "damage"
         Whether demonstrations with missing values are set aside, and damaged lines and files skipped; or these alone.
     guess : bool

@@ -3,19 +3,13 @@
     P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
 
 A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
-(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j". "No difference" is half a win of either, t =
-1/2 in P(yes)^t P(no)^(1 - t): the model of Davidson (1970) where such answers are rare. Labels that are all
-equal, as of a reference, carry no information about the share of good ones: their rows are (0, x_m). An outcome
-is an answer t in [0, 1], the share of the known outcomes that are lower. Outcomes of 0 and 1 are yes by luck in a share
-of the bad demonstrations, on a grid from e on: P(1) = (1 - luck - e) sigma(A_r w) + luck. P(good) of a demonstration
-whose outcome is known is by its columns and by the outcome. w_0 is 1 on agreement, the first column, `group_weight` on
-the group of scores, the last one, and 0 on the others: without answers the ranking is the one by agreement. The
-direction d is 1, or -1 where the ones that agree are bad, or 0 where the answers follow neither: then the weights of
-the channels are 0. Those of the components, the columns between the channels and the last one, are 0 or N(0, 1 /
-`component_precision`). So the answers may follow nothing here; that has probability 1/4 beforehand. Answers of one side
-alone cannot tell: d is not -1, and components say nothing. e is the rate of wrong answers, on a grid. For each of these
-the posterior of w is Laplace's approximation, and its evidence weighs it; P(good) integrates over w (MacKay 1992).
-Columns are correlated, and this posterior is wider than it should be: so what they say is multiplied by `sharpness`.
+(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j"; "no difference" is half a win of either
+(Davidson 1970). Labels that are all equal say nothing of the share of good ones: their rows are (0, x_m). An outcome is
+an answer t in [0, 1], the share of the known ones that are lower; one of 0 or 1 is yes by luck for a share of the bad
+demonstrations. w_0 is 1 on agreement, the first column, and `group_weight` on the group of scores, the last one. The
+direction d is 1, or -1 where the ones that agree are bad, or 0 where answers follow neither; answers of one side cannot
+tell. Luck, and the rate e of wrong answers, are on grids; for each hypothesis the posterior of w is Laplace's
+approximation, and its evidence weighs it (MacKay 1992). docs/model.md has the formulas.
 """
 
 from __future__ import annotations

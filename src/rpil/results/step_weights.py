@@ -1,23 +1,17 @@
 """Weights of steps for training a policy: those for any training, and those of the learner, `RPIL`.
 
-For any training they are 1 until two answers contrast, one good or better and one bad or worse, and then P(good) of the
-demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). The learner uses
-what is known of the demonstrations without answers, and of the steps themselves:
+For any training they are 1 until two answers contrast, one good or better and one bad or worse; then P(good) of the
+demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). Those of the
+learner act without answers, and tell the steps of a demonstration apart by shares s_n (`rpil.inference.step_trust`):
 
     w_n = W_m [1 + c (2 s_n - 1)]
 
-s_n is the share of step n in its demonstration (`rpil.inference.step_trust`), whose mean over every demonstration is
-1/2. So W_m is the mean weight of a step of demonstration m, and c in [-1, 1] says for which policy the steps are
-evidence: 1 for that of the training group T, -1 for that of the others R, 0 where nothing says which is better.
-
     without answers    W_m = P(similar), where m is an outlier;  W_m = 1, elsewhere
                        c = 1;  0 where two groups have policies of their own
-    two answers        W_m = P(good),    c = mean of P(good) over T - mean of P(good) over R
+    two answers        W_m = P(good),    c = mean of P(good) over the training group - mean of P(good) over the others
 
-Where T or R has no members, c = 0. One answer alone changes the weight of its own demonstration.
-
-In both, where a person took over from a policy, what the person did is good and what came just before is bad: z_n is 1
-and -1 there, else 0, and within each demonstration the weights move, but not their mean:
+One answer alone changes the weight of its own demonstration. In both, where a person took over from a policy, weights
+move within a demonstration, with z_n = 1 in the steps of the person, -1 just before, else 0:
 
     w_n = 2 W_m sigmoid(logit(w_n / 2 W_m) + 2 z_n + b_m)
 """

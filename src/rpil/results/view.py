@@ -15,8 +15,8 @@ counts
     The number of demonstrations with each verdict.
 share
     mean, low, high: of the demonstrations with the upper verdict.
-adversary, mean_weight
-    The reference of the judge; the mean weight of a step.
+adversary
+    The reference of the judge.
 question, pair
     The question, or ""; the two demonstrations that it is about, or none.
 doubts, notes, assumptions, lost, read
@@ -177,7 +177,6 @@ def _finding(audit: AuditResult, named: int) -> View:
         "counts": counts,
         "share": asdict(audit.prior),
         "adversary": audit.adversary,
-        "mean_weight": float(np.mean(audit.step_weight)),
     }
 
 
