@@ -71,7 +71,7 @@ data.finalize()
         """
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 known = {name for one in LeRobotDataset("local/kept", root=where).meta.episodes for name in one}
-wanted = (lambda episode: episode["rpil/verdict"] not in ("outlier", "bad")) if "rpil/verdict" in known else None
+wanted = (lambda episode: not episode["rpil/rejected_by"]) if "rpil/rejected_by" in known else None
 data = LeRobotDataset("local/kept", root=where, video_backend="pyav", episode_filter=wanted)
 rows = [data[k] for k in range(len(data))]  # all pictures are decoded
 numbers = np.array([int(row["episode_index"]) for row in rows])

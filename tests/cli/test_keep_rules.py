@@ -112,6 +112,10 @@ def test_an_outcome_may_be_a_file():
     for file in ("success.csv", "success.json"):
         assert ok("keep", other, *COLUMNS, "--outcome", file, "-o", "k.parquet", "-q").stdout == expected
         assert rpil.audit(other, outcome=file, observations=["x", "v"]).choice.rejected["outcome"] == (2, 3)
+    read = rpil.read(other, observations=["x", "v"])
+    Path("who.csv").write_text("id,demonstrator\n" + "".join(f"{m},{'ab'[m % 2]}\n" for m in range(FEW)))
+    audit = rpil.audit(read, outcome="success.csv", operator="who.csv")
+    assert (audit.choice.rejected["outcome"], len(audit.demonstrators)) == ((2, 3), 2)
     few = ok("keep", other, *COLUMNS, "--outcome", "success.csv", "--without", "2", "-o", "k.parquet", "-q").stdout
     assert "1 by success = 0" in few
     Path("failure.csv").write_text("id,value\n0,no\n")

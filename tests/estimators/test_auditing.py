@@ -71,7 +71,7 @@ def test_an_audit_is_that_of_a_fit_and_keeps_no_policy(settings, maker):
     audit = rpil.audit(data, settings=settings, progress=judged.append)
     model = rpil.RPIL("folded", settings=settings, progress=fitted.append).fit(data)
     np.testing.assert_array_equal(audit.step_weight, 1.0)
-    assert np.ptp(model.audit_.step_weight) > 0.5, "the learner does not wait for answers"
+    assert (model.audit_.step_weight != 1).any(), "the learner does not wait for answers"
     assert audit.deviations == model.audit_.deviations
     assert audit.traces.keys() == model.audit_.traces.keys() != set()
     assert "the policy" in fitted

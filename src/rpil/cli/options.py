@@ -43,11 +43,6 @@ class RunOptions:
     without_faults: tuple[str, ...] = ()
     """Rules of ``rpil check`` that reject."""
 
-    @property
-    def files(self) -> tuple[str | None, ...]:
-        """The files that it names beside the data."""
-        return self.labels, *self.columns.files.values(), self.reference
-
     @classmethod
     def of(cls, options: dict[str, Value], guess: bool = False) -> RunOptions:
         columns = pop_columns(options, guess)

@@ -57,13 +57,11 @@ def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:
 def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], Pairs]:
     """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
 
-    Labels are ``good`` or ``bad``, in any case; ``expert`` and ``adversary`` are read as these. ``better than ID``
-    makes a pair, and ``same as ID`` one without a difference: a demonstration has one label at most, and any number of
-    pairs, in JSON a list of both. Ids come back as text, see `match_labels`, and without white space at their ends,
-    unless one of the `ids` has it. Where persons are named in a column ``by`` and answer differently, the answer of
-    most of them counts, and none where as many say another. A `DataError` names the file and the demonstration: unknown
-    words, an id that one person labelled twice, a demonstration that is compared with itself, two pairs of one person
-    that contradict each other, no answers. A `DataWarning` names the questions that persons leave undecided.
+    Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
+    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs, in JSON a list. Ids
+    come back as text, without white space at their ends unless one of the `ids` has it. Where persons, a column ``by``,
+    differ, the answer of most counts, and a `DataWarning` names the questions that they leave undecided. A `DataError`
+    names the file and the demonstration: unknown words, contradictions of one person, no answers.
     """
     given = answers_of_persons(read_answer_rows(path, ids), Path(path).name, ids)
     for sentence in tie_lines(given):

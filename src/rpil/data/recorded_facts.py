@@ -57,11 +57,9 @@ class Facts:
 
 
 def outcome_of_steps(values: Float[Array, " N"], offsets: Int[Array, " _"], column: str) -> Float[Array, " M"] | None:
-    """One number for each demonstration, of a column with a value for each step; None where nothing says which.
-
-    It is the sum of a reward; the value of a column that is constant within each demonstration; and the last one of
-    a flag, 0 or 1. NaN is a missing value: one in a reward makes its sum unknown, others are left out.
-    """
+    """One number for each demonstration, of a column with a value for each step: the sum of a reward, the value of a
+    column that is constant within each, the last one of a flag, 0 or 1; else None. NaN is a missing value: one in a
+    reward makes its sum unknown, others are left out."""
     if _REWARD.fullmatch(plain_name(column)):
         return np.add.reduceat(values, offsets[:-1])
     low, high = (extreme.reduceat(values, offsets[:-1]) for extreme in (np.fmin, np.fmax))
@@ -96,17 +94,14 @@ def tells(outcome: Float[Array, " M"] | None) -> bool:
 def given_outcome(
     given: Outcome | str | None, ids: Sequence[Hashable], source: str, every: Sequence[Hashable] = ()
 ) -> Float[Array, " M"] | None:
-    """The outcome that a user gives, by id or for each of M demonstrations; those that are left out are unknown.
-
-    It may be a file (id,value) that speaks of others of `every` demonstration, too. A `DataError` as `check_outcome`,
-    and where an id is unknown, or twice in the file, a value no number, or their count another one.
-    """
+    """The outcome that a user gives, by id, for each of M demonstrations, or in a file (id,value), which may speak of
+    others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
+    twice in the file, a value no number, or their count another one."""
     if given is None:
         return None
     if isinstance(given, str):
         source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
-        words = {"true": 1, "false": 0, "": np.nan}
-        given = {m: words.get(str(value).lower(), value) for m, value in pairs}
+        given = {m: {"true": 1, "false": 0, "": np.nan}.get(str(value).lower(), value) for m, value in pairs}
         if len(given) < len(pairs):
             [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")

@@ -139,8 +139,7 @@ class Box:
         return self.bounded(self.low + (actions - self.low + span / 2) % span)
 
     def executed(self, answer: Array, n_steps: int) -> Array | None:
-        """The `answer` of a policy, (n_steps, A) or (n_steps,) where A is 1, clipped to the box; None unless it is
-        finite numbers."""
+        """The `answer` of a policy, (n_steps, A), or (n_steps,) where A is 1, in the box; None if not finite."""
         if answer.shape == (n_steps,) and self.n_parts == 1:
             answer = answer[:, None]
         if answer.shape != (n_steps, self.n_parts) or answer.dtype.kind not in "iuf" or not np.isfinite(answer).all():

@@ -79,15 +79,17 @@ def audit(
     recording = opened(data, replace(options, guess=isinstance(data, str | os.PathLike | Frame)))
     if recording.columns.guessed:
         warnings.warn(recording.columns.guess, stacklevel=2)
-    stated = Statements.of(recording, labels, None, None if isinstance(outcome, str) else outcome)
+    files = options.files
+    ends = files.get("outcome") if isinstance(outcome, str) else outcome
+    stated = Statements.of(recording, labels, files.get("operator"), ends)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
     given |= recording.columns.guessed
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
-    files = labels if isinstance(labels, str | os.PathLike) else None, *options.files.values()
+    beside = labels if isinstance(labels, str | os.PathLike) else None, *files.values()
     chosen = FitOptions(JUDGE_FEATURES, "auto", random_state, settings or Settings(), progress or (lambda _: None))
-    return audit_recording(recording, stated, chosen, path, call, files)
+    return audit_recording(recording, stated, chosen, path, call, beside)
 
 
 def audit_recording(

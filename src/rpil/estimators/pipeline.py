@@ -276,7 +276,10 @@ class FullFit:
             every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         data = posed.data
-        final_policy = cache(lambda: self._final_policy(posed, audit.step_weight))
+        learner = replace(
+            audit, settings=replace(audit.settings, weighs_for_learner=True)
+        )  # also for what sentences say
+        final_policy = cache(lambda: self._final_policy(posed, weights_of(learner)))
 
         def outputs(rows: Array) -> Array:
             features, policy = final_policy()

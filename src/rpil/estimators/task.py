@@ -44,11 +44,8 @@ def answers_of(
     demonstrations: Demonstrations | Dataset,
     ids: Sequence[Hashable] = (),
 ) -> Answers:
-    """The answers of a user about demonstrations, from words and outcomes by id, or from files of them.
-
-    Answers about others of the `ids`, which were left out when the demonstrations were read, are left out too. A
-    `DataError` names an unknown id or word.
-    """
+    """The answers of a user about demonstrations, from words and outcomes by id, or from files of them, but for those
+    about others of the `ids`, which were not read. A `DataError` names an unknown id or word."""
     read, every = demonstrations.ids, ids or demonstrations.ids
     if isinstance(labels, str | os.PathLike):
         source, (by_id, pairs) = str(labels), read_answers(labels, every)
@@ -95,7 +92,7 @@ class Task:
         groups = group_by_demonstrator(demonstrators, source)
         nothing = Answers.none(len(source.ids))
         answers = answers or nothing
-        if not tells(answers.outcome) and not answers.failed.any():  # as within one session
+        if not (tells(answers.outcome) or (answers.is_flag and 0 in answers.outcome)):  # as within one session
             answers = replace(answers, outcome=nothing.outcome)
         return cls(source, space, classes, answers, groups, given_order(order, source.ids, source.source))
 

@@ -125,11 +125,8 @@ def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
 def fit_within_tasks(
     recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
 ) -> tuple[Audit, list[tuple[Task, FitResult]]]:
-    """The audit of the demonstrations of a recording, each judged within its task and session, and the fits to these.
-
-    Where there is a reference, its demonstrations are judged beside those of each group. A group of one demonstration
-    is not judged, and has the verdict of its label, if there is one.
-    """
+    """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
+    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any."""
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)

@@ -113,14 +113,12 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
     fill_missing : bool
-        Whether chunks of Zarr and HDF5 that are not there are read as the value that the file names; else they are
-        an error.
+        Whether chunks of Zarr and HDF5 that are not there are no error, but the value that the file names.
 
     Raises
     ------
     DataError
-        One sentence naming the file, the demonstration where there is one, and the remedy; before anything is read
-        where the data would take more memory.
+        One sentence naming the file, the demonstration, and the remedy; at once where the data take more memory.
     """
     check_options(columns)
     options = ColumnOptions(**columns)
@@ -145,11 +143,11 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Parameters
     ----------
     path : path or frame
-        A file or folder of any known format, with all folders in it, taken in the order of their names; a pattern such
-        as ``drive/*.parquet``; an address that pyarrow knows, such as ``s3://bucket/folder``; or a data frame.
+        A file or folder of any known format; a pattern such as ``drive/*.parquet``; an address that pyarrow knows, such
+        as ``s3://bucket/folder``; or a data frame.
     on_disk : bool, optional
-        Leave the demonstrations on disk, as a `Dataset` of any size, or read them into memory; by default large files
-        and folders of Parquet files stay there. Of formats other than Parquet a copy is on disk until the process ends.
+        Leave the demonstrations on disk, as a `Dataset` of any size, or a copy of formats other than Parquet, or read
+        them into memory; by default large files and folders of Parquet files stay there.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 
@@ -161,8 +159,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Raises
     ------
     DataError
-        One sentence naming the file and the remedy. A value that is missing, or of the wrong kind, is an error only
-        where the demonstrations are asked for.
+        One sentence naming the file and the remedy; of values only where the demonstrations are asked for.
 
     Examples
     --------
@@ -178,7 +175,7 @@ def opened(data: object, options: ColumnOptions) -> Recording:
     """The recording in any data; a `DataError` where they have no columns to choose."""
     if isinstance(data, str | os.PathLike | Frame):
         return read_recording(data, options, on_disk=None)
-    if options != ColumnOptions():
+    if options != ColumnOptions(**options.files):
         raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
     if isinstance(data, Recording):
         return data
@@ -197,12 +194,9 @@ def read_recording(
 
 
 def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
-    """Demonstrator of each demonstration in the file `data`, by its id as text.
-
-    `where` names a CSV file with the columns ``id`` and ``demonstrator``, a JSON object of id to demonstrator; or else
-    a column, or NPZ array, of the data, which a `Recording` was read with. A `DataError` names the file: nothing of
-    that name, a demonstration with two demonstrators, an empty name.
-    """
+    """Demonstrator of each demonstration in the file `data`, by its id as text. `where` is a CSV file (id,demonstrator) or
+    JSON, or a column of the data, which a `Recording` was read with. A `DataError` names the file: nothing of that name,
+    a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
         ids = data.ids if isinstance(data, Recording) else ()
         return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann", ids), Path(where).name)

@@ -65,11 +65,8 @@ def find_columns(
     head: pa.Table | None = None,
     made: Mapping[str, Kind] = {},
 ) -> Columns:
-    """The columns to read; a `DataError` where columns cannot be found, and no `default_id` stands for the id.
-
-    By the first row of `head` a column of numbers with a unit is named among those that are not read. The columns that
-    are `made` of what lies beside the table are found as well.
-    """
+    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
+    first row of `head` numbers with a unit are named; columns `made` of what lies beside the table are found, too."""
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")

@@ -57,8 +57,7 @@ class StepTables:
 
 
 Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions, Cuts], None]
-"""Writes the demonstrations of these ids, in the order of the file, with all that the first path says of them; of those
-that are cut, the steps that are kept."""
+"""Writes the demonstrations of these ids, in the order of the file, with all that it says of them, as far as kept."""
 
 
 def called(*suffixes: str) -> Callable[[Path], bool]:

@@ -1,5 +1,4 @@
-"""What a recording says beside its rows, and what a table says of each demonstration as a whole: operator and task, and
-the facts that nothing uses unasked."""
+"""What a recording says beside its rows, and a table of each demonstration: operator, task, facts for who asks."""
 
 from __future__ import annotations
 
@@ -160,8 +159,9 @@ def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> 
             f"so that nothing says which value is the outcome; {_others(columns)}.",
             "outcome",
         )
-    most = float(np.isin(found[~np.isnan(found)], (0, 1)).all())  # a flag stays one
-    return most - found if wanted != name else found
+    return (
+        found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
+    )  # a flag stays one
 
 
 def _others(columns: Columns) -> str:

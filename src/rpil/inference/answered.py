@@ -38,8 +38,7 @@ def columns_of(
     log_odds: Float[Array, " M"],
     settings: AnswerSettings,
 ) -> Float[Array, "M D"]:
-    """The columns from which answers learn: normal scores of the channels, the components, and the log-odds of the
-    upper group."""
+    """The columns from which answers learn: normal scores of channels, components, log-odds of the upper group."""
     bound = settings.max_group_log_odds
     return np.column_stack([normal_scores(channels), components, np.clip(log_odds, -bound, bound) / bound])
 
@@ -71,10 +70,9 @@ def answer(
     """P(good) of every demonstration, by its `columns_of`; `copy_of` is the first of the copies of each, and `claimed`
     is what was said without answers: 1 similar, 0 open, -1 outlier.
 
-    A labelled demonstration has the verdict of its label; where other answers contradict it, it is named. One that
-    failed, by an outcome of 0 where outcomes are 0 and 1, is bad unless its label is good. No other demonstration is
-    good before an answer calls one good, and none is bad before one is called bad; one answer alone neither gives nor
-    takes a verdict. A copy confirms nothing: copies are judged as one demonstration, by what is known of any of them.
+    Each has the verdict of its label, or is bad where a flag says so; labels that other answers contradict are named.
+    No other one is good before an answer calls one good, or bad before one is called bad, and one answer alone changes
+    no verdict. Copies are judged as one demonstration, by what is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     columns, claimed, once = columns[first], claimed[first], answers.once(copy_of)

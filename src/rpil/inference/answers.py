@@ -60,7 +60,7 @@ class Answers:
     @classmethod
     def none(cls, n_demonstrations: int) -> Answers:
         """Nothing is known."""
-        return cls.of_labels(np.zeros(n_demonstrations, dtype=np.int64))
+        return cls(np.zeros(n_demonstrations, dtype=np.int64), no_pairs(), np.full(n_demonstrations, np.nan))
 
     @classmethod
     def of_labels(cls, labels: Int[Array, " M"]) -> Answers:
@@ -87,10 +87,7 @@ class Answers:
         chosen, place = list(indices), np.full(len(self.labels), -1)
         place[chosen] = np.arange(len(chosen))
         pairs, tied = _renumbered(self.pairs, place), _renumbered(self.tied, place)
-        return self._with(self.labels[chosen], pairs, self.outcome[chosen], tied)
-
-    def _with(self, *fields: Array) -> Answers:
-        return Answers(*fields, self.failure, self.is_flag)
+        return Answers(self.labels[chosen], pairs, self.outcome[chosen], tied, self.failure, self.is_flag)
 
     @property
     def compared(self) -> Int[Array, "_ 2"]:
@@ -114,14 +111,10 @@ class Answers:
         return {1, -1} if len(self.pairs) else {*self.labels.tolist(), *graded.tolist()} - {0}
 
     @property
-    def failed(self) -> Bool[Array, " M"]:
-        """Where the outcome is a flag, and is 0."""
-        return (self.outcome == 0) & self.is_flag
-
-    @property
     def said(self) -> Int[Array, " M"]:
-        """The labels, and -1 where there is none and the demonstration `failed`."""
-        return np.where(self.failed & (self.labels == 0), -1, self.labels)
+        """The labels, and -1 where there is none and the outcome is a flag, which is 0."""
+        failed = (self.outcome == 0) & (self.labels == 0)
+        return np.where(failed, -1, self.labels) if failed.any() and self.is_flag else self.labels
 
     @property
     def contrast(self) -> bool:
@@ -134,11 +127,10 @@ class Answers:
         labels, outcome = self.labels.copy(), self.outcome.copy()
         labels[np.flatnonzero(labels)[~of_labels]] = 0
         outcome[self._graded[~of_outcomes]] = np.nan
-        return self._with(labels, self.pairs[of_pairs], outcome, self.tied[of_tied])
+        return Answers(labels, self.pairs[of_pairs], outcome, self.tied[of_tied], self.failure, self.is_flag)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
-        """The answers about the K different demonstrations, where `copy_of` is the first of the copies of each: one
-        label, the mean outcome, and pairs of different ones, each once."""
+        """Those about the K different demonstrations: one label, the mean outcome, and pairs, each once."""
         first, place = np.unique(copy_of, return_inverse=True)
         labels = np.sign(np.bincount(place, self.labels, len(first))).astype(np.int64)
         known = np.isfinite(self.outcome)
@@ -147,13 +139,13 @@ class Answers:
         outcome = np.divide(total, count, out=np.full(len(first), np.nan), where=count > 0)
         pairs = np.unique(_renumbered(self.pairs, place), axis=0)
         tied = np.unique(np.sort(_renumbered(self.tied, place)), axis=0)
-        return self._with(labels, pairs, outcome, tied)
+        return Answers(labels, pairs, outcome, tied, self.failure, self.is_flag)
 
     def shared(self, copy_of: Int[Array, " M"]) -> Answers:
         """The same, where a label is that of all copies, and so is the outcome of those whose own is unknown."""
         once, place = self.once(copy_of), np.unique(copy_of, return_inverse=True)[1]
         outcome = np.where(np.isfinite(self.outcome), self.outcome, once.outcome[place])
-        return self._with(once.labels[place], self.pairs, outcome, self.tied)
+        return Answers(once.labels[place], self.pairs, outcome, self.tied, self.failure, self.is_flag)
 
     @property
     def is_flag(self) -> bool:
@@ -163,8 +155,7 @@ class Answers:
         return {*self.outcome[np.isfinite(self.outcome)].tolist()} <= {0.0, 1.0}
 
     def ranks(self) -> Float[Array, " M"]:
-        """The share of the known outcomes that are lower, ties half, in [0, 1], or a flag itself; NaN where the outcome
-        is unknown."""
+        """The share of the known outcomes that are lower, ties half, or a flag itself; NaN where it is unknown."""
         ranks, known = np.full(len(self.outcome), np.nan), np.isfinite(self.outcome)
         values = self.outcome[known]
         if self.is_flag:
@@ -221,8 +212,7 @@ class AnswerPosterior:
     """Probability that the answers follow none of the columns."""
 
     def proba(self, channels: Float[Array, "M C"], outcome: Float[Array, " M"] | None = None) -> Float[Array, " M"]:
-        """P(good) of each demonstration; where the rank of its `outcome` is known, given how often outcomes
-        are wrong."""
+        """P(good) of each demonstration; where the rank of its `outcome` is known, given how often these are wrong."""
         logit_by_channels = self._moderated(np.column_stack([np.ones(len(channels)), channels]))
         if outcome is not None:
             with np.errstate(divide="ignore"):
@@ -244,11 +234,8 @@ class AnswerPosterior:
 
 
 def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> AnswerPosterior:
-    """The posterior of w under every hypothesis: the direction d, whether components count, luck and e.
-
-    Answers of one side contrast nothing: they do not turn the direction, and move w less. So do outcomes of 0 and 1, in
-    which bad demonstrations are often lucky.
-    """
+    """The posterior of w under every hypothesis: the direction d, whether components count, luck and e. Answers of one
+    side do not turn the direction, and move w less; so do outcomes of 0 and 1, in which bad ones are often lucky."""
     rows, targets = answers.rows(columns)
     n_columns, one_side, is_outcome = columns.shape[1] + 1, len(answers.sides) < 2, answers.are_outcomes
     flags = answers.is_flag and bool(is_outcome.any())
@@ -290,8 +277,8 @@ def _laplace(
     luck: Float[Array, "K R"],
     error: Float[Array, "K 1"],
 ) -> tuple[Array, Array, Array]:
-    """Mean and covariance of w, and the log-evidence, of K hypotheses; an answer is wrongly "yes" at the rate `luck`,
-    and wrongly "no" at the rate `error`. Fisher scoring with halved steps."""
+    """Mean and covariance of w, and the log-evidence, of K hypotheses, by Fisher scoring with halved steps; an answer
+    is wrongly "yes" at the rate `luck`, wrongly "no" at `error`."""
     share, each = 1 - luck - error, np.arange(rows.shape[1])
 
     def yes_and_no(w: Array) -> tuple[Array, Array, Array]:

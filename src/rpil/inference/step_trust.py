@@ -57,8 +57,7 @@ def reliability_of(
     log_ratio: Float[Array, " N"],
     settings: JudgeSettings,
 ) -> tuple[Float[Array, " M"], Float[Array, "M 2"]]:
-    """Reliability of each demonstration and its 95 % interval, given the held-out `log_ratio` log pi - log q of each
-    step."""
+    """Reliability of each demonstration and its 95 % interval, given the `log_ratio` log pi - log q of each step."""
     n_nodes, bound = settings.reliability_nodes, settings.max_log_ratio
     nodes = (np.arange(n_nodes) + 0.5) / n_nodes
     evidence = np.empty((data.n_demonstrations, n_nodes))

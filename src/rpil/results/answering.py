@@ -106,7 +106,7 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     known, verdicts, first = audit.answers.shared(audit.copy_of), np.array(audit.verdicts), audit.copy_of
     worse = np.isin(first, first[known.pairs[:, 1]]) & (audit.log_odds <= 0)
     is_bad = (np.isin(verdicts, ["bad", "outlier"]) | worse) & audit.answers.once(first).contrast
-    rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
+    rules = {"": known.labels > 0, "outcome": (known.outcome == 0) & known.is_flag, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
 

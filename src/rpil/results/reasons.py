@@ -21,8 +21,7 @@ from rpil.results.judged import Judged
 from rpil.results.vocabulary import SIDES, WORSE
 
 MIN_STRETCH = 5.0
-"""Nats against the policy of the trusted from which a stretch is named: a hundred and fifty to one. No verdict depends
-on it."""
+"""Nats against the policy of the trusted from which a stretch is named: 150 to one. No verdict depends on it."""
 
 NEARLY_ALL = 0.8
 """Share of the steps of a demonstration from which a stretch is nearly all of it."""

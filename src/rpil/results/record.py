@@ -59,9 +59,8 @@ class Audit(AuditResult):
         How far each step follows the policy of those that agree best rather than that of the others, in [0, 1]; its
         mean over every demonstration is 1/2.
     step_weight : (N,) array
-        Weight of each step for training a policy (`rpil.results.step_weights`). Of `rpil.audit` it is 1 until two
-        answers contrast, then P(good) of its demonstration times what makes the mean over all steps 1. Of `RPIL` it is
-        that of the learner, with a mean over a demonstration of 1, less in outliers, and P(good) after two answers.
+        Weight of each step for training a policy (`rpil.results.step_weights`): of `rpil.audit` 1 until two answers
+        contrast, then P(good) of its demonstration, scaled to a mean of 1 over all steps; of `RPIL` the learner's own.
     prior : Interval
         Share of the demonstrations with the upper verdict of `vocabulary`.
     identifiable : bool
@@ -117,8 +116,7 @@ class Audit(AuditResult):
     own_reasons : tuple of str
         Those of `reasons` that compare with demonstrations that are not in the audit; else empty.
     rejected_by : tuple of str
-        The rule by which ``rpil keep`` rejects each demonstration, or ""; empty where there are neither answers nor a
-        named adversary (`rpil.results.choice.KEEP_RULES`).
+        The rule of `rpil.results.choice.KEEP_RULES` that rejects each demonstration, or ""; empty where none does.
     fps : float or None
         Steps a second, where they are known: then sentences name seconds.
     within : str

@@ -13,7 +13,6 @@ from typing import Self
 import numpy as np
 
 from rpil.data.run import run_id
-from rpil.inference.answers import Answers
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
@@ -44,17 +43,13 @@ class AuditResult(Judged):
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""
-        return self.own_reasons or tuple(reasons_of(self, self._answers_of_copies(), self.said))
+        return self.own_reasons or tuple(reasons_of(self, self.answers.shared(self.copy_of), self.said))
 
     @property
     def labels(self) -> tuple[GivenLabel, ...]:
         """The label of each demonstration, which is that of its copies too."""
         texts: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
-        return tuple(texts[label] for label in self._answers_of_copies().labels.tolist())
-
-    def _answers_of_copies(self) -> Answers:
-        """The answers about each demonstration, which are about its copies too."""
-        return self.answers.shared(self.copy_of)
+        return tuple(texts[label] for label in self.answers.shared(self.copy_of).labels.tolist())
 
     @property
     def said(self) -> tuple[str, ...]:

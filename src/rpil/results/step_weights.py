@@ -90,7 +90,8 @@ def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, "
     once = known.once(audit.copy_of)
     if not audit.settings.weighs_for_learner:
         mean = np.average(proba, weights=audit.lengths)
-        return proba / mean if once.contrast else np.ones(len(proba)), np.zeros(len(proba))
+        acts = audit.anchor == "answers" and once.contrast
+        return proba / mean if acts else np.ones(len(proba)), np.zeros(len(proba))
     labels = known.shared(audit.copy_of).labels
     if once.count > 1:
         groups = [proba[audit.from_actions > 0], proba[audit.from_actions <= 0]]

@@ -117,8 +117,7 @@ class About:
 
 
 def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: int = MAX_IDS) -> View:
-    """The view of an audit, with drawings of the `drawn` first in the order of looking, and up to so many names in its
-    finding."""
+    """The view of an audit, with drawings of the `drawn` first in the order of looking, `named` ids in its finding."""
     order, n_review = answering.looking_order(audit)
     asked = answering.is_asked(audit)
     places = {name: m for m, name in enumerate(audit.ids)}

@@ -164,7 +164,7 @@ def test_files_that_would_be_replaced_are_asked_about(audit, browser):
 
     def finish(given):
         if "write" not in given:
-            return {"kept": 20, "rejected": {}, "reason": ""}
+            return {"kept": 20, "rejected": {}, "notes": [], "outcome": ""}
         agreed.append(given.get("replace"))
         question = {"lines": ["Replace <b>-keep.json?"], "exists": ["<b>-keep.json"]}
         done = {"files": {"keep": "<b>-keep.json"}, "command": "rpil keep <b>", "lost": []}

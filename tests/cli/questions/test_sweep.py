@@ -181,7 +181,7 @@ def test_the_end_shows_who_rejects_what_and_each_can_be_kept(audit, browser):
         rejected = {"labels": [3, 5], "answers": [8], "faults": [9]}
         left = {rule: [m for m in own if str(m) not in given["spared"]] for rule, own in rejected.items()}
         kept = 24 - sum(map(len, left.values()))
-        return {"kept": kept, "rejected": {rule: own for rule, own in left.items() if own}, "reason": ""}
+        return {"kept": kept, "rejected": {rule: own for rule, own in left.items() if own}, "notes": [], "outcome": ""}
 
     text = "document.querySelector('dialog.finish').innerText"
     with serving(review_of(audit, page=page_of, finish=finish)) as client:

@@ -34,13 +34,14 @@ def test_an_audit_adds_verdicts_and_scores(source, tmp_path):
     others = [str(name) for name in all_files(source) if str(name) != EPISODES]
     assert filecmp.cmpfiles(source, tmp_path / "new", others, shallow=False)[0] == others
     old, new = (pq.read_table(folder / EPISODES) for folder in (source, tmp_path / "new"))
-    assert new.column_names == [*old.column_names, "rpil/verdict", "rpil/score"]
+    assert new.column_names == [*old.column_names, "rpil/verdict", "rpil/score", "rpil/rejected_by"]
     assert new.select(old.column_names).equals(old)
-    rows = new.select(["episode_index", "rpil/verdict", "rpil/score"]).to_pylist()
+    rows = new.select(["episode_index", "rpil/verdict", "rpil/score", "rpil/rejected_by"]).to_pylist()
     assert [row["episode_index"] for row in rows] == [*range(5)]
     for row in rows:
         assert row["rpil/verdict"] == printed[row["episode_index"]]["verdict"]
         assert row["rpil/score"] == printed[row["episode_index"]]["log_odds"]
+        assert row["rpil/rejected_by"] == printed[row["episode_index"]]["rejected_by"]
     again = json.loads(ok("audit", tmp_path / "new", "--json").stdout)["demonstrations"]
     assert {one["id"]: one["log_odds"] for one in again} == {m: one["log_odds"] for m, one in printed.items()}
 
