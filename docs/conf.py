@@ -44,7 +44,7 @@ smartquotes = False  # they would make one dash of the two of an option
 html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
 
 RUN = ("plot_ranking", "plot_steps", "plot_methods", "plot_step_weights")
-"""The examples that are run for the site; the others need a simulator or torch, and are shown."""
+"""The examples that are run for the site; the others need torch, and are shown."""
 
 MAX_SIGNATURE = 600
 """Characters; the constructors of estimators have fewer."""

@@ -153,7 +153,7 @@ def command_in_a_run_file(folder: Path) -> Found:
     call("audit", DATA, *COLUMNS, "--save", "run.rpil")
     run = Path("run.rpil").read_bytes()
     hostile = [f"audit x.csv --{name} a" for name in ("report", "save", "keep", "verdicts", "weights", "report=a")]
-    hostile += ["evaluate x.py:f", "keep x -o x", "audit x; evil", "audit $(evil)"]
+    hostile += ["keep x -o x", "audit x; evil", "audit $(evil)"]
     lists = archives.members("run.rpil")["header.json"][:-1] + b', "more": [' + b"[]," * MOST_LISTS + b"[]]}"
     for what in (*hostile, "millions of lists"):
         Path("hers.rpil").write_bytes(run)
@@ -271,9 +271,7 @@ def very_long_label_quoted(folder: Path) -> Found:
         Path("labels.json").write_text(json.dumps(labels))
         if wrong := ended(call("audit", DATA, "--labels", "labels.json", *COLUMNS), "labels"):
             return wrong
-    rpil.save(rpil.BehavioralCloning().fit(rpil.read(DATA)), "policy")
-    archives.rewrite("policy", header=lambda header: header.update(version=lists))
-    return ended(call("evaluate", "policy", "--env", "MountainCar-v0"), "of the format")
+    return None
 
 
 def damaged_files(folder: Path) -> Found:

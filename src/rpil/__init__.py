@@ -24,7 +24,6 @@ _HOME = {
     "TorchPolicy": "rpil.policies.torch",
     "audit": "rpil.estimators.auditing",
     "check": "rpil.faults.checking",
-    "compare": "rpil.simulation.comparison",
     "load": "rpil.estimators.persistence",
     "open": "rpil.formats",
     "read": "rpil.formats",
@@ -54,7 +53,6 @@ __all__ = [
     "__version__",
     "audit",
     "check",
-    "compare",
     "load",
     "open",
     "read",
@@ -88,7 +86,6 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings
-    from rpil.simulation.comparison import compare
     from rpil.simulation.rollouts import rollout
     from rpil.simulation.simulate import simulate
 

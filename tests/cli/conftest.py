@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from asked import write
 from command_line import ENV, ok
 from rpil import RPIL, formats
@@ -19,22 +17,13 @@ def folder(tmp_path_factory):
     """Files that all tests may read and none may change."""
     folder = tmp_path_factory.mktemp("cli")
     for name, kind in (("good", "corrupted"), ("shifted", "shift")):
-        n = ["--good", "6", "--bad", "6"]
-        path = folder / f"{name}.parquet"
-        ok("simulate", "--env", ENV, "--kind", kind, *n, "-o", str(path), "--seed", "1")
-        good_first(path)
+        made = rpil.simulate(ENV, kind, n_good=6, n_bad=6, seed=1)
+        order = np.argsort(-made.is_good, kind="stable")  # 0 to 5 are the good ones, so that tests can name them
+        demonstrations = rpil.Demonstrations.from_episodes([made.episodes[m] for m in order], source=ENV)
+        truth = {"is_good": made.is_good[order], "episode_return": made.returns[order]}
+        formats.write(folder / f"{name}.parquet", demonstrations, truth)
     ok("fit", str(folder / "good.parquet"), "-o", str(folder / "policy"))
     return folder
-
-
-def good_first(path):
-    """Write demonstrations 0 to 5 again as the good ones, so that tests can name them."""
-    demonstrations = formats.read(path)
-    table = pq.read_table(path)
-    truth = {name: np.array(table[name])[demonstrations.offsets[:-1]] for name in ("is_good", "episode_return")}
-    order = np.argsort(-truth["is_good"], kind="stable")
-    made = replace(demonstrations.select(order), ids=tuple(range(len(order))))
-    formats.write(path, made, {name: values[order] for name, values in truth.items()})
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import ENV, G, X, Y, call, npz, ok, refused
+from command_line import G, X, Y, call, npz, refused
 from rpil import formats
 from rpil.estimators.persistence import load
 
@@ -172,9 +172,6 @@ def test_one_demonstration_is_refused():
     refused(r"data.npz: .* one demonstration alone \(1 sample\) cannot be compared", "audit", "data.npz")
 
 
-SIMULATE = ["simulate", "--good", 1, "--bad", 1]
-
-
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
@@ -191,17 +188,11 @@ SIMULATE = ["simulate", "--good", 1, "--bad", 1]
         (["audit", "data.npz", "--verdicts", "r.csv", "--weights", "./r.csv"], "r.csv: it is named twice"),
         (["fit", "data.npz", "-o", "no/policy"], "no/policy: there is no folder no; make it first"),
         (["fit", "data.npz", "-o", "data.npz"], "data.npz: it is named twice"),
-        ([*SIMULATE, "--env", ENV, "--kind", "flip", "-o", "no/d.csv"], "no folder no"),
-        ([*SIMULATE, "--env", ENV, "--kind", "flip", "-o", "d.txt"], "unknown extension '.txt'"),
-        ([*SIMULATE, "--env", ENV, "--kind", "flip", "--good", 0, "--bad", 0, "-o", "d.csv"], "ask for at least one"),
-        ([*SIMULATE, "--env", "No-v0", "--kind", "flip", "-o", "d.csv"], "choose one of Mount"),
-        ([*SIMULATE, "--env", ENV, "--kind", "odd", "-o", "d.csv"], "'corrupted', 'random'"),
         (["audit"], "Missing argument 'FILE'; see rpil audit --help"),
         (["audit", "data.npz", "--sed", "1"], "No such option.*--sed.*--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--seed", "-1"], "--seed.* see rpil audit --help"),
         (["audit", "data.npz", "--features", "odd"], "'odd' is not one of 'auto', 'raw', 'folded', 'nystroem'"),
         (["audit", "data.npz", "--adversary", "odd"], "'odd' is not one of 'auto'"),
-        (["evaluate", "policy", "--env", ENV, "--episodes", "0"], "--episodes"),
         (["order"], "No such command 'order'; see rpil --help"),
     ],
 )  # fmt: skip
@@ -224,40 +215,6 @@ def test_failed_write_keeps_old_files(monkeypatch):
     refused("r.html: it cannot be written .No space left", "audit", data, "--report", "r.html")
     refused("w.csv: it cannot be written .No space left", "audit", data, "--weights", "w.csv")
     refused("policy: it cannot be written .No space left", "fit", data, "-o", "policy")
-
-
-def test_files_that_are_no_policy_are_refused(folder):
-    content = (folder / "policy").read_bytes()
-    npz("data.npz")
-    npz("pickled.npz", observations=X.astype(object))
-    Path("cut").write_bytes(content[: len(content) // 2])
-    Path("empty").touch()
-    for name, match in (
-        ("missing", "missing: there is no such file or folder; check the path"),
-        ("empty", "empty: the file is empty; write it again"),
-        ("cut", "cut: it is damaged or truncated .*; fit and save it again"),
-        ("data.npz", "data.npz: it is no policy that rpil saved; make one with rpil fit"),
-        ("pickled.npz", "pickled.npz: it is no policy that rpil saved; make one with rpil fit"),
-    ):
-        refused(match, "evaluate", name, "--env", ENV, "--json")
-
-
-def test_policy_of_another_environment_is_refused(folder):
-    policy = folder / "policy"
-    fitted = r"policy was fitted to observations of shape \(2,\) and the actions \[0, 1, 2\]: play it in"
-    shape = rf"CartPole-v1 has observations of shape \(4,\) and the actions 0 to 1, but {fitted}"
-    refused(shape, "evaluate", policy, "--env", "CartPole-v1")
-    refused("no environment 'Nowhere-v0': check the name", "evaluate", policy, "--env", "Nowhere-v0")
-    npz("words.npz", actions=np.where(Y, "left", "right"))
-    ok("fit", "words.npz", "-o", "words")
-    fitted = r"words was fitted to observations of shape \(2,\) and the actions \['left', 'right'\]: play it in"
-    known = rf"has observations of shape \(2,\) and the actions 0 to 2, but {fitted}"
-    refused(known, "evaluate", "words", "--env", ENV)
-
-
-def test_missing_extra_is_named(folder, monkeypatch):
-    monkeypatch.setitem(sys.modules, "gymnasium", None)
-    refused(r"install it with pip install 'rpil\[gym\]'", "evaluate", folder / "policy", "--env", ENV)
 
 
 def test_ids_with_control_characters_are_escaped():

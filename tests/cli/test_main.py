@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
@@ -11,8 +10,6 @@ import types
 import warnings
 from pathlib import Path
 
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import rpil
@@ -23,7 +20,7 @@ from rpil.estimators.persistence import load
 
 def test_help_and_version():
     assert call().stdout == ok("--help").stdout == ok("-h").stdout
-    for command in ("audit", "fit", "evaluate", "simulate", "demo"):
+    for command in ("audit", "fit", "demo"):
         assert command in ok("--help").stdout
         assert "--quiet" in ok(command, "--help").stdout
     assert rpil.__version__ in ok("--version").stdout
@@ -44,7 +41,7 @@ def test_help_of_every_command_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
 
 
-@pytest.mark.parametrize("command", [[], ["audit"], ["simulate"]])
+@pytest.mark.parametrize("command", [[], ["audit"]])
 def test_help_is_fast(command):
     took = []
     for _ in range(3):
@@ -53,36 +50,6 @@ def test_help_is_fast(command):
         after = os.times()  # of the processor: other processes take time, too
         took.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert min(took) < 0.3
-
-
-def test_simulate_writes_demonstrations_with_their_truth(folder):
-    demonstrations = formats.read(folder / "good.parquet")
-    assert len(demonstrations) == 12
-    table = pq.read_table(folder / "good.parquet")
-    assert {"is_good", "episode_return"} <= set(table.column_names)
-    assert set(table["is_good"].to_pylist()) == {0, 1}
-
-
-@pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.npz"])
-def test_simulate_writes_continuous_actions(name):
-    result = ok(
-        "simulate", "--env", "LunarLanderContinuous-v3", "--kind", "random", "--good", 1, "--bad", 1, "-o", name
-    )
-    assert "1 good and 1 bad (random) demonstrations of LunarLanderContinuous-v3" in result.stdout
-    demonstrations = formats.read(name)
-    assert demonstrations.actions.shape == (demonstrations.n_steps, 2)
-    assert len(demonstrations) == 2
-
-
-def test_simulate_is_reproducible():
-    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
-        result = ok(
-            "simulate", "--env", ENV, "--kind", "flip", "--good", 1, "--bad", 1, "-o", f"{name}.csv", "--seed", seed
-        )
-        assert f"1 good and 1 bad (flip) demonstrations of {ENV}" in result.stdout
-        assert f"Next: rpil audit {name}.csv" in result.stdout
-    a, b, c = (Path(f"{name}.csv").read_bytes() for name in "abc")
-    assert a == b != c
 
 
 def test_fit_reports_two_groups_until_an_answer(folder):
@@ -101,27 +68,13 @@ def test_fit_reports_two_groups_until_an_answer(folder):
     assert "Two groups" not in result.stdout
 
 
-def test_fit_and_evaluate(folder):
+def test_fit_saves_a_policy_that_plays(folder):
     model = load(folder / "policy")
     assert model.features == "auto"
     assert model.observation_names_ == formats.read(folder / "good.parquet").observation_names
-    result = ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 5, "--json", "--seed", 3)
-    assert result.stderr == ""
-    found = json.loads(result.stdout)
-    assert list(found) == ["mean", "ci95", "returns"]
-    assert len(found["returns"]) == 5
-    assert found["mean"] == pytest.approx(np.mean(found["returns"]))
-    assert found["ci95"][0] < found["mean"] < found["ci95"][1]
-    assert found["mean"] > -150  # the expert's is -103, a random policy's -200
-    text = ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 5, "--seed", 3).stdout
-    assert text.startswith(f"Mean return {found['mean']:.1f} (95 % interval ")
-    assert text.endswith(f"over 5 episodes of {ENV}.\n")
-
-
-def test_one_episode_has_no_interval(folder):
-    result = ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 1, "--json")
-    assert json.loads(result.stdout, parse_constant=pytest.fail)["ci95"] == [None, None]
-    assert "in one episode" in ok("evaluate", folder / "policy", "--env", ENV, "--episodes", 1).stdout
+    assert rpil.rollout(model, ENV, n_episodes=5, seed=3).mean > -150  # the expert's is -103, a random policy's -200
+    with pytest.raises(rpil.DataError, match=r"policy was fitted to observations of shape \(2,\) "):
+        rpil.rollout(model, "CartPole-v1", n_episodes=1, seed=0)
 
 
 class FakeDemo:

@@ -21,7 +21,7 @@ def option(command, name):
 
 def test_the_short_option_o_is_the_output_of_every_command():
     short = {name for name, command in main.commands.items() if any("-o" in param.opts for param in command.params)}
-    assert short == {"check", "convert", "demo", "fit", "keep", "report", "simulate"}
+    assert short == {"check", "convert", "demo", "fit", "keep", "report"}
     assert all(option(command, "output").opts == ["-o", "--output"] for command in short)
 
 
@@ -34,8 +34,7 @@ def test_defaults_are_those_of_python(command, name, argument):
 def test_one_option_has_one_default():
     for name in {param.name for command in COMMANDS for param in command.params} - {"output", "file"}:
         defaults = [param.default for command in COMMANDS for param in command.params if param.name == name]
-        if name != "episodes":  # to play a policy, and to play every policy of the demo
-            assert len(set(map(repr, defaults))) == 1, name
+        assert len(set(map(repr, defaults))) == 1, name
 
 
 def test_the_page_describes_the_files_of_an_audit():

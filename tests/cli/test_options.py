@@ -5,14 +5,12 @@ from __future__ import annotations
 from rpil.cli import main as cli
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.policies.features import FEATURES
-from rpil.simulation.simulate import KINDS
 
 
 def test_choices_are_those_of_the_library():
     for command, option, expected in (
         ("audit", "features", FEATURES),
         ("audit", "adversary", ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]),
-        ("simulate", "kind", KINDS),
     ):
         (parameter,) = [param for param in cli.main.commands[command].params if param.name == option]
         assert {name.replace("-", " ") for name in parameter.type.choices} == set(expected)

@@ -15,8 +15,6 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
 """Share of right actions on the last printed line."""
 
-COMPARED = "compare_choices.py"
-
 PRINTED = {
     "plot_ranking.py": r"No outliers.*score: 0\.6\d\n",
     "plot_steps.py": r"mean weight: 0\.0\d of slips, 0\.[78]\d of all other steps\n",
@@ -67,16 +65,4 @@ def test_the_site_runs_these():
 
 
 def test_every_example_is_run():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, COMPARED, *PRINTED}
-
-
-@pytest.mark.slow
-def test_the_example_of_a_comparison_says_that_choosing_was_better():
-    pytest.importorskip("gymnasium", reason="gymnasium is not installed: pip install 'rpil[gym]'")
-    run = subprocess.run(
-        [sys.executable, "-W", "error", EXAMPLES / COMPARED], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    first, *_, last = run.stdout.splitlines()
-    assert first == "kept 8 of 20 demonstrations, 8 of 8 good ones"
-    assert re.fullmatch(r"kept is better than all by [\d.]+ \+- [\d.]+ over 5 seeds\.", last)
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, *PRINTED}

@@ -14,7 +14,7 @@ from problems import refused
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import RandomPolicy, Returns, make, record, rollout
+from rpil.simulation.rollouts import RandomPolicy, Returns, record, rollout
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3", "CartPole-v1"]
 CONTINUOUS = ["Pendulum-v1", "MountainCarContinuous-v0", "LunarLanderContinuous-v3"]
@@ -208,42 +208,6 @@ def test_environments_are_closed_also_after_an_error(monkeypatch):
     with pytest.raises(DataError):
         rollout(Always(2), "CartPole-v1", n_episodes=3, seed=0)
     assert len(closed) == 3
-
-
-def test_success_is_unknown_where_the_environment_never_reports_it():
-    seen = rollout(Always(1), "CartPole-v1", n_episodes=2, seed=0)
-    assert seen.success is None
-    assert seen.steps_to_success is None
-    assert np.isnan([*seen.success_ci95, seen.median_steps]).all()
-    seen = Returns.of(np.zeros(4), np.array([0, 10, 30, 0]))
-    assert seen.success.tolist() == [False, True, True, False]
-    assert seen.median_steps == 20
-
-
-class Lucky(gymnasium.Wrapper):
-    """Reports success under a name in every third step, and only then."""
-
-    def __init__(self, env, name):
-        super().__init__(env)
-        self.name = name
-
-    def reset(self, **options):
-        self.n = 0
-        return self.env.reset(**options)
-
-    def step(self, action):
-        self.n += 1
-        *outcome, info = self.env.step(action)
-        return *outcome, info | ({self.name: 1.0} if self.n % 3 == 0 else {})
-
-
-@pytest.mark.parametrize("name", ["success", "is_success"])
-def test_the_first_success_counts(monkeypatch, name):
-    monkeypatch.setattr("rpil.simulation.rollouts.make", lambda env_id: Lucky(make(env_id), name))
-    seen = rollout(Always(1), "CartPole-v1", n_episodes=5, seed=0)
-    assert seen.success.all()
-    np.testing.assert_array_equal(seen.steps_to_success, 3)
-    assert seen.success_ci95[1] == 1
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,6 @@ ADVERSARY_CHOICE = click.Choice(
     ("auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy")
 )
 """With hyphens for the spaces of the library."""
-ERROR_CHOICE = click.Choice(("corrupted", "random", "flip", "shift", "noisy", "window", "sensor"))
 
 
 class OutputFile(click.Path):

@@ -1,4 +1,4 @@
-"""Playing a policy in an environment: its mean return and successes with intervals, or the episodes themselves.
+"""Playing a policy in an environment: its mean return with an interval, or the episodes themselves.
 
 All episodes run in lockstep, so the policy sees one batch per time step instead of one row per episode and step.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.spaces import Box, Discrete, Product, Space
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array
 
 Untyped = Any
 """What Gymnasium has no types for."""
@@ -47,40 +47,20 @@ class RandomPolicy:
 
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """Undiscounted returns of a policy, and its successes where the environment reports them.
-
-    An environment reports success as ``info["success"]`` or ``info["is_success"]``. An episode succeeds if any of its
-    steps does; what the policy does afterwards plays no part, but adds to the return.
-    """
+    """Undiscounted returns of a policy."""
 
     mean: float
     ci95: tuple[float, float]
     """Low and high end of the 95 % t interval of the mean over these episodes; (nan, nan) for a single episode."""
     returns: NDArray[np.float64]
     """The return of every episode, (n_episodes,)."""
-    success: NDArray[np.bool_] | None = None
-    """Whether every episode succeeded, (n_episodes,); None where the environment never said."""
-    steps_to_success: NDArray[np.int64] | None = None
-    """Steps up to the first success, (n_episodes,), 0 where there is none; None where `success` is."""
 
     @classmethod
-    def of(cls, returns: NDArray[np.float64], steps_to_success: NDArray[np.int64] | None = None) -> Returns:
-        """Summarise the returns (n_episodes,) of one policy, and its successes where they are known."""
-        success = None if steps_to_success is None else steps_to_success > 0
-        return cls(float(returns.mean()), mean_interval(returns), returns, success, steps_to_success)
-
-    @property
-    def success_ci95(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share of episodes that succeed; (nan, nan) where it is not known."""
-        if self.success is None:
-            return float("nan"), float("nan")
-        return wilson(int(self.success.sum()), len(self.success))
-
-    @property
-    def median_steps(self) -> float:
-        """The median of the steps to success, over the episodes that succeeded; NaN without one."""
-        steps = self.steps_to_success
-        return float("nan") if steps is None or not steps.any() else float(np.median(steps[steps > 0]))
+    def of(cls, returns: NDArray[np.float64]) -> Returns:
+        """Summarise the returns (n_episodes,) of one policy."""
+        n, mean = len(returns), float(returns.mean())
+        half_width = float(stdtrit(n - 1, 0.975) * returns.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
+        return cls(mean, (mean - half_width, mean + half_width), returns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,18 +113,13 @@ def rollout(
     """
     if n_episodes < 1:
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
-    returns, steps, first = np.zeros(n_episodes), np.zeros(n_episodes, np.int64), np.zeros(n_episodes, np.int64)
-    n_finished, reports = 0, False
+    returns, n_finished = np.zeros(n_episodes), 0
     for step in _play(policy, env_id, n_episodes, seed):
         returns[step.running] += step.rewards
-        steps[step.running] += 1
-        succeeded = step.running[(step.success == 1) & (first[step.running] == 0)]
-        first[succeeded] = steps[succeeded]
-        reports = reports or not np.isnan(step.success).all()
         if progress is not None and step.finished.any():
             n_finished += int(step.finished.sum())
             progress(n_finished, n_episodes)
-    return Returns.of(returns, first if reports else None)
+    return Returns.of(returns)
 
 
 def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:
@@ -169,15 +144,13 @@ def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[R
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end, and
-    `success` (r,) is 1, 0, or NaN where the environment says nothing."""
+    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end."""
 
     running: NDArray[np.int64]
     observations: Array
     actions: Array
     rewards: NDArray[np.float64]
     finished: NDArray[np.bool_]
-    success: NDArray[np.float64]
 
 
 def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_Step]:
@@ -198,9 +171,9 @@ def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_
             # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
             orders = actions.tolist() if actions.ndim == 1 else actions
             outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
-            following, rewards, terminated, truncated, infos = zip(*outcomes, strict=True)
-            finished, success = np.logical_or(terminated, truncated), np.array([success_of(info) for info in infos])
-            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished, success)
+            following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
+            finished = np.logical_or(terminated, truncated)
+            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
             observations = np.array(following)
             if finished.any():
                 going = ~finished
@@ -279,12 +252,6 @@ def make(env_id: str) -> Untyped:
         return gymnasium.wrappers.FlattenObservation(env) if is_discrete else env
 
 
-def success_of(info: Mapping[str, object]) -> float:
-    """1 or 0 as a step reports success, under the names that robot environments give it; NaN where it does not."""
-    value = info.get("success", info.get("is_success"))
-    return float("nan") if value is None else float(bool(value))
-
-
 def actions_of(env: Untyped) -> Space | None:
     """The space of the actions of a Gymnasium environment; None unless it is Discrete or a flat float Box."""
     from gymnasium import spaces
@@ -295,23 +262,3 @@ def actions_of(env: Untyped) -> Space | None:
     if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f":
         return Box(space.low, space.high)
     return None
-
-
-def wilson(n_successes: int, n: int) -> tuple[float, float]:
-    """Wilson's score interval of a probability, after `n_successes` of `n` independent trials.
-
-    It lies within [0, 1] and has a width where all or none succeed (Wilson 1927).
-    """
-    from scipy.stats import binomtest  # takes half a second
-
-    low, high = binomtest(n_successes, n).proportion_ci(0.95, method="wilson")
-    return float(low), float(high)
-
-
-def mean_interval(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
-    """The t interval of the mean of independent values; (nan, nan) for a single one."""
-    n, mean = len(values), float(values.mean())
-    if n == 1:
-        return float("nan"), float("nan")
-    half_width = float(stdtrit(n - 1, 0.975) * values.std(ddof=1) / np.sqrt(n))
-    return mean - half_width, mean + half_width
