@@ -143,12 +143,6 @@ COLUMN_OPTIONS = (
     ),
     click.option("--agent", metavar="COLUMN", help="Which agent acts, where several share an episode and a policy."),
     click.option(
-        "--embeddings",
-        type=click.Path(),
-        metavar="FILE",
-        help="More observations of each step, as of its images: Parquet or NPZ, joined on the column index.",
-    ),
-    click.option(
         "--action-kind",
         type=click.Choice(("auto", "discrete", "continuous")),
         default="auto",

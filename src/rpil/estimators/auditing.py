@@ -108,6 +108,5 @@ def audit_recording(
     changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
     changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
     changed |= changed_settings(options.settings, Settings())
-    files = (path, recording.options.embeddings, *files)
-    provenance = Provenance.of(command, options.random_state, changed, files)
+    provenance = Provenance.of(command, options.random_state, changed, (path, *files))
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)

@@ -57,7 +57,6 @@ class ReadOptions(TypedDict, total=False):
     exclude: Names
     order: str | None
     action_kind: ActionKind
-    embeddings: str | None
     only: Ids
     without: Ids
     skip_bad: bool
@@ -103,8 +102,6 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         The column of the agent, where several act in a demonstration by one policy.
     action_kind : {"auto", "discrete", "continuous"}
         Whether columns of whole numbers hold classes; "auto" decides by how many there are.
-    embeddings : path
-        A Parquet or NPZ file with more observations of each step, joined on the column ``index``.
     only, without : str, int or sequence of these
         Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
     skip_bad : bool

@@ -73,7 +73,6 @@ class ColumnOptions:
     agent: str | None = None
     guess: bool = False
     action_kind: ActionKind = "auto"
-    embeddings: str | None = None
     only: Ids = ()
     without: Ids = ()
     skip_bad: bool | Literal["damage"] = False

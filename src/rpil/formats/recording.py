@@ -59,8 +59,6 @@ class Recording:
         Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     set_aside : tuple of ids
         The demonstrations that were left out because a value is missing or infinite.
-    add : function of demonstrations and step numbers, optional
-        Adds observations that are in another file.
     find_defects : function of whether to look at videos, optional
         What the files beside the demonstrations say otherwise than these; None where the format has no such files.
     """
@@ -75,7 +73,6 @@ class Recording:
     options: ColumnOptions = ColumnOptions()
     write_some: Callable[[Sequence[Id], StrPath, Cuts], None] | None = None
     set_aside: tuple[Id, ...] = ()
-    add: Callable[[Demonstrations, pa.Table | None], Demonstrations] | None = None
     find_defects: Callable[[bool], list[Defect]] | None = None
 
     def __repr__(self) -> str:
@@ -181,10 +178,7 @@ class Recording:
         data = Dataset(places.ids, places.offsets, source, self.rows, layout, *values)
         if not options.allow_missing:
             data.refuse_faulty(found.statistics.faulty)
-        if self.add is None and not isinstance(self.rows, TableRows):
-            return data
-        whole = data.select(slice(None))
-        return whole if self.add is None else self.add(whole, self.step_columns(slice(0, whole.n_steps)))
+        return data.select(slice(None)) if isinstance(self.rows, TableRows) else data
 
     def chosen(self, mask: Array) -> Recording:
         """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""

@@ -100,10 +100,6 @@ class ClaimedPath:
             return self.read(options, on_disk=not stays)
         with holding(), guarded(str(self.path)):
             recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
-            if options.embeddings:
-                from rpil.formats.embeddings import with_embeddings
-
-                recording = with_embeddings(recording, options.embeddings)
             return replace(
                 recording,
                 description=replace(recording.description, source=self.name or recording.description.source),
