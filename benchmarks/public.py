@@ -30,8 +30,7 @@ of what was found is small, and who publishes data does others a service."""
 class PublicSet:
     """A data set in a repository of GitHub, as it was at a commit.
 
-    `path` is the place in the repository; `options` are those of every command, and `seen` is what we saw when we
-    looked at what was found.
+    `path` is the place in the repository, and `seen` is what we saw when we looked at what was found.
     """
 
     repository: str
@@ -40,7 +39,6 @@ class PublicSet:
     robot: str
     seen: str
     has_videos: bool = False
-    options: tuple[str, ...] = ()
 
 
 SETS = (
@@ -80,15 +78,6 @@ SETS = (
         "back; in 1 another leaps by .9 while its command stays. Both are of the sensor.",
     ),
     PublicSet(
-        "6589sq/mycar",
-        "6e39ffb1c5ff",
-        "data/tub_2_24-04-23",
-        "a Donkeycar, driven by hand",
-        "Its settings record only while the throttle is pressed, so that rows are not one frame apart: a policy that "
-        "learns from sequences must know.",
-        options=("--action", "user/angle,user/throttle", "--split-gap", "2"),
-    ),
-    PublicSet(
         "SamueleSandrini/record-test",
         "c6d0de303c6f",
         "",
@@ -115,8 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def section(public: PublicSet, path: Path) -> str:
     """What is printed of a data set."""
-    check = asked("check", path, public.options + (("--video",) if public.has_videos else ()))
-    audit = asked("audit", path, public.options)
+    check = asked("check", path, *(["--video"] if public.has_videos else []))
+    audit = asked("audit", path)
     # A clone may lack videos that the repository has.
     found = [each for each in check["findings"] if each["rule"] != "video file"]
     counts: Counter[str] = Counter()
@@ -137,7 +126,7 @@ def section(public: PublicSet, path: Path) -> str:
     )
 
 
-def asked(command: str, path: Path, options: Sequence[str]) -> dict[str, Any]:
+def asked(command: str, path: Path, *options: str) -> dict[str, Any]:
     """What a command of rpil says, as JSON."""
     words = [sys.executable, "-m", "rpil", command, path.name, "--json", "--quiet", *options]
     found: dict[str, Any] = json.loads(subprocess.run(words, cwd=path.parent, capture_output=True, check=True).stdout)

@@ -170,27 +170,6 @@ def minari_hdf5(folder: Path) -> Path:
     return folder / "set-v1"
 
 
-def imitation(folder: Path) -> Path:
-    path = folder / "trajectories"
-    path.mkdir()
-    rows = {"obs": [_RNG.normal(size=(n + 1, 2)).tolist() for n in LENGTHS], "infos": [["{}"] * n for n in LENGTHS]}
-    rows |= {"acts": [_RNG.normal(size=(n, 2)).tolist() for n in LENGTHS], "terminal": [True] * len(LENGTHS)}
-    one = pa.table(rows)
-    with pa.ipc.new_stream(path / "data-00000-of-00001.arrow", one.schema) as stream:
-        stream.write_table(one)
-    state = {"_data_files": [{"filename": "data-00000-of-00001.arrow"}], "_fingerprint": "ab12"}
-    (path / "state.json").write_text(json.dumps(state))
-    (path / "dataset_info.json").write_text(json.dumps({"features": {name: {} for name in rows}}))
-    return path
-
-
-def imitation_npz(folder: Path) -> Path:
-    n = len(LENGTHS)
-    arrays = {"obs": _RNG.normal(size=(len(OWNERS) + n, 2)), "acts": MOVES, "indices": np.cumsum(LENGTHS)[:-1]}
-    np.savez(folder / "old.npz", **arrays, terminal=np.ones(n, bool))
-    return folder / "old.npz"
-
-
 def stacked_npz(folder: Path) -> Path:
     """A first index for each demonstration, and zeros after its last step."""
     arrays = {"obs": np.zeros((len(LENGTHS), max(LENGTHS), 2)), "acts": np.zeros((len(LENGTHS), max(LENGTHS), 2))}
@@ -257,8 +236,6 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "LeRobot": lerobot,
     "Minari, Arrow": minari("arrow"),
     "Minari, Parquet": minari("parquet"),
-    "imitation": imitation,
-    "imitation, NPZ": imitation_npz,
     "folder of NPZ": npz_folder,
 }
 if find_spec("h5py"):

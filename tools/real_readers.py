@@ -1,4 +1,4 @@
-"""Whether LeRobot, robomimic, Minari and imitation open what ``rpil keep`` and ``rpil audit --annotate`` write.
+"""Whether LeRobot, robomimic and Minari open what ``rpil keep`` and ``rpil audit --annotate`` write.
 
 ``python tools/real_readers.py`` makes an environment for each of them, lets it write a data set (of robomimic, the
 tests do), keeps two of its three demonstrations here, whole and without some first and last steps, and has the tool
@@ -113,23 +113,6 @@ for one in episodes:
     rows = one.infos.get("row", np.zeros((len(one.observations), 2)))
     assert len(rows) == len(one.observations) and len({*np.diff(rows, axis=0).ravel().tolist()}) == 1
     actions.append(one.actions)
-""",
-    ),
-    "imitation": Tool(
-        ("imitation==1.0.1 torch==2.13.0",),
-        """
-from imitation.data import serialize, types
-rows = [types.TrajectoryWithRew(x, u, np.array([{"k": k} for k in range(len(u))]), True, np.ones(len(u)))
-        for x, u in zip(seen, done)]
-serialize.save(where + "/imitation", rows)
-""",
-        """
-from imitation.data import serialize
-for one in serialize.load(where):
-    assert len(one.obs) == len(one.acts) + 1 == len(one.rews) + 1 and one.terminal
-    numbers = [info["k"] for info in one.infos if isinstance(info, dict) and "k" in info]  # those of the sample
-    assert len(one.infos) == len(one.acts) and {*np.diff(numbers).tolist()} <= {1}
-    actions.append(one.acts)
 """,
     ),
     "robomimic": Tool(

@@ -22,7 +22,6 @@ from hostile import (
     write_long_list,
     write_zeros,
 )
-from samples import SAMPLES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
@@ -166,24 +165,6 @@ def beside_lerobot(name):
     return make
 
 
-def compressed(name, file, kind):
-    """A sample whose `file` has a column of a gigabyte of zeros, which is not read."""
-
-    def make(path):
-        path.with_suffix(".of").mkdir()
-        SAMPLES[name](path.with_suffix(".of")).rename(path)
-        with pa.memory_map(str(path / file)) as source:
-            table = getattr(pa.ipc, f"open_{kind}")(source).read_all()
-        infos = pa.ListArray.from_arrays([0] * len(table) + [10**8], np.zeros(10**8))
-        table = table.select([name for name in table.column_names if name != "infos"]).append_column("infos", infos)
-        with getattr(pa.ipc, f"new_{kind}")(
-            path / file, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")
-        ) as stream:
-            stream.write_table(table)
-
-    return make
-
-
 def policy(**members):
     def make(path):
         with zipfile.ZipFile(path, "w") as archive:
@@ -285,7 +266,6 @@ FILES = {
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
     "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
-    "compressed-imitation": (compressed("imitation", "data-00000-of-00001.arrow", "stream"), READ),
     "sparse-minari": (minari, READ),
     "sparse-lerobot": (lerobot, READ),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),

@@ -114,10 +114,6 @@ def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
             "1/trajectory.npz: in a folder each file is one demonstration",
         ),
         ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "names several; give the path"),
-        (
-            {"acts": np.ones(3), "indices": np.array([2]), "terminal": np.ones(2, bool)},
-            "names several; give the path",
-        ),
         ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
         ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),
     ],

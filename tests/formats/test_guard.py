@@ -61,7 +61,7 @@ def named_in_no_unicode(path):
     path.write_bytes(content)
 
 
-ZIPS = ["NPZ", "imitation, NPZ", *(name for name in SAMPLES if name.endswith("ZIP"))]
+ZIPS = ["NPZ", *(name for name in SAMPLES if name.endswith("ZIP"))]
 
 
 @pytest.mark.parametrize("damage", [of_another_version, named_in_no_unicode])
@@ -170,8 +170,8 @@ def test_lerobot_with_an_impossible_rate(fps, command):
 
 
 def test_deep_json():
-    path = sample("imitation")
-    (path / "state.json").write_text(DEEP)
+    path = sample("LeRobot")
+    (path / INFO).write_text(DEEP)
     refused(re.escape(path.name), "info", path)
     with pytest.raises(DataError, match=path.name):
         find(path).keep("kept", [0])

@@ -1,4 +1,4 @@
-"""Lines of JSON: an object for each step or for each demonstration, folders of them, and tubs of Donkeycar."""
+"""Lines of JSON: an object for each step or for each demonstration, and folders of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rpil
-from command_line import ok, refused
+from command_line import refused
 from rpil.data.errors import DataError
 
 RNG = np.random.default_rng(0)
@@ -94,49 +94,8 @@ def test_a_file_that_does_not_fit_in_memory_is_refused(tmp_path):
         rpil.read(path, memory="10kB")
 
 
-@pytest.fixture
-def tub(tmp_path, monkeypatch):
-    """Two catalogs of a session with one pause, of which two records were deleted."""
-    monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "data" / "tub_1"
-    folder.mkdir(parents=True)
-    (tmp_path / "data" / "catalog_0.catalog").touch()
-    records = [
-        {
-            "_index": k,
-            "_session_id": "24-04-22_0",
-            "_timestamp_ms": 1_713_837_246_793 + 50 * k + 5000 * (k > 12),
-            "cam/image_array": f"{k}_cam_image_array_.jpg",
-            "user/angle": k / 20,
-            "user/mode": "user",
-            "user/throttle": 0.5,
-        }
-        for k in range(20)
-    ]
-    write(folder / "catalog_2.catalog", records[:8])
-    write(folder / "catalog_10.catalog", records[8:])
-    manifest = [["cam/image_array"], ["image_array"], {}, {"paths": []}, {"deleted_indexes": [3, 9]}]
-    write(folder / "manifest.json", manifest)
-    return folder
-
-
-def test_a_tub_is_read_without_what_was_deleted_and_ends_at_pauses(tub):
-    done = ok("info", "data/tub_1", "--split-gap", "1")
-    assert "Donkeycar tub, 2 files; 2 demonstrations, 18 steps" in done.stdout
-    assert "Guess: action user/angle, user/throttle" in done.stderr
-    recording = rpil.open(tub, action="user/angle,user/throttle", split_gap=1)
-    assert recording.demonstrations.ids == ("24-04-22_0-0", "24-04-22_0-1")
-    assert recording.demonstrations.observation_names == ("last_angle", "last_throttle")
-    angles = [k / 20 for k in range(20) if k not in (3, 9)]
-    np.testing.assert_array_equal(recording.demonstrations.actions[:, 0], angles)
-    np.testing.assert_array_equal(recording.demonstrations.observations[:, 0], [0.0, *angles[:-1]])
-
-
-def test_the_folder_of_a_car_names_what_it_needs(tub):
-    assert "--split-gap 1 ends them at pauses of a second" in ok("info", ".").stdout
-    (tub / "catalog_10.catalog").unlink()
-    write(
-        tub / "catalog_2.catalog",
-        [{"_index": 0, "_session_id": "a", "speed": 1.5, "user/angle": 0.5, "user/throttle": 1}],
-    )
-    assert rpil.open(tub, action="user/angle,user/throttle").demonstrations.observation_names == ("speed",)
+def test_records_of_a_car_are_lines_with_another_ending(tmp_path):
+    rows = [{"_session_id": f"s{m}", "speed": k / 7, "user/angle": a} for m in range(2) for k, a in enumerate(MOVES[m])]
+    found = rpil.read(write(tmp_path / "a.catalog", rows), action="user/angle")
+    assert found.ids == ("s0", "s1")
+    np.testing.assert_array_equal(found.actions.ravel(), np.concatenate(MOVES[:2]))

@@ -113,21 +113,6 @@ def test_minari_says_how_many_steps_it_has(tmp_path, kind):
         assert read(file).equals(read(old).slice(2, 3))
 
 
-def test_lists_of_imitation_are_cut(tmp_path):
-    path = samples.imitation(tmp_path)
-    rpil.open(path).keep([0, 2], tmp_path / "kept", {2: (1, 3)})
-    rpil.open(path).keep([0, 2], tmp_path / "other", {2: (1, 2)})
-    marks = {json.loads((tmp_path / name / "state.json").read_text())["_fingerprint"] for name in ("kept", "other")}
-    assert len(marks) == 2  # by which its library finds what it has in its cache
-    old, new = (
-        pa.ipc.open_stream(folder / "data-00000-of-00001.arrow").read_all() for folder in (path, tmp_path / "kept")
-    )
-    assert new.schema == old.schema
-    assert new.slice(0, 1).equals(old.slice(0, 1))
-    row, before = new.to_pylist()[1], old.to_pylist()[2]
-    assert row == {**before, **{name: before[name][1:3] for name in ("acts", "infos")}, "obs": before["obs"][1:4]}
-
-
 def test_marks_of_zarr_are_moved(tmp_path):
     zarr = pytest.importorskip("zarr", reason="needs the extra zarr")
     path = samples.zarr(2, False)(tmp_path)

@@ -304,9 +304,8 @@ def holds_several(arrays: Tree, n_steps: int, source: str) -> str:
         if _flags(arrays, name, n_steps, source)[:-1].any():
             return name
     named = first(arrays, EPISODE)
-    if named is not None and arrays[named].shape == (n_steps,) and len(np.unique(_values(arrays[named]))) > 1:
-        return named
-    return "indices" if {"acts", "indices", "terminal"} <= arrays.keys() else ""  # of the library imitation
+    varies = named is not None and arrays[named].shape == (n_steps,) and len(np.unique(_values(arrays[named]))) > 1
+    return named if named is not None and varies else ""
 
 
 def _flags(arrays: Tree, name: str, n_steps: int, source: str) -> Array:

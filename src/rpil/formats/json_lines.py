@@ -1,4 +1,4 @@
-"""Lines of JSON: an object for each step, or for each demonstration with lists of its steps; and Donkeycar's tubs."""
+"""Lines of JSON: an object for each step, or for each demonstration with lists of its steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import numpy as np
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
-from rpil.data.json_files import LARGEST_TABLE, parse_lines, read_text
 from rpil.data.memory import check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
 from rpil.formats import table as flat
@@ -29,17 +28,11 @@ from rpil.formats.store import has_tables
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_TUB = ".catalog"
-JSON_SUFFIXES = (".jsonl", ".ndjson", _TUB)
+JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
 _LINE = "\0line"  # the column of the number of a line, as no other is called
-_COMMANDS = "user/angle", "user/throttle"
-_OF_TUBS = (
-    "A tub does not say where demonstrations end, and only its images say what the driver saw: --split-gap 1 ends them "
-    "at pauses of a second, and the last angle and throttle stand for observations."
-)
 
 
 def claims(path: Path) -> bool:
@@ -61,20 +54,13 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     found = {name: _parsed(file, options) for name, file in files.items()}
     tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items()}
     skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)
-    is_tub, default = any(name.lower().endswith(_TUB) for name in files), None
-    if path.is_dir() and not is_tub:
+    default = None
+    if path.is_dir():
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
-    name = "Donkeycar tub" if is_tub else "JSON lines"
-    steps = from_arrow(
-        _with_last_commands(table) if is_tub else table,
-        options,
-        path.name,
-        name if len(files) == 1 else f"{name}, {len(files):,} files",
-        (_OF_TUBS,) if is_tub else (),
-        default,
-    )
+    name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
+    steps = from_arrow(table, options, path.name, name, (), default)
     return replace(steps, origin=replace(steps.origin, skipped=skipped))
 
 
@@ -102,7 +88,7 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
             table = _objects(content)
             borders = content.count(b"}\n{") + content.count(b"}\r\n{")  # of objects, as these have a comma within
             if len(table) == content.count(b"\n") + (content[-1:] != b"\n") == borders + 1:
-                return _with_numbers(table, range(1, len(table) + 1), file), damaged
+                return _with_numbers(table, range(1, len(table) + 1)), damaged
         lines = {number: line for number, line in enumerate(content.splitlines(keepends=True), 1) if line.strip()}
         damaged = [number for number, line in lines.items() if not _is_object(line)]
         if damaged and not options.skip_bad:
@@ -110,7 +96,7 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
         for number in damaged:
             del lines[number]
         table = _objects(b"".join(lines.values())) if lines else pa.table({})
-        return _with_numbers(table, lines, file), damaged
+        return _with_numbers(table, lines), damaged
 
 
 def _objects(content: bytes) -> pa.Table:
@@ -129,16 +115,11 @@ def _is_object(line: bytes) -> bool:
         return False
 
 
-def _with_numbers(table: pa.Table, numbers: Collection[int], file: Path) -> pa.Table:
-    """The records with the numbers of their lines, without those that the manifest of a tub lists as deleted."""
+def _with_numbers(table: pa.Table, numbers: Collection[int]) -> pa.Table:
+    """The records with the numbers of their lines."""
     import pyarrow as pa
 
-    table, manifest = table.append_column(_LINE, pa.array(numbers, pa.int64())), file.with_name("manifest.json")
-    if file.suffix.lower() != _TUB or not manifest.is_file() or "_index" not in table.column_names:
-        return table
-    lines = parse_lines(read_text(manifest, LARGEST_TABLE), str(manifest), LARGEST_TABLE)
-    deleted = [n for line in lines if isinstance(line, dict) for n in line.get("deleted_indexes", ())]
-    return table.filter(pa.array(~np.isin(table["_index"].to_numpy(), deleted)))
+    return table.append_column(_LINE, pa.array(numbers, pa.int64()))
 
 
 def _steps(table: pa.Table) -> pa.Table:
@@ -166,19 +147,6 @@ def _steps(table: pa.Table) -> pa.Table:
     flat = plain_columns(pa.table(columns))
     short = [name.removeprefix(f"{first}.") for name in flat.column_names]
     return flat.rename_columns(short) if len({*short}) == len(short) else flat
-
-
-def _with_last_commands(table: pa.Table) -> pa.Table:
-    """The records of tubs with the last angle and throttle, where they have no sensors."""
-    import pyarrow as pa
-
-    others = (field for field in table.schema if not field.name.startswith(("_", "user/", "pilot/")))
-    if any(pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in others):
-        return table
-    for name in (name for name in _COMMANDS if name in table.column_names):
-        last = np.append(0.0, table[name].cast(pa.float64()).to_numpy()[:-1])
-        table = table.append_column(f"observation.last_{name.removeprefix('user/')}", pa.array(last))
-    return table
 
 
 def check_output(path: Path, output: Path, trim: bool = False) -> None:

@@ -58,7 +58,6 @@ FORMATS: Iterable[Format] = Formats(
     "lerobot.folder",
     "zarr",
     "minari",
-    "imitation",
     "npz",
     "hdf5_file",
     "array_folder",
