@@ -194,7 +194,6 @@ WITHOUT_TESTS = {
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/lerobot/stats.py": "tests/formats/lerobot/test_kept.py",
     "formats/lerobot/video_faults.py": "tests/formats/lerobot/test_defects.py",
-    "formats/lerobot/video_motion.py": "as video_faults.py",
     "formats/places.py": "as dialect.py",
     "formats/recording.py": "as csv.py",
     "formats/description.py": "as csv.py",

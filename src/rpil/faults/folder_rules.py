@@ -34,9 +34,6 @@ BY_LOOKING = _rules(
         "frozen picture": "the picture of a video stays the same for long",
         "repeated pictures": "many frames of a video repeat the one before while others move",
         "exchanged cameras": "two cameras show each what the other shows elsewhere",
-        "turned camera": "the picture of a video is upside down or mirrored",
-        "video time": "the picture of a video moves earlier or later than the joints",
-        "other video": "a video moves as the joints of another episode",
     }
 )
 """What is seen only where videos are looked at."""

@@ -1,4 +1,4 @@
-"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen, repeated, turned or exchanged."""
+"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen, repeated or exchanged."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from rpil.data.text import duration
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
 from rpil.formats.lerobot.checked_folder import NEAR_SECONDS
-from rpil.formats.lerobot.video_motion import changes, find_late_or_other, speeds
 from rpil.numerics.types import Array
 
 DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds
@@ -23,8 +22,6 @@ SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one,
 LEAST_SAME = 0.8  # of the frames of a run, that repeat the one before
 FROZEN_SECONDS = 1.0  # for which a picture may stay the same
 REST = 0.05  # of the range of a joint: less is no motion
-TURNED_SHARE = 0.7  # of how unlike a turned picture is to the others: at most so unlike is a right one
-RIGHT_SHARE = 0.9  # of the episodes that are not turned, that must be clearly right
 REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
@@ -68,7 +65,6 @@ class _Seen:
     fps: float
     means: dict[str, dict[int, Array]] = field(default_factory=lambda: defaultdict(dict))  # (R, C) each
     still: dict[str, dict[int, tuple[int, int, float]]] = field(default_factory=lambda: defaultdict(dict))
-    moves: dict[str, dict[int, Array]] = field(default_factory=lambda: defaultdict(dict))
 
     def take(self, shot: Shot, frames: Array) -> Iterator[Defect]:
         """Take the frames of an episode, (F, R, C); black ones are found."""
@@ -81,17 +77,11 @@ class _Seen:
         if not is_black.all():
             self.means[camera][m] = frames.mean(axis=0)
             self.still[camera][m] = _stillness(frames, is_black)
-            if len(frames) == shot.n_rows and not is_black.any():
-                self.moves[camera][m] = changes(frames, self.fps)
 
     def compare(self, states: Mapping[int, Array]) -> Iterator[Defect]:
         """The faults of pictures that only others show."""
-        joints = speeds(states, self.fps)
         for camera, of_episode in self.still.items():
-            found = [*_unchanged(camera, of_episode, self.fps, states), *_turned(camera, self.means[camera])]
-            yield from found
-            moves = {m: one for m, one in self.moves[camera].items() if str(m) not in {one.place for one in found}}
-            yield from find_late_or_other(camera, moves, joints, self.fps)
+            yield from _unchanged(camera, of_episode, self.fps, states)
         yield from _exchanged(self.means)
 
 
@@ -155,34 +145,6 @@ def _unchanged(
     if np.median(shares) >= REPEATED_SHARE:
         slow = f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data"
         yield Defect("repeated pictures", "all", slow)
-
-
-def _turned(camera: str, means: Mapping[int, Array]) -> Iterator[Defect]:
-    """Episodes whose mean picture, turned or mirrored, is that of the others.
-
-    Nothing is found unless nearly all other episodes are clearly more like the others as they are than turned.
-    """
-    if len(means) < LEAST_EPISODES:
-        return
-    best: dict[int, str] = {}
-    ratio: dict[int, float] = {}
-    for m, mean in means.items():
-        middle = np.median([other for n, other in means.items() if n != m], axis=0)
-        views = {"upside down": mean[::-1, ::-1], "flipped": mean[::-1], "mirrored": mean[:, ::-1]}
-        off, best[m] = min((1.0 - _likeness(view, middle), name) for name, view in views.items())
-        ratio[m] = (1.0 - _likeness(mean, middle)) / max(off, 1e-9)
-    turned = [m for m in means if ratio[m] > 1 / TURNED_SHARE]
-    n_right = sum(one < TURNED_SHARE for one in ratio.values())
-    if n_right > len(turned) and n_right >= RIGHT_SHARE * (len(means) - len(turned)):
-        for m in turned:
-            said = f"{camera} is perhaps {best[m]}: turned back it looks like the others"
-            yield Defect("turned camera", str(m), said)
-
-
-def _likeness(one: Array, other: Array) -> float:
-    """The correlation of two pictures; 0 where one has no contrast."""
-    one, other = one - one.mean(), other - other.mean()
-    return float(np.sum(one * other) / max(np.linalg.norm(one) * np.linalg.norm(other), 1.0))
 
 
 def _exchanged(means: Mapping[str, Mapping[int, Array]]) -> Iterator[Defect]:
