@@ -34,11 +34,6 @@ class Discrete:
         return 1
 
     @property
-    def classes(self) -> Array:
-        """All actions, (n,)."""
-        return np.arange(self.start, self.start + self.n)
-
-    @property
     def expected(self) -> str:
         """What a policy must return for an observation, for messages."""
         return f"one action {self.start} to {self.start + self.n - 1}"
@@ -57,7 +52,7 @@ class Discrete:
 
     def flip(self, actions: Array) -> Array:
         """Swap the first and the last action; those between stay."""
-        swapped = self.classes
+        swapped = np.arange(self.start, self.start + self.n)
         swapped[[0, -1]] = swapped[[-1, 0]]
         return np.asarray(swapped[actions - self.start])
 
@@ -74,9 +69,6 @@ class Discrete:
             return None
         actions = answer.astype(np.int64)
         return actions if np.array_equal(actions, answer) else None
-
-    def __str__(self) -> str:
-        return f"the actions {self.start} to {self.start + self.n - 1}"
 
 
 @stored(low="A", high="A")
@@ -100,11 +92,6 @@ class Box:
     def n_parts(self) -> int:
         """Numbers in one action: A."""
         return len(self.low)
-
-    @property
-    def classes(self) -> Array:
-        """Empty: continuous actions cannot be listed."""
-        return np.empty(0, dtype=np.int64)
 
     @property
     def expected(self) -> str:

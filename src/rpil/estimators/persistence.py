@@ -119,7 +119,6 @@ def load(path: StrPath) -> SavedEstimator:
             _try_out(estimator)
     except Exception as error:  # edited values make NumPy and Python raise errors of many types
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
-    estimator.source_ = path.name  # for messages
     return estimator
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.spaces import Box, Discrete, Product, Space
+from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
 Untyped = Any
@@ -36,7 +36,6 @@ class RandomPolicy:
     The draws come from one stream, which a later `predict` of the same object continues."""
 
     def __init__(self, actions: Space, seed: int) -> None:
-        self.classes_ = actions.classes
         self._actions = actions
         self._rng = np.random.default_rng(seed)
 
@@ -113,79 +112,57 @@ def rollout(
     """
     if n_episodes < 1:
         raise DataError(f"rollout needs at least one episode but n_episodes is {n_episodes}: raise it.")
-    returns, n_finished = np.zeros(n_episodes), 0
-    for step in _play(policy, env_id, n_episodes, seed):
-        returns[step.running] += step.rewards
-        if progress is not None and step.finished.any():
-            n_finished += int(step.finished.sum())
-            progress(n_finished, n_episodes)
-    return Returns.of(returns)
+    episodes = record(policy, env_id, n_episodes=n_episodes, seed=seed, progress=progress)
+    return Returns.of(np.array([episode.rewards.cumsum()[-1] for episode in episodes]))
 
 
-def record(policy: Player, env_id: str, *, n_episodes: int, seed: int) -> list[RecordedEpisode]:
-    """Play a policy and keep every step; the parameters and errors are those of `rollout`.
+def record(
+    policy: Player,
+    env_id: str,
+    *,
+    n_episodes: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[RecordedEpisode]:
+    """Play a policy in lockstep and keep every step; the parameters and errors are those of `rollout`.
 
-    The episodes are in the order of the seeds. With the same arguments `rollout` plays these very episodes, if the
-    policy is deterministic or created again from its own seed.
+    The episodes are in the order of the seeds; those of a deterministic policy do not depend on their number.
     """
-    steps = list(_play(policy, env_id, n_episodes, seed))
-    if not steps:
-        return []
-    owner = np.concatenate([step.running for step in steps])
-    # A stable sort by episode keeps the steps of each in the order of time.
-    order = np.argsort(owner, kind="stable")
-    ends = np.cumsum(np.bincount(owner))[:-1]
-    columns = zip(*((step.observations, step.actions, step.rewards) for step in steps), strict=True)
-    return [
-        RecordedEpisode(*parts)
-        for parts in zip(*(np.split(np.concatenate(c)[order], ends) for c in columns), strict=True)
-    ]
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """One time step of r unfinished episodes: `running` (r,) are their numbers, `finished` (r,) whether they end."""
-
-    running: NDArray[np.int64]
-    observations: Array
-    actions: Array
-    rewards: NDArray[np.float64]
-    finished: NDArray[np.bool_]
-
-
-def _play(policy: Player, env_id: str, n_episodes: int, seed: int) -> Iterator[_Step]:
-    """Play episodes in lockstep; of a deterministic policy, the first n are the same for every larger number."""
     if n_episodes < 1:
-        return
-    seeds = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
+        return []
+    steps: list[tuple[Array, ...]] = []
     envs: list[Untyped] = []
+    seeds = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
     try:
         # One environment per episode, never reused: a physics engine may keep state beyond a reset.
         envs = [make(env_id) for _ in seeds]
-        space = _actions_that_fit(policy, env_id, envs[0])
-        running = np.arange(len(envs))
+        space = _actions_to_play(env_id, envs[0])
+        running, active = np.arange(n_episodes), list(envs)
         observations = np.array([env.reset(seed=start)[0] for env, start in zip(envs, seeds, strict=True)])
-        active = list(envs)
         while active:
             actions = _actions(policy, observations, env_id, space)
             # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
             orders = actions.tolist() if actions.ndim == 1 else actions
             outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
             following, rewards, terminated, truncated, _ = zip(*outcomes, strict=True)
-            finished = np.logical_or(terminated, truncated)
-            yield _Step(running, observations, actions, np.array(rewards, dtype=np.float64), finished)
-            observations = np.array(following)
-            if finished.any():
-                going = ~finished
-                running, observations = running[going], observations[going]
+            steps.append((running, observations, actions, np.array(rewards, dtype=np.float64)))
+            going = ~np.logical_or(terminated, truncated)
+            running, observations = running[going], np.array(following)[going]
+            if len(running) < len(active):
                 active = [env for env, goes in zip(active, going, strict=True) if goes]
+                if progress is not None:
+                    progress(n_episodes - len(active), n_episodes)
     finally:
         for env in envs:
             env.close()
+    owner, *columns = (np.concatenate(column) for column in zip(*steps, strict=True))
+    order = np.argsort(owner, kind="stable")  # the steps of each episode stay in the order of time
+    ends = np.cumsum(np.bincount(owner))[:-1]
+    return [RecordedEpisode(*parts) for parts in zip(*(np.split(one[order], ends) for one in columns), strict=True)]
 
 
-def _actions_that_fit(policy: Player, env_id: str, env: Untyped) -> Space:
-    """The actions of `env`; a `DataError` if its spaces are not supported or do not fit the policy."""
+def _actions_to_play(env_id: str, env: Untyped) -> Space:
+    """The actions of `env`; a `DataError` if its spaces are not supported."""
     from gymnasium import spaces
 
     observed, actions = env.observation_space, actions_of(env)
@@ -194,17 +171,6 @@ def _actions_that_fit(policy: Player, env_id: str, env: Untyped) -> Space:
             f"{env_id} has {type(observed).__name__} observations of shape {observed.shape} and "
             f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
             "played: wrap it or choose another."
-        )
-    name = getattr(policy, "source_", "the policy")  # the file that `rpil.load` read it from
-    width, fitted = getattr(policy, "n_features_in_", None), getattr(policy, "classes_", None)
-    classes, possible = np.asarray(actions.classes if fitted is None else fitted).tolist(), actions.classes.tolist()
-    has_parts = isinstance(getattr(policy, "space_", None), Product)
-    do_actions_fit = not has_parts and bool(classes) == bool(possible) and set(classes) <= set(possible)
-    if not do_actions_fit or (width is not None and (width,) != observed.shape):
-        raise DataError(
-            f"{env_id} has observations of shape {observed.shape} and {actions}, but {name} was fitted to observations "
-            f"of shape ({width},) and the actions {classes or ('of several parts' if has_parts else 'of a box')}: "
-            "play it in the environment its demonstrations come from."
         )
     return actions
 
