@@ -240,10 +240,8 @@ def _label(word: object) -> Label | None:
 
 
 def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
-    """Number of each labelled demonstration to whether it is good; ids are compared as text.
-
-    A `DataError` where a label is neither "good" nor "bad", or an id is not among `ids`.
-    """
+    """Number of each labelled demonstration to whether it is good; ids are compared as text. A `DataError` where a
+    label is neither "good" nor "bad", or an id is not among `ids`."""
     for m, label in labels.items():
         if _label(label) is None:
             raise DataError(f"Demonstration {m!r}: the label {quoted([label])} is unknown; use 'good' or 'bad'.")
@@ -255,11 +253,8 @@ def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str =
 def match_pairs(
     pairs: Iterable[tuple[tuple[Hashable, Hashable], Relation]], ids: Sequence[object]
 ) -> tuple[Int[Array, "P 2"], Int[Array, "T 2"]]:
-    """Numbers of the better and the worse demonstration of each pair, and of the two of each without a difference.
-
-    Ids are compared as text. A `DataError` where one is not among `ids`, a demonstration is compared with itself, or
-    two pairs contradict.
-    """
+    """Numbers of the better and the worse demonstration of each pair, and of the two of each without a difference. A
+    `DataError` where an id, as text, is not among `ids` or compared with itself, or two pairs contradict."""
     number = {str(name): m for m, name in enumerate(ids)}
     found: Pairs = {}
     for (first, second), relation in pairs:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,10 +102,12 @@ def given_outcome(
         return None
     if isinstance(given, str):
         source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
-        given = {m: {"true": 1, "false": 0, "": np.nan}.get(str(value).lower(), value) for m, value in pairs}
-        if len(given) < len(pairs):
+        words: dict[str, Any] = {"true": 1, "false": 0, "": np.nan}
+        found = {m: words.get(str(value).lower(), value) for m, value in pairs}
+        if len(found) < len(pairs):
             [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
+        return given_outcome(found, ids, source, every)
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
         check_ids(by_id, every or ids, source, "<option>", "outcome")

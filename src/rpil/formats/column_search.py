@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rpil.data import names as spellings
 from rpil.data.errors import DataError
@@ -70,8 +70,8 @@ def find_columns(
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    options = replace(options, **dict.fromkeys(options.files))
-    found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
+    none: dict[str, Any] = dict.fromkeys(options.files)
+    found = _Search([*names, *made], {**kinds, **made}, source, replace(options, **none), head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 
 

@@ -121,14 +121,14 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     known = zip(ids, labels, _by_audit(table), _below(table, asked), strict=True)
-    rules = [_rule_of(str(name), *of_audit, asked) for name, *of_audit in known]
+    rules = [_rule_of(str(name), label, rule, below, asked) for name, label, rule, below in known]
     of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
     rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule[rule]}
-    failure, notes = Choice.failure, list[str]()
+    failure, notes, acts = Choice.failure, list[str](), not asked.by_number and "answers" not in asked.ignored
     for name, label, how, rule in zip(ids, labels, map(str, said), rules, strict=True):
         if rule == "outcome":
             failure = how or failure
-        elif how.startswith(WORSE) and not (rule or label or str(name) in asked.spared or "answers" in asked.ignored):
+        elif acts and how.startswith(WORSE) and not (rule or label or str(name) in asked.spared):
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     return Choice(of_rule[""], rejected, asked, failure, tuple(notes))
 
@@ -189,11 +189,11 @@ def _table_of_kept(kept: Mapping[str, Any]) -> Table:
 def _below(table: Table, asked: Asked) -> list[bool]:
     """Whether each demonstration is below the least probability or the share that is asked for, if any is."""
     if asked.at_least is not None:
-        return (_numbers(table, "expert_proba") < asked.at_least).tolist()
+        return [*map(bool, _numbers(table, "expert_proba") < asked.at_least)]
     if asked.share is None:
         return [False] * len(table["id"])
     ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
-    return (ranks >= max(round(asked.share * len(ranks)), 1)).tolist()
+    return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
 
 
 def _by_audit(table: Table) -> list[str]:
