@@ -29,9 +29,7 @@ X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arang
 
 def call(*arguments, settings=FAST):
     """Invoke the command without lines about progress; `settings` are those of `RPIL`."""
-    return CliRunner(env={"SOURCE_DATE_EPOCH": "1700000000"}).invoke(
-        main, [str(argument) for argument in arguments], obj=settings
-    )
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], obj=settings)
 
 
 def ok(*arguments, settings=FAST):

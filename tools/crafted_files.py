@@ -20,11 +20,9 @@ import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
-from functools import partial
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more take ten times as long where other programs run
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -34,7 +32,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from click.testing import CliRunner, Result
 
-import archives
 import asked
 import lerobot_folders
 import rpil
@@ -46,7 +43,7 @@ from served import Client
 
 DATA, COLUMNS = "d.parquet", ("--observations", "x,v", "-q")
 DEADLY_SECONDS = 20  # after which a process that does not answer is given up
-LONGEST, MOST_LISTS, MOST_COLUMNS = 600, 2 * 10**6, 50_000  # of a sentence, a run file and a table of CSV
+LONGEST, MOST_COLUMNS = 600, 50_000  # of a sentence, and of a table of CSV
 Found = str | None  # what differed
 
 
@@ -148,32 +145,6 @@ def table_of_many_columns(folder: Path) -> Found:
     return None
 
 
-def command_in_a_run_file(folder: Path) -> Found:
-    """An audit of another person puts no command on a page that writes or runs anything; and lists take no memory."""
-    call("audit", DATA, *COLUMNS, "--save", "run.rpil")
-    run = Path("run.rpil").read_bytes()
-    hostile = [f"audit x.csv --{name} a" for name in ("report", "save", "keep", "verdicts", "weights", "report=a")]
-    hostile += ["keep x -o x", "audit x; evil", "audit $(evil)"]
-    lists = archives.members("run.rpil")["header.json"][:-1] + b', "more": [' + b"[]," * MOST_LISTS + b"[]]}"
-    for what in (*hostile, "millions of lists"):
-        Path("hers.rpil").write_bytes(run)
-        if what in hostile:
-            archives.rewrite("hers.rpil", header=partial(command_of, words=f"rpil {what}"))
-        else:
-            archives.rewrite("hers.rpil", {"header.json": lists})
-        wrong = ended(
-            call("report", "hers.rpil", "-o", "p.html"), "command" if what in hostile else "lists and objects"
-        )
-        if wrong or Path("p.html").exists():
-            return f"{what}: {wrong or 'a page was written'}"
-    return ended(call("report", "run.rpil", "-o", "p.html"))
-
-
-def command_of(header: dict[str, Any], words: str) -> None:
-    """Put a command in the header of a saved audit."""
-    header["about"]["fields"]["command"] = words
-
-
 def video_times_that_are_no_numbers(folder: Path) -> Found:
     """They are named: a review shows no videos, and ``rpil keep`` writes nothing, or says what does not fit."""
     n, wrong = 5, []
@@ -224,7 +195,7 @@ def secrets_in_addresses(folder: Path) -> Found:
             result = call(*words)
             if wrong := ended(result, "***") or differing("HIDDEN" in result.output, False):
                 return f"rpil {words[0]} {address}: {wrong}"
-    outputs = ["--report", "r.html", "--save", "run.rpil", "--keep", "k.json", "--verdicts", "v.parquet"]
+    outputs = ["--report", "r.html", "--keep", "k.json", "--verdicts", "v.parquet"]
     result = call("audit", str(folder / DATA), *COLUMNS, *outputs, env={"HOME": str(folder)})
     named = [name for name in outputs[1::2] if str(folder).encode() in Path(name).read_bytes()]
     return ended(result) or differing(named, [])
@@ -296,7 +267,7 @@ CASES: dict[str, Callable[[Path], Found]] = {
     case.__name__.replace("_", " "): case
     for case in (
         *(order_of_demonstrations, files_beside_the_labels, ids_with_white_space),
-        *(table_of_many_columns, command_in_a_run_file, video_times_that_are_no_numbers, secrets_in_addresses),
+        *(table_of_many_columns, video_times_that_are_no_numbers, secrets_in_addresses),
         *(address_of_the_review_in_the_process_list, tiny_observations, damaged_files),
         *(labels_file_replaced_while_the_review_runs, very_long_label_quoted),
     )

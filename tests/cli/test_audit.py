@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from browser import browsing, needs_chromium
-from command_line import at_terminal, npz, ok, refused
+from command_line import at_terminal, npz, ok
 from problems import make_continuous
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
@@ -222,26 +222,6 @@ def test_two_groups_in_json(folder):
     assert all(note.startswith("The two groups: ") for note in audit["notes"])
     assert len(audit["notes"]) == 2
     assert result.stderr == ""
-
-
-def test_a_saved_run_makes_the_same_report_again(folder):
-    data = folder / "good.parquet"
-    result = ok("audit", data, "--report", "r.html", "--save", "run.rpil", "--exclude", "is_good")
-    assert "Report: r.html" in result.stdout
-    assert "Save: run.rpil" in result.stdout
-    assert ok("report", "run.rpil", "-o", "again.html").stdout == "Report: again.html\n"
-    page = Path("again.html").read_text()
-    assert page == Path("r.html").read_text()
-    assert f"rpil audit {data} --exclude is_good --labels labels.csv" in re.sub(r" --(report|save) \S+", "", page)
-    Path("other.json").write_text("{}")
-    refused(
-        r"other\.json: it is no audit that rpil saved; run rpil audit --save again",
-        "report",
-        "other.json",
-        "-o",
-        "again.html",
-    )
-    assert Path("again.html").read_text() == page
 
 
 @pytest.mark.slow

@@ -222,8 +222,6 @@ def test_rows_of_an_agent_lie_together_and_each_agent_has_a_score(tmp_path):
     total = sum(agent.score * agent.n_steps for agent in audit.agents)
     assert total == pytest.approx(np.clip(audit.step_log_ratio, -20, 20).sum())
     assert audit.answered({"e2": "bad"}).agents == audit.agents
-    audit.save(tmp_path / "run.rpil")
-    assert rpil.Audit.load(tmp_path / "run.rpil").agents == audit.agents
 
 
 def test_the_command_prints_a_line_by_agent(tmp_path):

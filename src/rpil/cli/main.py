@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import audit, closing_lines, report
+from rpil.cli.audit import audit, closing_lines
 from rpil.cli.check import check
 from rpil.cli.commands import Commands, check_paths
 from rpil.cli.info import info
@@ -34,7 +34,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (audit, report, check, info, label, review, keep, convert):
+for command in (audit, check, info, label, review, keep, convert):
     main.add_command(command)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
     from rpil.results.view import About
 
-OUTPUTS = ("weights", "verdicts", "keep", "report", "save", "annotate")
+OUTPUTS = ("weights", "verdicts", "keep", "report", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -34,7 +34,6 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
     from rpil.formats.columns_file import write_weights
     from rpil.formats.registry import find
     from rpil.results.html.page import Article, write_page
-    from rpil.results.saved import write_audit
     from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
     from rpil.results.view import make_view
 
@@ -65,7 +64,6 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         ),
         "keep": write_keep,
         "report": lambda path: write_page(path, [Article(make_view(audit, about(run, seconds)))]),
-        "save": lambda path: write_audit(path, audit, about(run, seconds)),
         "annotate": write_annotated,
     }
     for title in OUTPUTS:
@@ -79,10 +77,9 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
 def about(run: AuditRun, seconds: float | None = None) -> About:
     """What the report shows beside the audit, which the command made in so many `seconds`."""
     from rpil.data.privacy import for_others, without_secrets
-    from rpil.results.saved import NOT_SHARED
     from rpil.results.view import About
 
-    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *NOT_SHARED, *CHOICE_NAMES))
+    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *OUTPUTS, *CHOICE_NAMES))
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
     return About(

@@ -29,7 +29,7 @@ from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-from rpil.results.saved import check_sound
+from rpil.results.soundness import check_sound
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from html import escape
 
-from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
@@ -50,7 +49,6 @@ MAX_SHOWN = 10
 """Findings in the text of a report."""
 
 
-@stored()
 @dataclass(frozen=True, repr=False)
 class FaultReport:
     """What was found in M demonstrations; `to_frame` has a row for each finding.

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted, duration, moment
@@ -28,7 +27,6 @@ LEAST_STEPS = 20
 """Steps of a demonstration from which its scale, and the sign of a column, are known."""
 
 
-@stored()
 @dataclass(frozen=True)
 class Fault:
     """A fault of one demonstration, the worst of its kind there.

@@ -1,8 +1,8 @@
 """The fields of an audit, each declared once: its type, its axis, what it is of a demonstration that is not judged, and
 the name under which it is shown.
 
-What selects, joins, saves, checks and shows audits (`rpil.results.tasks`, `rpil.results.saved`, `AuditResult.facts`) is
-a loop over these fields.
+Selecting, joining, checking and showing audits (`rpil.results.tasks`, `soundness`, `AuditResult.facts`) are
+loops over these fields.
 """
 
 from __future__ import annotations

@@ -168,32 +168,6 @@ class Audit(AuditResult):
             columns["session"] = self.sessions
         return data_frame(columns, backend)
 
-    def save(self, path: StrPath) -> None:
-        """Write the audit to a file of any name; `load` reads it, and ``rpil report`` makes its page.
-
-        Raises
-        ------
-        DataError
-            If the path cannot be written.
-        """
-        from rpil.results.saved import write_audit
-        from rpil.results.view import About
-
-        write_audit(path, self, About(TITLE, IN_MEMORY))
-
-    @classmethod
-    def load(cls, path: StrPath) -> Audit:
-        """The audit that `save` or ``rpil audit --save`` wrote, bit for bit.
-
-        Raises
-        ------
-        DataError
-            If the file is no such audit, or its parts do not belong together.
-        """
-        from rpil.results.saved import read_audit
-
-        return read_audit(path, cls)[0]
-
     def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 

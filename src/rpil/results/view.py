@@ -68,7 +68,6 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.data.text import MAX_IDS
 from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED
@@ -96,7 +95,6 @@ NO_VALUE = 255
 View = dict[str, object]
 
 
-@stored()
 @dataclass(frozen=True, eq=False)
 class About:
     """What the page of an audit shows beside the audit."""

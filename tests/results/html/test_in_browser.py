@@ -21,7 +21,6 @@ from rpil.results.html.page import Article, write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.results.saved import read_audit, write_audit
 from rpil.results.view import About, make_view
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -32,7 +31,7 @@ HOSTILE = (
 )
 
 
-MADE = Provenance("1", "3.11", {"numpy": "2"}, "rpil audit x.csv", 0, {}, (), "2026-11-23")
+MADE = Provenance("1", "rpil audit x.csv", 0, {}, ())
 
 
 @pytest.fixture(scope="module")
@@ -278,8 +277,8 @@ def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
     )
     faults = FaultReport((Fault("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, evil),), {evil: evil}, {}, {evil: evil}, {}, 2, 99)
     about = About(evil, evil, (evil,), (evil,), faults, {"0": evil}, {"0": evil})
-    write_audit(tmp_path / "run.rpil", audit, replace(about, command=shlex.join(["rpil", "audit", evil])))
-    write_page(tmp_path / "r.html", [Article(read_audit(tmp_path / "run.rpil", Audit)[1])])
+    view = make_view(audit, replace(about, command=shlex.join(["rpil", "audit", evil])))
+    write_page(tmp_path / "r.html", [Article(view)])
     browser.open(tmp_path / "r.html")
     browser.press("j", "k", "b")
     assert browser.evaluate("document.title") == evil
