@@ -86,7 +86,7 @@ def test_nothing_that_is_finished_joins_the_data(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
-FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet", "mine-supplier.html"]
+FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]
 
 
 @pytest.mark.slow

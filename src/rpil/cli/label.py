@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +28,7 @@ MAX_QUESTIONS = 8
 
 LABELS_FILE = "labels.csv"
 
-WITHOUT = "labels", "quiet", "port", "browser", "by"
+WITHOUT = "labels", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 
@@ -56,15 +55,11 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
     return run, path, before
 
 
-by_option = click.option("--by", metavar="NAME", default="", help="Your name, which is written beside your answers.")
-
-
 @click.command()
 @click.argument("file", type=click.Path())
-@by_option
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
-def label(ctx: click.Context, /, file: str, by: str, **options: Value) -> None:
+def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     """Ask the questions whose answers would say most, four to eight, and write the answers to a file of labels.
 
     It is labels.csv, or that of --labels. Answers that it holds count: a run goes on where the last one ended. Each
@@ -73,7 +68,7 @@ def label(ctx: click.Context, /, file: str, by: str, **options: Value) -> None:
     run, path, before = audit_with_answers(file, options)
     from rpil.cli.questions.session import Session
 
-    session = Session(run.audit, path, before, MAX_QUESTIONS, by.strip())
+    session = Session(run.audit, path, before, MAX_QUESTIONS)
     ask(session)
     terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
 
@@ -88,7 +83,6 @@ def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
         yield f"Another program has changed or removed {session.path}; look whether your answers are in it."
         return
     yield f"{counted(len(session.rows), 'answer')} of this run in {session.path}."
-    yield from session.agreement()
     yield f"Then run: {shlex.join([*audit, '--labels', session.path])}"
 
 
@@ -96,13 +90,13 @@ def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
     from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
 
-    click.echo("Ranks: 0 is the least of all, 1 the most. To say why, write it after the key, as: b #drop slips at 3 s")
+    click.echo("Ranks: 0 is the least of all, 1 the most. To say why, write it after the key, as: b slips at 3 s")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
         number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."
         terminal.print_lines(["", f"{number} {question_sentence(session.audit, question)}"])
         terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
-        key, why = _read_key(choices(question) | {"z": "Undo", "q": "Quit"})
+        key, note = _read_key(choices(question) | {"z": "Undo", "q": "Quit"})
         if key == "q":
             break
         if key == "z" and not session.given:
@@ -111,7 +105,7 @@ def ask(session: Session) -> None:
         if key not in "us":
             tell_if_interrupted(f"the answers so far are in {session.path}")
         try:
-            lines = session.undo() if key == "z" else session.answer(question, key, (*why, session.by))
+            lines = session.undo() if key == "z" else session.answer(question, key, note)
         except DataError as error:  # such as two labels that contradict each other: the question comes again
             if not session.is_as_written:
                 raise
@@ -121,18 +115,17 @@ def ask(session: Session) -> None:
         terminal.print_lines(["", "Nothing more is asked in this run."])
 
 
-def _read_key(keys: Mapping[str, str]) -> tuple[str, tuple[str, str]]:
-    """The key that the user gives as a line, and the note and the tag after it; q at the end of the input."""
+def _read_key(keys: Mapping[str, str]) -> tuple[str, str]:
+    """The key that the user gives as a line, and the note after it; q at the end of the input."""
     terminal.print_lines([", ".join(f"{key}: {words}" for key, words in keys.items())])
     while True:
         click.echo("> ", nl=False)
         sys.stdout.flush()
         line = sys.stdin.readline()
-        key, _, why = line.strip().partition(" ")
+        key, _, note = line.strip().partition(" ")
         if not line:
             click.echo()
-            return "q", ("", "")
+            return "q", ""
         if key.lower() in keys:
-            tag = re.match(r"\s*#(\S+)", why)
-            return key.lower(), (why[tag.end() if tag else 0 :].strip(), tag[1] if tag else "")
+            return key.lower(), note.strip()
         click.echo(f"Give one of {', '.join(keys)}.")

@@ -6,7 +6,7 @@ import os
 import shlex
 import threading
 import webbrowser
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -17,23 +17,20 @@ import click
 
 from rpil.cli import terminal
 from rpil.cli.commands import AuditRun, check_paths, look_for_faults
-from rpil.cli.label import WITHOUT, audit_with_answers, by_option, last_lines
+from rpil.cli.label import WITHOUT, audit_with_answers, last_lines
 from rpil.cli.options import LABEL_OPTIONS, Value, command_words, with_options
 from rpil.cli.outputs import OUTPUTS, about, write_outputs
 from rpil.cli.progress import show_stages
 from rpil.data.errors import DataError
-from rpil.data.files import replacing
-from rpil.data.folders import is_hidden
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
     from rpil.data.json_files import Parsed
-    from rpil.data.persons import AnswerRow
     from rpil.results.choice import Asked
     from rpil.results.view import View
 
-BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet", "supplier": "supplier.html"}
+BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
 """Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
 
 
@@ -46,10 +43,9 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
     help="The port of the page on this computer; by default one that is free.",
 )
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or print its address alone.")
-@by_option
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
-def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, by: str, **options: Value) -> None:
+def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
     """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
 
     Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
@@ -64,7 +60,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, by
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             run, path, before = audit_with_answers(file, options)
-            shown = _review(ctx, run, Session(run.audit, path, before, None, by.strip()), quiet)
+            shown = _review(ctx, run, Session(run.audit, path, before, None), quiet)
         gate = Gate.new(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if folder:
@@ -104,9 +100,9 @@ def _finish(
     """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
     `BESIDE` that of the answers.
 
-    The page gives the ids that are "spared", the "rules" of faults that reject, and whether a supplier is told "names".
-    `written` are the digests of what this run wrote before: where other files would be replaced, they are returned as
-    "exists", and given back as "replace" where a user agrees.
+    The page gives the ids that are "spared" and the "rules" of faults that reject. `written` are the digests of what
+    this run wrote before: where other files would be replaced, they are returned as "exists", and given back as
+    "replace" where a user agrees.
     """
     from rpil.data.text import listed
     from rpil.results.provenance import digest
@@ -126,7 +122,6 @@ def _finish(
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs({title: beside.get(title) for title in OUTPUTS}, run, 0.0, lambda _: None)
-    write_supplier_page(beside["supplier"], run, session.said, bool(given.get("names")))
     written |= {path: digest(path) for path in beside.values()}
     new = f"{Path(run.source).stem}-kept{Path(run.source).suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
@@ -142,25 +137,3 @@ def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
     )
     faulty = {str(fault.id) for fault in run.faults.findings if fault.rule in rules} if run.faults else set()
     return Asked(faulty=faulty, spared=spared)
-
-
-def write_supplier_page(path: str, run: AuditRun, said: Sequence[AnswerRow], with_names: bool) -> None:
-    """Write a page for the supplier of the data: the demonstrations that `run` rejects with the reasons and the notes
-    of `said`, the names of persons if `with_names`, and the files with their hashes."""
-    from rpil.results.html.page import html_environment
-
-    known = said if with_names else [row._replace(by="") for row in said]
-    template = html_environment("rpil.results", "html").get_template("supplier.html")
-    page = template.render(run=run, said=known, files=_files(Path(run.source)), name=Path(run.source).name)
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
-
-
-def _files(source: Path) -> Iterator[dict[str, str | int]]:
-    """Size and SHA-256 of each file of the data, by its path in them."""
-    from rpil.results.provenance import digest
-
-    for file in sorted(source.rglob("*")) if source.is_dir() else [source]:
-        name = file.relative_to(source if source.is_dir() else source.parent)
-        if not file.is_dir() and not any(map(is_hidden, name.parts)):
-            yield digest(file) | {"path": name.as_posix()}

@@ -6,25 +6,38 @@ import csv
 import io
 import json
 import re
-import warnings
 from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar, cast, get_args
+from typing import Literal, NamedTuple, TypeVar, cast, get_args
 
 import numpy as np
 
 from rpil.data.arrays import check_text
 from rpil.data.cells import from_cell, to_cell
-from rpil.data.errors import DataError, DataWarning
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
 from rpil.data.names import EPISODE, quoted
-from rpil.data.persons import AnswerRow, GivenAnswers, Label, Pairs, Relation, majority, tie_lines
 from rpil.numerics.types import Array, Int
 
 Key = TypeVar("Key", bound=Hashable)
+
+Label = Literal["good", "bad"]
+Relation = Literal["better than", "same as"]
+Pairs = dict[tuple[str, str], Relation]
+"""What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
+
+
+class AnswerRow(NamedTuple):
+    """An answer as a row of a file of labels, whose column of notes may be missing."""
+
+    id: str
+    label: object
+    """A word, or what else a file has in its place."""
+    note: str = ""
+
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
 """Each word of a label, in any case; "expert" and "adversary" are what rpil 0.1 wrote."""
@@ -59,38 +72,34 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
 
     Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
     ``same as ID`` one without a difference. A demonstration has one label and any number of pairs, in JSON a list. Ids
-    come back as text, without white space at their ends unless one of the `ids` has it. Where persons, a column ``by``,
-    differ, the answer of most counts, and a `DataWarning` names the questions that they leave undecided. A `DataError`
-    names the file and the demonstration: unknown words, contradictions of one person, no answers.
+    come back as text, without white space at their ends unless one of the `ids` has it. A `DataError` names the file
+    and the demonstration: unknown words, an id that is labelled twice, pairs that contradict each other, no answers.
     """
-    given = answers_of_persons(read_answer_rows(path, ids), Path(path).name, ids)
-    for sentence in tie_lines(given):
-        warnings.warn(DataWarning(f"{Path(path).name}: {sentence}"), stacklevel=2)
-    return majority(given)
+    return parse_answers(read_answer_rows(path, ids), Path(path).name, ids)
 
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
-    """The answers of a file that `read_answers` reads, with their notes, tags and persons."""
-    path, about = check_labels_file(path), AnswerRow._fields[2:]
-    pairs = read_id_pairs(path, "label", "good", {*map(str, ids)}, about)
+    """The answers of a file that `read_answers` reads, with their notes."""
+    path = check_labels_file(path)
+    pairs = read_id_pairs(path, "label", "good", {*map(str, ids)}, ["note"])
     if path.suffix.lower() == ".csv":
         return [AnswerRow(*row) for row in pairs]
     return [row for m, given, *_ in pairs for row in _json_rows(m, given, path.name)]
 
 
 def _json_rows(m: str, given: Parsed, source: str) -> Iterator[AnswerRow]:
-    """The answers about a demonstration in JSON: a word, an object of label, note, tag and by, or a list of these."""
+    """The answers about a demonstration in JSON: a word, an object of label and note, or a list of these."""
     for one in given if isinstance(given, list) and given and not isinstance(given[0], tuple) else [given]:
         pairs = one if isinstance(one, list) and one and isinstance(one[0], tuple) else []  # of an object
         names = [name for name, _ in pairs]
         said = dict(pairs) if names.count("label") == 1 and len({*names}) == len(names) else {"label": one}
-        about = [said.get(name, "") for name in AnswerRow._fields[2:]]
-        if not {*said} <= {*AnswerRow._fields[1:]} or not all(isinstance(text, str) for text in about):
-            remedy = "give it label, note, tag and by, which are texts"
+        note = said.get("note", "")
+        if not {*said} <= {"label", "note"} or not isinstance(note, str):
+            remedy = "give it label and note, which are texts"
             raise DataError(f"{source}, demonstration {m!r}: an answer has {quoted(said)}; {remedy}.")
-        for text in filter(None, about):
-            check_text(text, "a note, a tag or a name", f"{source}, demonstration {m!r}")
-        yield AnswerRow(m, said["label"], *(text.strip() for text in about))
+        if note:
+            check_text(note, "a note", f"{source}, demonstration {m!r}")
+        yield AnswerRow(m, said["label"], note.strip())
 
 
 def check_labels_file(path: StrPath) -> Path:
@@ -101,16 +110,11 @@ def check_labels_file(path: StrPath) -> Path:
 def parse_answers(
     rows: Iterable[tuple[str, object]] | Iterable[AnswerRow], source: str, ids: Iterable[object]
 ) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs from ids and words; of persons, white space and errors as `read_answers`."""
-    return majority(answers_of_persons((AnswerRow(*row) for row in rows), source, ids))
-
-
-def answers_of_persons(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> GivenAnswers:
-    """The labels and pairs of each person; of white space and errors as `read_answers`."""
-    given: dict[str, tuple[dict[str, Label], Pairs]] = {}
-    known = {*map(str, ids)}
-    for m, word, _, _, by in rows:
-        labels, pairs = given.setdefault(by, ({}, {}))
+    """Labels and pairs from ids and words; white space and errors as in `read_answers`."""
+    labels: dict[str, Label] = {}
+    pairs: Pairs = {}
+    known, given = {*map(str, ids)}, [*rows]
+    for m, word, *_ in given:
         label, (relation, second) = _label(word), _compared(word) or ("same as", "")
         if other := second if second in known else second.strip():
             _add_pair(pairs, (m, other), relation, source)
@@ -125,7 +129,7 @@ def answers_of_persons(rows: Iterable[AnswerRow], source: str, ids: Iterable[obj
             labels[m] = label
     if not given:
         raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
-    return given
+    return labels, pairs
 
 
 def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
@@ -138,9 +142,9 @@ def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label
 
 
 def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerRow]:
-    """Old answers and new ones; a new label replaces that which the same person gave the demonstration."""
-    replaced = {(row.id, row.by) for row in new if not _compared(row.label)}
-    return [*(row for row in old if _compared(row.label) or (row.id, row.by) not in replaced), *new]
+    """Old answers and new ones; a new label replaces the old one of the demonstration."""
+    replaced = {row.id for row in new if not _compared(row.label)}
+    return [*(row for row in old if _compared(row.label) or row.id not in replaced), *new]
 
 
 def write_answers(
@@ -148,8 +152,8 @@ def write_answers(
 ) -> None:
     """Write a file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
 
-    A label replaces that which the same person gave the demonstration. All other rows of a CSV file stay as they were,
-    and so do its columns; note, tag and by are added to them once an answer has one. A `DataError` where it cannot be
+    A label replaces the old one of the demonstration. All other rows of a CSV file stay as they were, and so do its
+    columns; note is added to them once an answer has one. A `DataError` where it cannot be
     written; a file that was there is then as it was.
     """
     is_csv = Path(path).suffix.lower() == ".csv"
@@ -164,15 +168,13 @@ def write_answers(
 def _csv_with(before: str, answers: Sequence[AnswerRow], ids: Collection[str]) -> str:
     """The text of a CSV file with the answers below its rows, and without the labels that they replace."""
     rows, lines = _csv_rows(before)
-    names, replaced = [*(rows.fieldnames or ())], {(row.id, row.by) for row in answers if not _compared(row.label)}
+    names, replaced = [*(rows.fieldnames or ())], {row.id for row in answers if not _compared(row.label)}
     end, comma = "\r\n" if "\r\n" in before else "\n", rows.reader.dialect.delimiter
     id_column, first = _id_column(names) or "", rows.line_num
-    about = [name for name in AnswerRow._fields[2:] if any(getattr(row, name) for row in answers)]
-    new = [name for name in about if name not in names]
+    new = ["note"] if any(row.note for row in answers) and "note" not in names else []
     kept = [csv_row([*names, *new], comma), end] if new else lines[:first]
     for row in rows:
-        who = _id_in(row[id_column], ids), _about(row.get("by"))
-        if who not in replaced or _compared(row["label"]):
+        if _id_in(row[id_column], ids) not in replaced or _compared(row["label"]):
             kept += lines[first : rows.line_num]
         first = rows.line_num
     kept += lines[first:]
@@ -195,8 +197,7 @@ def _json_with(before: str, answers: Sequence[AnswerRow]) -> str:
     pairs = parse(before, "", LARGEST_TABLE, list)
     words: dict[str, list[object]] = {m: [] for m, _ in pairs}
     for row in with_new([row for m, given in pairs for row in _json_rows(m, given, "")], answers):
-        about = {name: text for name, text in row._asdict().items() if name in AnswerRow._fields[2:] and text}
-        words.setdefault(row.id, []).append({"label": row.label, **about} if about else row.label)
+        words.setdefault(row.id, []).append({"label": row.label, "note": row.note} if row.note else row.label)
     content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
     return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 

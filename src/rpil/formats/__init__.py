@@ -26,7 +26,6 @@ from rpil.data.id_values import (
 )
 from rpil.data.memory import Size
 from rpil.data.names import is_data
-from rpil.data.persons import Label
 from rpil.formats.arrow import Frame, read_frame
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.columns_file import write_weights

@@ -44,7 +44,7 @@ def test_the_state_is_the_view_and_the_question(client, review, audit):
         "columns": review.recorded.columns,
     }
     view["finding"] |= {"sentence": "4 of 24 act differently from the rest."}  # and nobody is named beside the question
-    view |= {"said": [], "by": "", "agreement": []}
+    view |= {"said": []}
     assert state["view"] == json.loads(json.dumps(view))
     assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "5", "u", "s"]
     pair = [audit.index(name) for name in audit.pair]

@@ -12,9 +12,7 @@ from browser import browsing, needs_chromium
 from rpil import RPIL, read
 from rpil.cli.questions.server import page_of
 from rpil.cli.questions.videos import EpisodeVideos
-from rpil.data.errors import DataWarning
-from rpil.data.id_values import read_answer_rows, read_answers
-from rpil.data.persons import AnswerRow
+from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
 from small import FAST
 
@@ -79,7 +77,7 @@ def test_a_sweep_chooses_by_clicks_and_keys_and_answers_for_all(review, browser)
             "document.querySelector('[data-role=told]').textContent === '4 marked bad; z takes them all back.'"
         )
         assert {tuple(one) for one in read_answer_rows("labels.csv")} == {
-            AnswerRow(str(m), "bad", "", "drop") for m in row[1:5]
+            AnswerRow(str(m), "bad", "drop") for m in row[1:5]
         }
         assert browser.evaluate("document.querySelectorAll('dialog.sweep .mark.bad').length") == 4
         assert browser.evaluate(CHOSEN) == []
@@ -130,43 +128,23 @@ HOSTILE = '<img src=x onerror="document.title = 1">=1+1'
 
 @needs_chromium
 @pytest.mark.slow
-def test_a_note_a_tag_and_a_name_go_with_the_next_answer(audit, browser):
+def test_a_note_goes_with_the_next_answer(audit, browser):
     with serving(review_of(audit, page=page_of)) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
         browser.press("n")
-        browser.wait("document.activeElement.dataset.role === 'tag'")
-        for role, text in (("tag", "drop"), ("note", HOSTILE), ("by", "anna")):
-            browser.type(f".why [data-role={role}]", text)
+        browser.wait("document.activeElement.dataset.role === 'note'")
+        browser.type(".why [data-role=note]", HOSTILE)
         browser.press("Enter")
         browser.press("4")
         browser.wait(f"{VERSION} === 1")
         rows = read_answer_rows("labels.csv")
-        assert [tuple(row) for row in rows] == [(str(m), "bad", HOSTILE, "drop", "anna") for m in audit.pair]
+        assert [tuple(row) for row in rows] == [(str(m), "bad", HOSTILE) for m in audit.pair]
         assert browser.evaluate("document.querySelector('.why [data-role=note]').value") == ""
-        assert browser.evaluate("document.querySelector('.why [data-role=by]').value") == "anna"
         browser.evaluate(f"document.querySelector('[data-row=\"{audit.index(audit.pair[0])}\"]').click()")
         browser.wait("document.querySelector('.detail .said') !== null")
-        assert browser.text(".detail .said") == f"anna: bad drop {HOSTILE}"
-        browser.click(".why .chip")
-        assert browser.evaluate("document.querySelector('.why [data-role=tag]').value") == "drop"
+        assert browser.text(".detail .said") == f"bad {HOSTILE}"
         assert browser.evaluate("document.title") != "1"
-
-
-def test_persons_of_earlier_runs_are_compared(audit):
-    Path("labels.csv").write_text("id,label,by\n1,good,anna\n3,bad,anna\n9,bad,anna\n9,good,bilal\n")
-    with pytest.warns(DataWarning, match="Nothing is learned from answers in which persons disagree: 9."):
-        start = audit.answered(*read_answers("labels.csv"))
-    review = review_of(start)
-    review.session = type(review.session)(start, "labels.csv", Path("labels.csv").read_bytes(), None, "bilal")
-    with serving(review) as client:
-        assert client.answer(0, "g", 3)[0] == 200
-        view = client.get("/api/view")["view"]
-        assert view["by"] == "bilal"
-        assert view["agreement"][0].startswith("anna and bilal answered the same 2 questions, and agree on 0 (0%")
-        assert [row for row in view["answers"] if row[0] in (3, 9)] == [], "a tie teaches nothing"
-        assert client.post("/api/undo", version=1)[0] == 200
-        assert [3, "bad"] in client.get("/api/view")["view"]["answers"]
 
 
 @needs_chromium
@@ -201,11 +179,10 @@ def test_the_end_shows_who_rejects_what_and_each_can_be_kept(audit, browser):
         browser.click(".ask [data-role=finish]")
         browser.wait(f"{text}.includes('21 of 24 kept.')")  # what is kept all the same outlives a reload
         assert not any(one.get("write") for one in asked)
-        browser.click("[data-role=names]")
         browser.click("[data-role=write]")
         browser.wait("document.querySelector('[data-role=keep-command]')?.innerText === 'rpil keep d.parquet'")
         assert json.loads(json.dumps(asked[-1])) == {
-            "version": 0, "spared": ["5"], "rules": [], "write": True, "names": True,
+            "version": 0, "spared": ["5"], "rules": [], "write": True,
         }  # fmt: skip
         browser.press("Escape")
         browser.wait("!document.querySelector('dialog.finish').open")

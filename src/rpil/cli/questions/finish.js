@@ -25,8 +25,8 @@ const makeFinish = ({ ask, part }) => {
   const why = (m, word) => {
     const { view, d, faults, found } = part().model;
     if (word === WORDS.faults) return faults[m].slice(0, 2).map((k) => found.sentence[k]).join("; ");
-    const said = view.said.filter(([of, label, note, tag]) => of === m && (label === "bad" || note || tag));
-    return word === WORDS.labels ? said.map(([, label, note, tag, by]) => [by, tag || label, note].filter(Boolean).join(": ")).join("; ") : d.reason[m];
+    const said = view.said.filter(([of, label, note]) => of === m && (label === "bad" || note));
+    return word === WORDS.labels ? said.map(([, label, note]) => [label, note].filter(Boolean).join(": ")).join("; ") : d.reason[m];
   };
   const list = (title, members, label, act, reason = () => "") => {
     const box = el("details", {}, el("summary", {}, title));
@@ -44,13 +44,13 @@ const makeFinish = ({ ask, part }) => {
     if (isWriting) return;
     isWriting = true;
     try {
-      const done = await ask("/api/finish", { ...asked(), write: true, names: body.querySelector('[data-role="names"]').checked, ...more });
+      const done = await ask("/api/finish", { ...asked(), write: true, ...more });
       const place = body.querySelector('[data-role="written"]');
       if (done.exists) {
         place.replaceChildren(el("p", {}, done.lines.map(printable).join(" "), " ", el("button", { type: "button", "data-role": "replace", onclick: () => write({ replace: done.exists }) }, "Replace")));
         return;
       }
-      const files = Object.entries(done.files).map(([title, path]) => el("div", {}, el("dt", {}, title === "supplier" ? "For the supplier" : title), el("dd", {}, printable(path))));
+      const files = Object.entries(done.files).map(([title, path]) => el("div", {}, el("dt", {}, title), el("dd", {}, printable(path))));
       const copy = el("button", { type: "button", onclick: () => copyText(done.command, copy) }, "Copy");
       const command = done.command && isLess ? [el("p", {}, "To write the data without those that are rejected:"), el("p", { class: "command" }, el("code", { "data-role": "keep-command" }, printable(done.command)), copy)] : [];
       const notes = done.lost.map((line) => el("p", {}, printable(line)));
@@ -79,13 +79,11 @@ const makeFinish = ({ ask, part }) => {
       box.open = open.has(word);
     }
     const kinds = view.faults.kinds.map(({ rule, n, words }) => el("label", { title: words }, el("input", { type: "checkbox", "data-rule-off": rule, checked: rules.has(rule), onchange: () => change(rules, rule) }), ` ${printable(rule)} ${n.toLocaleString("en")}`));
-    const names = body.querySelector('[data-role="names"]')?.checked ?? false;
     body.replaceChildren(
       el("h2", {}, `${found.kept.toLocaleString("en")} of ${size.toLocaleString("en")} kept.`),
       el("p", { "data-role": "counts" }, counts.length ? `Rejected: ${counts.join(", ")}.` : "None is rejected."),
       ...found.notes.map((note) => el("p", {}, printable(note))), ...lists.map(([, box]) => box),
       kinds.length ? el("fieldset", {}, el("legend", {}, "Reject also those whose recording is odd by"), kinds) : "",
-      el("label", { class: "names" }, el("input", { type: "checkbox", "data-role": "names", checked: names }), " Name the persons on the page for the supplier"),
       el("p", { class: "buttons" }, el("button", { type: "button", class: "first", "data-role": "write", onclick: () => write({}) }, "Write files"), el("button", { type: "button", class: "close", onclick: () => dialog.close() }, "Close ", el("kbd", {}, "Esc"))),
       el("div", { "data-role": "written", role: "status" }));
   };

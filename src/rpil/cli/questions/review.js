@@ -47,7 +47,7 @@ const live = (() => {
         await refresh();
         return null;
       } catch (error) {
-        if (given.key) notes.put({ tag: given.tag, note: given.note });
+        if (given.key) notes.put(given.note);
         if (error.isStale) await refresh().catch(() => {});
         say(error.message);
         return error.message;
@@ -152,7 +152,7 @@ const live = (() => {
     write: () => {},
   });
   const store = (view) => {
-    notes.draw(panel(), view);
+    notes.draw(panel());
     return marks(view);
   };
   const keys = (chosen) => [
@@ -161,7 +161,7 @@ const live = (() => {
   ].map(([key, words]) => [key, words, () => press(key, chosen())]).concat([
     [" ", "play, pause", () => front()?.toggle()], [",", "one step back", () => front()?.frames(-1)], [".", "one step on", () => front()?.frames(1)],
     ["<", "slower", () => front()?.faster(-1)], [">", "faster", () => front()?.faster(1)], ["l", "loop", () => front()?.setLoop()],
-    ["n", "why: a tag and a note of the next answer", notes.focus], ["v", "all at a glance: arrows and Shift choose a row, x one", glance],
+    ["n", "a note of the next answer", notes.focus], ["v", "all at a glance: arrows and Shift choose a row, x one", glance],
   ]);
   begin();
   return {

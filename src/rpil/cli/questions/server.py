@@ -41,8 +41,8 @@ SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
 
 JPEG = "image/jpeg"
 
-MAX_WHY = 500
-"""Characters of a note, a tag or a name."""
+MAX_NOTE = 500
+"""Characters of a note."""
 
 PageChange = Callable[[Mapping[str, Parsed]], View]
 """Changes what is known, as a page says it; "lines" are sentences on what that did."""
@@ -78,7 +78,7 @@ class Review:
         audit = self.session.audit
         if self._drawn is None or self._drawn[0] != self.session.version:
             view = make_view(audit, self.about, 0, 0) | {"question": "", "pair": [], "columns": self.recorded.columns}
-            view |= {"said": self.said(), "by": self.session.by, "agreement": self.session.agreement()}
+            view |= {"said": self.said()}
             self._drawn = self.session.version, view
         return self._drawn[1]
 
@@ -111,7 +111,7 @@ class Review:
         return {"view": view, **state}
 
     def said(self) -> list[list[object]]:
-        """The answers in the file: the number of a demonstration, the label, the note, the tag and the person."""
+        """The answers in the file: the number of a demonstration, the label and the note."""
         numbers = {str(name): m for m, name in enumerate(self.session.audit.ids)}
         return [[numbers[row.id], str(row.label), *row[2:]] for row in self.session.said]
 
@@ -145,21 +145,19 @@ class Review:
             raise DataError("There is no such demonstration.")
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
-        """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note, a tag and a name."""
+        """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note."""
         named, ids = given.get("demonstrations"), self.session.audit.ids
         numbers = named if isinstance(named, list) else []
         known = all(type(m) is int and 0 <= m < len(ids) for m in numbers) and len({*numbers}) == len(numbers)
         question = tuple(ids[m] for m in numbers) if known else ()
         if not question or given.get("key") not in ("g", "b", *(choices(question) if len(question) < 3 else ())):
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
-        why = [given.get(name, "") for name in ("note", "tag")] + [given.get("by", self.session.by)]
-        if not all(isinstance(text, str) and len(text) <= MAX_WHY for text in why):
-            raise DataError(f"A note, a tag or a name is no text of {MAX_WHY} characters at most; shorten it.")
-        note, tag, by = (text.strip() for text in why)
-        for text in filter(None, (note, tag, by)):
-            check_text(text, "what is written beside it", "the answer")
-        self.session.by = by
-        self.session.answer(question, given["key"], (note, tag, by))
+        note = given.get("note", "")
+        if not isinstance(note, str) or len(note) > MAX_NOTE:
+            raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
+        if note.strip():
+            check_text(note.strip(), "the note", "the answer")
+        self.session.answer(question, given["key"], note.strip())
         return {}
 
     def undo(self, given: Mapping[str, Parsed]) -> View:

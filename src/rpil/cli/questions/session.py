@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
     CANNOT_TELL,
-    answers_of_persons,
+    AnswerRow,
     parse_answers,
     read_answer_rows,
     same_question,
     with_new,
     write_answers,
 )
-from rpil.data.persons import AnswerRow, agreement_lines
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
 from rpil.results.facts import in_words
@@ -33,11 +32,8 @@ Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
 
-Why = tuple[str, str, str]
-"""The note, the tag and the person of an answer; see `AnswerRow`."""
-
-Reply = tuple[Question, str, Why]
-"""A question, the key that was given as its answer, one of its `choices`, and why."""
+Reply = tuple[Question, str, str]
+"""A question, the key that was given as its answer, one of its `choices`, and a note."""
 
 
 def choices(question: Question) -> dict[str, str]:
@@ -71,32 +67,32 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     return tuple(name for name in suggested if name not in passed)[:1]
 
 
-def rows_of(question: Question, key: str, why: Why = ("", "", "")) -> list[AnswerRow]:
-    """The answer that a key gives to a question; "cannot tell" is one where a note or a tag says more."""
+def rows_of(question: Question, key: str, note: str = "") -> list[AnswerRow]:
+    """The answer that a key gives to a question; "cannot tell" is one where a note says more."""
     ids = [str(name) for name in question]
     if key in ("1", "2", "5"):
         first, second = ids[::-1] if key == "2" else ids
-        return [AnswerRow(first, f"{'same as' if key == '5' else 'better than'} {second}", *why)]
-    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if any(why[:2]) else {})
-    return [AnswerRow(name, words[key], *why) for name in ids] if key in words else []
+        return [AnswerRow(first, f"{'same as' if key == '5' else 'better than'} {second}", note)]
+    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if note else {})
+    return [AnswerRow(name, words[key], note) for name in ids] if key in words else []
 
 
 class Session:
     """A run of questions about `start`, judged with the answers of the file `path`, which held `before`.
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
-    can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit, and `by`
-    is the name of who answers, or "". `old` is the audit before the last change; the last answer was about `answered`.
+    can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit. `old` is
+    the audit before the last change; the last answer was about `answered`.
     """
 
-    def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None, by: str = "") -> None:
+    def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
         self.old, self.answered = start, Question()
         self.given: tuple[Reply, ...] = ()
         self.rows: tuple[AnswerRow, ...] = ()
         self.question = next_question(start, start, (), most)
-        self._most, self._written, self.by = most, before, by
+        self._most, self._written = most, before
         ids = {*map(str, start.ids)}
         rows = [] if before is None else read_answer_rows(path, ids)
         self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
@@ -107,14 +103,14 @@ class Session:
         path, written = Path(self.path), self._written
         return path.read_bytes() == written if path.is_file() else written is None and not os.path.lexists(path)
 
-    def answer(self, question: Question, key: str, why: Why | None = None) -> list[str]:
+    def answer(self, question: Question, key: str, note: str = "") -> list[str]:
         """Answer a question, this one or another, with one of its `choices`, or say the same, good or bad, of any
         number of demonstrations. Sentences on what it changed.
 
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        lines = self._go_to((*self.given, (question, key, why or ("", "", self.by))))
+        lines = self._go_to((*self.given, (question, key, note)))
         self.answered = () if key in "us" else question
         return lines
 
@@ -123,14 +119,10 @@ class Session:
         self.answered = ()
         return self._go_to(self.given[:-1]) if self.given else []
 
-    def agreement(self) -> list[str]:
-        """How far persons agree, where more than one has answered."""
-        return [*agreement_lines(answers_of_persons(self.said, self.path, self.start.ids))] if self.said else []
-
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
-        by_question: dict[tuple[frozenset[str], str], AnswerRow] = {}
-        for row in (row._replace(by=row.by or self.by) for reply in given for row in rows_of(*reply)):
-            question = same_question(row.id, row.label), row.by
+        by_question: dict[frozenset[str], AnswerRow] = {}
+        for row in (row for reply in given for row in rows_of(*reply)):
+            question = same_question(row.id, row.label)
             by_question.pop(question, None)  # a later answer replaces an earlier one
             by_question[question] = row
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())

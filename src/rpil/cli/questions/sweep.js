@@ -126,7 +126,7 @@ const makeSweep = ({ ask, part, answer, undo, why }) => {
       el("div", { class: "buttons" },
         el("label", {}, el("span", { class: "muted" }, "Shown: "), el("select", { "data-role": "source", onchange: ({ target }) => { source = target.value; draw(); } }, sources.map(([value, text]) => el("option", { value }, text)))),
         el("strong", { "data-role": "chosen" }), button("Bad", "b", { "data-all": "b" }, () => mark("b")), button("Good", "g", { "data-all": "g" }, () => mark("g")), button("Undo", "z", {}, back),
-        el("label", {}, el("span", { class: "muted" }, "Why, in a word "), el("input", { type: "text", class: "short", maxlength: 500, list: "tags-used", oninput: ({ target }) => why({ tag: target.value }) })),
+        el("label", {}, el("span", { class: "muted" }, "Note "), el("input", { type: "text", class: "short", maxlength: 500, oninput: ({ target }) => why(target.value) })),
         button("Close", "Esc", { class: "close" }, () => dialog.close())),
       grid,
       el("div", { class: "buttons" }, el("button", { type: "button", "data-turn": "-1", onclick: () => turn(-1) }, "‹ Back"), el("span", { "data-role": "place" }), el("button", { type: "button", "data-turn": "1", onclick: () => turn(1) }, "More ›"),
