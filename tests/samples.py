@@ -132,44 +132,6 @@ def lerobot(folder: Path) -> Path:
     return path
 
 
-def minari(kind: str) -> Callable[[Path], Path]:
-    """A maker of a folder of Minari, with a table of T + 1 rows for each episode."""
-
-    def make(folder: Path) -> Path:
-        data = folder / "set-v0" / "data"
-        data.mkdir(parents=True)
-        about = {"data_format": kind, "total_episodes": len(LENGTHS), "total_steps": len(OWNERS)}
-        (data / "metadata.json").write_text(json.dumps(about))
-        for m, n in enumerate(LENGTHS):
-            (data / str(m)).mkdir()
-            seen = {"pos": _RNG.normal(size=n + 1), "goal": _RNG.normal(size=n + 1)}
-            rows = {"observations": pa.StructArray.from_arrays([pa.array(one) for one in seen.values()], list(seen))}
-            rows |= {"actions": np.arange(n + 1) % 3, "rewards": np.ones(n + 1), "mission": ["é"] * (n + 1)}
-            one, file = pa.table(rows), data / str(m) / f"part-0.{kind}"
-            if kind == "parquet":
-                pq.write_table(one, file)
-            else:
-                with pa.ipc.new_file(file, one.schema) as stream:
-                    stream.write_table(one)
-            (data / str(m) / "metadata.json").write_text(json.dumps({"id": m, "total_steps": n}))
-        return folder / "set-v0"
-
-    return make
-
-
-def minari_hdf5(folder: Path) -> Path:
-    import h5py
-
-    data = folder / "set-v1" / "data"
-    data.mkdir(parents=True)
-    (data / "metadata.json").write_text(json.dumps({"data_format": "hdf5"}))
-    with h5py.File(data / "main_data.hdf5", "w") as file:
-        for m, n in enumerate(LENGTHS):
-            file[f"episode_{m}/observations/pos"] = _RNG.normal(size=(n + 1, 2))
-            file[f"episode_{m}/actions"] = np.arange(n) % 3
-    return folder / "set-v1"
-
-
 def stacked_npz(folder: Path) -> Path:
     """A first index for each demonstration, and zeros after its last step."""
     arrays = {"obs": np.zeros((len(LENGTHS), max(LENGTHS), 2)), "acts": np.zeros((len(LENGTHS), max(LENGTHS), 2))}
@@ -234,12 +196,10 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "Parquet of lists": parquet_lists,
     "folder of Parquet": parquet_folder,
     "LeRobot": lerobot,
-    "Minari, Arrow": minari("arrow"),
-    "Minari, Parquet": minari("parquet"),
     "folder of NPZ": npz_folder,
 }
 if find_spec("h5py"):
-    SAMPLES |= {name: _hdf5(name) for name in ("robomimic", "d4rl", "aloha")} | {"Minari, HDF5": minari_hdf5}
+    SAMPLES |= {name: _hdf5(name) for name in ("robomimic", "d4rl", "aloha")}
 if find_spec("zarr"):
     for _format in (2, 3):
         SAMPLES |= {f"Zarr {_format}": zarr(_format, False), f"Zarr {_format}, ZIP": zarr(_format, True)}

@@ -11,10 +11,7 @@ from pathlib import Path
 import pytest
 
 TOOL = Path(__file__).parents[1] / "tools" / "crafted_files.py"
-FAST_CASES = (
-    *("command in a run file", "tiny observations"),
-    "very long label quoted",
-)
+FAST_CASES = ("tiny observations", "very long label quoted")
 OF_FILES = (*FAST_CASES, "damaged files", "ids with white space", "video times that are no numbers")
 """Cases that read files, and start no process."""
 

@@ -1,4 +1,4 @@
-"""Whether LeRobot, robomimic and Minari open what ``rpil keep`` and ``rpil audit --annotate`` write.
+"""Whether LeRobot and robomimic open what ``rpil keep`` and ``rpil audit --annotate`` write.
 
 ``python tools/real_readers.py`` makes an environment for each of them, lets it write a data set (of robomimic, the
 tests do), keeps two of its three demonstrations here, whole and without some first and last steps, and has the tool
@@ -85,36 +85,6 @@ for m in there:
 """,
         "3.12",
     ),
-    "minari": Tool(
-        ("minari[hdf5,arrow]==0.5.4 pillow",),
-        """
-import os
-os.environ["MINARI_DATASETS_PATH"] = where
-import minari
-from gymnasium.spaces import Box
-from minari.data_collector import EpisodeBuffer
-spaces = {"observation_space": Box(-9, 9, (3,), np.float32), "action_space": Box(-9, 9, (2,), np.float32)}
-for kind in ("hdf5", "arrow", "parquet"):
-    buffers = [
-        EpisodeBuffer(m, observations=x, actions=u, rewards=[0.0] * len(u), terminations=[False] * len(u),
-                      truncations=[False] * (len(u) - 1) + [True], infos={"row": np.arange(2 * len(x)).reshape(-1, 2)})
-        for m, (x, u) in enumerate(zip(seen, done))
-    ]
-    minari.create_dataset_from_buffers(f"minari/{kind}-v0", buffers, data_format=kind, **spaces)
-""",
-        """
-import minari, pathlib
-data = minari.MinariDataset(pathlib.Path(where) / "data")
-episodes = list(data.iterate_episodes())
-assert data.total_episodes == len(episodes) and data.total_steps == sum(len(one.rewards) for one in episodes)
-for one in episodes:
-    assert len(one.observations) == len(one.actions) + 1
-    assert one.truncations.tolist().index(True) == len(one.actions) - 1
-    rows = one.infos.get("row", np.zeros((len(one.observations), 2)))
-    assert len(rows) == len(one.observations) and len({*np.diff(rows, axis=0).ravel().tolist()}) == 1
-    actions.append(one.actions)
-""",
-    ),
     "robomimic": Tool(
         ("--no-deps robomimic==0.3.0", "torch==2.13.0 h5py tqdm psutil termcolor imageio matplotlib"),
         "",
@@ -176,7 +146,7 @@ def samples(name: str, python: Path, folder: Path) -> Iterator[Path]:
         yield hdf5_files.robomimic(folder / "robomimic.hdf5")
         return
     run(python, TOOLS[name].write, folder)
-    yield from sorted(folder.glob("minari/*-v0") if name == "minari" else folder.glob("*"))
+    yield from sorted(folder.glob("*"))
 
 
 def of_tool(name: str, path: Path) -> bool:

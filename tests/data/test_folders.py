@@ -194,8 +194,6 @@ PIPES = [
     ("pipe.hdf5", "pipe.hdf5"),
     ("pipe.csv", "pipe.csv"),
     ("p*.csv", "pipe.csv"),
-    ("set", "set/metadata.json"),
-    ("minari/data/main_data.hdf5", "minari/data/metadata.json"),
     ("drive", "drive/meta/info.json"),
     ("drive", "drive/data/b.parquet"),
     ("drive/data/a.parquet", "drive/meta/tasks.jsonl"),

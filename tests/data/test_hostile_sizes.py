@@ -135,12 +135,6 @@ def huge_mask(file):
     file.create_dataset("mask/huge", (3 * 10**8,), "S8")
 
 
-def minari(path):
-    path.mkdir()
-    with (path / "metadata.json").open("wb") as file:
-        file.truncate(86 * 10**8)
-
-
 def lerobot(path):
     """A sparse file of metadata, and sound data."""
     (path / "meta").mkdir(parents=True)
@@ -266,7 +260,6 @@ FILES = {
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
     "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
-    "sparse-minari": (minari, READ),
     "sparse-lerobot": (lerobot, READ),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),
     "lists-stored.rpil": (policy(header_json=(zipfile.ZIP_STORED, lambda: lists(21 * 10**6))), LOAD),

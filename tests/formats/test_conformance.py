@@ -28,7 +28,7 @@ from samples import SAMPLES, assert_same, assert_same_on_disk
 BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
 """Formats that say too little to be the first: they claim what others claim before them."""
 
-NUMBERED_ANEW = {"LeRobot", "Zarr", "Minari"}
+NUMBERED_ANEW = {"LeRobot", "Zarr"}
 """Formats whose demonstrations are called by their places in the file."""
 
 TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}

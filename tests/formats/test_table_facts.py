@@ -228,7 +228,7 @@ def test_text_is_no_outcome(tmp_path):
         facts(written(tmp_path, "csv"), outcome="day")
 
 
-@pytest.mark.parametrize("name", ["CSV", "NPZ", "Parquet", "robomimic", "aloha", "Minari, Arrow", "Zarr 2"])
+@pytest.mark.parametrize("name", ["CSV", "NPZ", "Parquet", "robomimic", "aloha", "Zarr 2"])
 def test_ids_that_count_the_demonstrations_and_other_formats_state_no_order(tmp_path, name):
     if name not in SAMPLES:
         pytest.skip("needs an extra")

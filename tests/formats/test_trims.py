@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.ipc
@@ -82,35 +80,6 @@ def test_a_group_of_hdf5_says_how_many_steps_it_has(tmp_path):
         for name in ("gripper", "agentview_image"):  # of which one comes after the last action
             np.testing.assert_array_equal(demo["obs"][name], before["obs"][name][2:9])
         np.testing.assert_array_equal(demo["initial_state/root_pose"], before["initial_state/root_pose"])
-
-
-@pytest.mark.parametrize("kind", ["hdf5", "arrow", "parquet"])
-def test_minari_says_how_many_steps_it_has(tmp_path, kind):
-    if kind == "hdf5":
-        h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
-        path = samples.minari_hdf5(tmp_path)
-        with h5py.File(path / "data" / "main_data.hdf5", "r+") as file:
-            for m, n in enumerate(LENGTHS):
-                file[f"episode_{m}"].attrs["total_steps"] = n
-                file[f"episode_{m}/truncations"] = np.arange(n) == n - 1
-                file[f"episode_{m}/infos/energy"] = np.arange(n + 1)
-    else:
-        path = samples.minari(kind)(tmp_path)
-    rpil.open(path).keep([0, 2], tmp_path / "kept", {2: (2, 4)})
-    data = tmp_path / "kept" / "data"
-    about = json.loads((data / "metadata.json").read_text())
-    assert (about["total_episodes"], about["total_steps"]) == (2, LENGTHS[0] + 2)
-    if kind == "hdf5":
-        with h5py.File(data / "main_data.hdf5") as file:
-            assert {**file["episode_1"].attrs} == {"total_steps": 2, "id": 1}
-            assert file["episode_1/truncations"][:].tolist() == [False, True]
-            assert file["episode_1/infos/energy"][:].tolist() == [2, 3, 4]
-    else:
-        assert json.loads((data / "1" / "metadata.json").read_text()) == {"id": 1, "total_steps": 2}
-        (file,) = (data / "1").glob(f"*.{kind}")
-        (old,) = (path / "data" / "2").glob(f"*.{kind}")
-        read = pq.read_table if kind == "parquet" else lambda place: pa.ipc.open_file(place).read_all()
-        assert read(file).equals(read(old).slice(2, 3))
 
 
 def test_marks_of_zarr_are_moved(tmp_path):

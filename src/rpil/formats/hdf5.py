@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".hdf5", ".h5")
 
-_COUNTS = {"num_samples", "total_steps"}  # of the steps of a demonstration, of robomimic and Minari
+_COUNTS = {"num_samples", "total_steps"}  # of the steps of a demonstration of robomimic
 _ROWS_AT_ONCE = 65_536
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

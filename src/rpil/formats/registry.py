@@ -57,7 +57,6 @@ FORMATS: Iterable[Format] = Formats(
     "csv",
     "lerobot.folder",
     "zarr",
-    "minari",
     "npz",
     "hdf5_file",
     "array_folder",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
+from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
@@ -43,6 +44,10 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
+    for about in (Path(path, "metadata.json"), Path(path, "data", "metadata.json")):
+        if about.is_file() and about.stat().st_size < LARGEST_METADATA and b'"data_format"' in about.read_bytes():
+            call = "rpil.read(minari.load_dataset(NAME).iterate_episodes())"
+            raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {call}.")
     if Path(path).name == "meta" and Path(path, "info.json").is_file():
         raise DataError(f"{path}: it describes a folder of LeRobot; give that one, {Path(path).absolute().parent}.")
     if not parquet_files and not text_files:
