@@ -40,30 +40,13 @@ def auroc(good: Any, scores: Any) -> float:
 
 
 def without(made: Table) -> float:
-    """The ranking by the table without its options, and without text; NaN where it cannot be read."""
+    """The ranking by the table without its options; NaN where it cannot be read."""
     try:
-        audit = rpil.audit(made.rows, exclude=[name for name in made.rows.column_names if name == "phase"])
+        audit = rpil.audit(made.rows)
     except DataError:
         return float("nan")
     same = len(audit.ids) == len(made.true.is_good)
     return auroc(made.true.is_good, audit.log_odds) if same else float("nan")
-
-
-def of_agents(made: Table, audit: Audit) -> dict[str, float]:
-    """The ranking of the agents in each episode: by the audit, and by an audit of their rows as demonstrations."""
-    if made.of_agents is None:
-        return {}
-    by_name = {agent.name: agent.demonstrations for agent in audit.agents}
-    scores = [by_name[name][m] for m in audit.ids for name in sorted(by_name)]
-    apart = rpil.audit(made.of_agents.demonstrations)
-    true = auroc(made.of_agents.is_good, apart.log_odds)
-    of_episodes = apart.log_odds.reshape(-1, len(by_name)).mean(axis=1)
-    return {
-        "agents": auroc(made.of_agents.is_good, scores),
-        "agents, true kind": true,
-        "episodes by the first agent": auroc(made.true.is_good, apart.log_odds[:: len(by_name)]),
-        "episodes by their agents apart": auroc(made.true.is_good, of_episodes),
-    }
 
 
 def of_takeovers(made: Table, audit: Audit) -> dict[str, float]:
@@ -107,7 +90,6 @@ def figures(name: str, seed: int) -> dict[str, float]:
             "outliers of clean": calm.verdicts.count("outlier"),
             "verdicts by coins": len(verdicts) - verdicts.count("open"),
             "clean": float(len(calm.ids)),
-            **of_agents(made, audit),
             **of_takeovers(made, audit),
         }
 

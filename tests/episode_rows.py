@@ -1,4 +1,4 @@
-"""Rows of episodes whose phase is text, and of a game of three players."""
+"""Rows of episodes, and files of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PHASES = np.array(["reach", "grasp", "lift"])
 
 
 def episodes(**changes):
-    """Rows of twelve episodes in order; the phase changes within each of them."""
+    """Rows of twelve episodes in order; their phase, a text, is not read."""
     rng = np.random.default_rng(0)
     step = np.tile(np.arange(T), N)
     columns = {
@@ -34,19 +34,3 @@ def written(table, suffix, folder):
     else:
         (pa.csv.write_csv if suffix == "csv" else pq.write_table)(table, path)
     return path
-
-
-def game(n=N, steps=20):
-    """Rows of three players, step by step; the last episode is first in the file; player C acts by chance in e2."""
-    rng = np.random.default_rng(3)
-    rows = []
-    for m in reversed(range(n)):
-        for t in range(steps):
-            for k, player in enumerate("ABC"):
-                state = rng.normal(size=2)
-                best = rng.random() if (m, player) == (2, "C") else 0.0
-                move = int(state[0] + 0.3 * rng.normal() > 0) if not best else int(best > 0.5)
-                rows.append({"episode": f"e{m}", "step": t, "player": player, "a0": state[0], "a1": state[1], "k": k})
-                rows[-1]["action"] = ("left", "right")[move]
-    table = pa.Table.from_pylist(rows)
-    return table.drop_columns(["k"]).rename_columns(["episode", "step", "player", "s0", "s1", "action"])

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import pytest
 
 import rpil
 from command_line import call, ok, refused
@@ -21,21 +20,6 @@ def test_info_describes_a_file_in_words_and_as_json(folder):
     for name in said["observations"]:
         assert f"  {name}: " in text
     assert said["order_column"] == "step_index"
-
-
-def test_info_reads_what_a_chunk_that_is_not_there_stands_for_where_it_is_asked_to(tmp_path):
-    zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
-    root = zarr.create_group(tmp_path / "x.zarr", zarr_format=2)
-    for name, values in {
-        "data/action": np.zeros((6, 2)),
-        "data/state": np.ones((6, 2)),
-        "meta/episode_ends": [3, 6],
-    }.items():
-        root.create_array(
-            name, data=np.asarray(values), chunks=(2, 2)[: np.ndim(values)]
-        )  # no chunk of zeros is written
-    assert "data/action: 3 of its 3 chunks" in call("info", tmp_path / "x.zarr").stderr
-    assert "2 demonstrations, 6 steps" in ok("info", tmp_path / "x.zarr", "--fill-missing").stdout
 
 
 def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path):

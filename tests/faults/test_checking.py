@@ -22,18 +22,6 @@ def test_codes_are_no_measurements():
     assert {name for name, rule in RULES.items() if "columns" in rule.needs} <= set(report.not_checked)
 
 
-def test_last_actions_are_no_measurements(tmp_path):
-    episodes = recording()
-    observations = episodes[4][0].copy()
-    observations[60, 1] += 30
-    formats.write(tmp_path / "a.csv", demonstrations(changed(episodes, 4, observations=observations)))
-    plain, with_history = (rpil.check(tmp_path / "a.csv", history=history) for history in (0, 2))
-    assert plain.findings != ()
-    assert with_history.findings == plain.findings
-    assert with_history.usual == plain.usual
-    assert with_history.not_checked == plain.not_checked
-
-
 @pytest.mark.parametrize("scale", [1.0, 1 / 255])
 def test_pixels_are_no_measurements(scale):
     rng = np.random.default_rng(0)

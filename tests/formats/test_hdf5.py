@@ -130,16 +130,16 @@ def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("how", [{}, {"chunks": (5, 2)}, {"chunks": (5, 2), "compression": "gzip"}])
-def test_what_was_not_written_is_filled_in_where_that_is_asked_for(tmp_path, how):
+def test_what_was_not_written_is_refused(tmp_path, how):
     with h5py.File(tmp_path / "x.hdf5", "w") as file:
         array = file.create_dataset("x", (20, 2), "f4", fillvalue=7, **how)
         if how:
             array[5:10] = 1
-    with hdf5.opened(tmp_path / "x.hdf5") as file:
-        filled = hdf5.Arrays(file, fills=True)["x"]
-        assert filled[:].sum() == (20 * 2 * 7 - 10 * 6 if how else 20 * 2 * 7)
-        with pytest.raises(DataError, match=r"x\.hdf5: x .*fill_missing=True"):
-            hdf5.Arrays(file)["x"][:]
+    with (
+        hdf5.opened(tmp_path / "x.hdf5") as file,
+        pytest.raises(DataError, match=r"x\.hdf5: x .*write it again"),
+    ):
+        hdf5.Arrays(file)["x"][:]
 
 
 def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
@@ -150,24 +150,14 @@ def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
         del file["rewards"]
         file.create_dataset("rewards", (n,), "f4", chunks=(5,))[:5] = 1
     assert len(rpil.read(path)) == 3
-    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in .*fill_missing=True"):
+    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in"):
         rpil.read(path, observations="rewards")
     find(path).keep(kept, [0, 2])
     with h5py.File(kept) as file:
         assert file["rewards"][:].tolist() == [1] * 5 + [0] * (len(file["rewards"]) - 5)
 
 
-def test_timeouts_that_were_not_written_are_all_false_where_that_is_asked_for(tmp_path):
-    path = d4rl(tmp_path / "x.hdf5", terminal=(0, 1, 2), timeouts=False)
-    with h5py.File(path, "r+") as file:
-        file.create_dataset("timeouts", (36,), bool)
-    with pytest.raises(DataError, match=r"x\.hdf5: timeouts .*fill_missing=True"):
-        rpil.read(path)
-    assert len(rpil.read(path, fill_missing=True)) == 3
-
-
-@pytest.mark.parametrize("fill_missing", [False, True])
-def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path, fill_missing):
+def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path):
     path = tmp_path / "x.hdf5"
     with h5py.File(path, "w") as file:
         for k in range(2):
@@ -177,7 +167,7 @@ def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path, fill_
         array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
         array.id.write_direct_chunk((0, 0), zlib.compress(bytes(10**7), 1))
     with pytest.raises(DataError, match=r"x\.hdf5: the chunks of data/demo_1/actions hold more than they declare; "):
-        rpil.read(path, fill_missing=fill_missing)
+        rpil.read(path)
 
 
 def test_rows_that_do_not_fit_in_memory_are_not_allocated(tmp_path, monkeypatch):

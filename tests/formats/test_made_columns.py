@@ -1,4 +1,4 @@
-"""Demonstrations that end at pauses, stretches, agents, and columns of LeRobot's ``meta/episodes``."""
+"""Demonstrations that end at pauses, stretches, and columns of LeRobot's ``meta/episodes``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 import rpil
 from command_line import ok, refused
-from episode_rows import N, T, episodes, game, written
+from episode_rows import N, T, episodes, written
 from rpil.data.errors import DataError
 from samples import LENGTHS, lerobot
 
@@ -201,71 +201,3 @@ def test_keep_does_not_cut_a_file_into_stretches(tmp_path):
     refused("first run rpil convert .*a.csv --segment 1 -o ALL.parquet", "keep", path, "--segment", "1", "-o", "b.csv")
     ok("convert", path, "--segment", "1", "-o", tmp_path / "all.parquet")
     assert len(rpil.read(tmp_path / "all.parquet")) == 3 * N
-
-
-def test_rows_of_an_agent_lie_together_and_each_agent_has_a_score(tmp_path):
-    table = game()
-    recording = rpil.open(table, agent="player")
-    assert recording.demonstrations.observation_names == ("s0", "s1")
-    assert "Several agents act in a demonstration, as player says." in recording.description.notes
-    first = table.slice(0, 60)
-    for k, player in enumerate("ABC"):
-        own = first.filter(pa.array([name == player for name in first["player"].to_pylist()]))
-        np.testing.assert_array_equal(recording.demonstrations.observations[20 * k : 20 * k + 20, 0], own["s0"])
-    audit = rpil.audit(table, agent="player")
-    assert {agent.name for agent in audit.agents} == {*"ABC"}
-    assert next(agent.name for agent in audit.agents) == "C"
-    assert audit.agents == tuple(sorted(audit.agents, key=lambda agent: agent.score))
-    scores = {(agent.name, name): score for agent in audit.agents for name, score in agent.demonstrations.items()}
-    assert len(scores) == 3 * N
-    assert min(scores, key=scores.get) == ("C", "e2")
-    total = sum(agent.score * agent.n_steps for agent in audit.agents)
-    assert total == pytest.approx(np.clip(audit.step_log_ratio, -20, 20).sum())
-    assert audit.answered({"e2": "bad"}).agents == audit.agents
-
-
-def test_the_command_prints_a_line_by_agent(tmp_path):
-    path = written(game(), "csv", tmp_path)
-    found = json.loads(ok("audit", path, "--agent", "player", "--json").stdout)["agents"]
-    assert next(agent["name"] for agent in found) == "C"
-    assert found[0]["demonstrations"]["e2"] < 0
-    printed = ok("audit", path, "--agent", "player").stdout
-    assert "Mean score of a step by agent: C " in printed
-    assert "Recording faults were not looked for: several agents act" in " ".join(printed.split())
-    kept = tmp_path / "kept.csv"
-    ok("keep", path, "--agent", "player", "--share", "0.5", "-o", kept)
-    assert len(kept.read_text().splitlines()) == 1 + N // 2 * 60  # all rows of the demonstrations, as they were
-    refused("several agents act", "keep", path, "--agent", "player", "--trim", "-o", tmp_path / "b.csv")
-
-
-def test_what_agents_cannot(tmp_path):
-    table = game()
-    pq.write_table(table, tmp_path / "a.parquet")
-    with pytest.raises(DataError, match="rows are not in the order of 'player'; sort the file"):
-        rpil.open(tmp_path / "a.parquet", agent="player", on_disk=True)
-    sorted_rows = table.sort_by([(name, "ascending") for name in ("episode", "player", "step")])
-    pq.write_table(sorted_rows, tmp_path / "b.parquet")
-    on_disk = rpil.open(tmp_path / "b.parquet", agent="player", on_disk=True)
-    assert next(agent.name for agent in rpil.audit(on_disk).agents) == "C"
-    with pytest.raises(DataError, match="leave one of history= and agent= out"):
-        rpil.open(table, agent="player", history=1)
-    report = rpil.check(table, agent="player")
-    assert set(report.not_checked.values()) >= {
-        "several agents act in a demonstration; check with an id for each agent in each"
-    }
-    assert report.findings == ()
-    assert report.headline.startswith("No recording faults were looked for in 12 demonstrations (720 steps): several")
-
-
-def test_agents_that_do_not_act_have_no_score():
-    table = game(8)
-    names = pa.DictionaryArray.from_arrays(table["player"].combine_chunks().dictionary_encode().indices, [*"ABCD"])
-    audit = rpil.audit(table.set_column(2, "player", names), agent="player")
-    assert sorted(agent.name for agent in audit.agents) == [*"ABC"]
-
-
-@pytest.mark.parametrize("agent", ["s0", "step"])
-def test_what_changes_in_nearly_every_row_names_no_agents(agent):
-    said = f"{agent!r} names no agents: it is no text or whole number in a row, or another one .*; correct agent="
-    with pytest.raises(DataError, match=said):
-        rpil.open(game() if agent == "s0" else episodes(), agent=agent)

@@ -11,7 +11,6 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
@@ -104,9 +103,9 @@ def test_hostile_zarr(tmp_path):
     (path / "meta/episode_ends/0").write_bytes(np.array([4, 10**15, 10**16]).tobytes())
     with pytest.raises(DataError, match=r"data/action has the shape .*, but .* ends at 10,000,000,000,000,000 steps"):
         rpil.read(path)
-    (path / "meta/episode_ends/0").unlink()  # which is never filled in
+    (path / "meta/episode_ends/0").unlink()
     with pytest.raises(DataError, match=r"meta/episode_ends: 1 of its 1 chunks are not there; copy it again\.$"):
-        rpil.read(path, fill_missing=True)
+        rpil.read(path)
 
 
 @pytest.mark.parametrize("place", ["data/img/4.0.0.0", "data/action/1.0", "data/key"])
@@ -139,16 +138,13 @@ def test_a_zip_file_leaves_nothing_beside_it(tmp_path):
 
 @pytest.mark.parametrize("action", [None, np.arange(11.0)[:, None]])
 def test_demonstrations_without_a_chunk_are_named(tmp_path, action):
-    path, arrays = write_buffer(tmp_path, action=action)
+    path, _ = write_buffer(tmp_path, action=action)
     (path / "data/action/3.0").unlink()  # steps 9 and 10
-    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2, .* fill_missing=True"):
+    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2, .*write_empty_chunks"):
         rpil.read(path)
     with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks"):
         find(path).keep(tmp_path / "kept", [0, 2])
     assert [file.name for file in tmp_path.iterdir()] == ["buffer.zarr"]
-    filled = rpil.read(path, fill_missing=True)
-    np.testing.assert_array_equal(filled.actions[:9], arrays["action"][:9])
-    assert (filled.actions[9:] == 0).all()
 
 
 def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
@@ -161,15 +157,6 @@ def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
     (path / "data/keypoint/3.0.0").unlink()  # which may hold anything
     with pytest.raises(DataError, match="data/keypoint: 1 of its 4 chunks"):
         find(path).keep(tmp_path / "no.zarr", [0, 2])
-
-
-@pytest.mark.parametrize("zarr_format", [2, 3])
-def test_what_is_kept_has_all_its_chunks(tmp_path, zarr_format):
-    path, _ = write_buffer(tmp_path, zarr_format, action=np.zeros((11, 2)))
-    with pytest.raises(DataError, match="data/action: 4 of its 4 chunks"):
-        rpil.read(path)
-    find(path).keep(tmp_path / "kept", [1, 2], ColumnOptions(fill_missing=True))
-    assert rpil.read(tmp_path / "kept").actions.shape == (7, 2)
 
 
 def test_a_zip_file_is_one_by_its_name(tmp_path):

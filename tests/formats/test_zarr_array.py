@@ -159,7 +159,7 @@ def test_a_chunk_that_is_not_there(tmp_path, separator, zarr_format, shards):
     (tmp_path / found.chunk_file((1, 0, 0))).unlink()
     found = opened_array(tmp_path / "x")
     np.testing.assert_array_equal(found[0:3], VALUES[:3])
-    with pytest.raises(DataError, match=r"1 of its 4 chunks .* demonstrations 0, 1, .*fill_missing=True"):
+    with pytest.raises(DataError, match=r"1 of its 4 chunks .* demonstrations 0, 1, .*write_empty_chunks"):
         found[0:4]
     filled = opened_array(tmp_path / "x", fills=True)[0:11]
     assert (filled[3:6] == 7).all()

@@ -16,7 +16,7 @@ from rpil import RPIL, Audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.results.html.page import Article, render_page
-from rpil.results.judged import Agent, Judged, table_fields
+from rpil.results.judged import Judged, table_fields
 from rpil.results.provenance import Provenance
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.tasks import join_audits, select
@@ -41,7 +41,6 @@ def full_audit() -> Audit:
             Demonstrator("ann", Interval(0.8, 0.5, 0.9), IDS[:5]),
             Demonstrator(3, Interval(0.4, 0.1, 0.9), IDS[5:]),
         ),
-        agents=(Agent("left", -0.5, 200, {"d0": -0.5, "d1": -0.4}), Agent("right", 0.3, 195, {"d0": 0.3})),
         taken_over=rng.integers(-1, 2, 395).astype(float),
         contradicting=("d2",),
         doubts=("A doubt.",),

@@ -139,10 +139,6 @@ COLUMN_OPTIONS = (
     click.option("--split-gap", **_SAY_SECONDS, help="Also end a demonstration at a longer pause, or an earlier time."),
     click.option("--segment", **_SAY_SECONDS, help="Judge stretches of this length instead of demonstrations."),
     click.option(
-        "--history", type=click.IntRange(0), default=0, metavar="K", help="Observe the last K actions as well."
-    ),
-    click.option("--agent", metavar="COLUMN", help="Which agent acts, where several share an episode and a policy."),
-    click.option(
         "--action-kind",
         type=click.Choice(("auto", "discrete", "continuous")),
         default="auto",
@@ -159,11 +155,6 @@ COLUMN_OPTIONS = (
         metavar="SIZE",
         help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
         "disk, others are refused.",
-    ),
-    click.option(
-        "--fill-missing",
-        is_flag=True,
-        help="Read chunks of Zarr and HDF5 that are not there as the value that the file names, mostly 0.",
     ),
 )
 FIT_OPTIONS = (

@@ -177,9 +177,6 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
         names = listed(audit.contradicting, MAX_LISTED_NAMES, ", ")
         sentences.append(f"Look again: the labels of {names} contradict the other answers.")
     sentences += _operators(audit, None if all_rows else N_NAMED)
-    if audit.agents:
-        some = [f"{short_id(agent.name)} {agent.score:+.2f}" for agent in audit.agents]
-        sentences.append(f"Mean score of a step by agent: {listed(some, len(some) if all_rows else N_NAMED, ', ')}.")
     sentences += [f"Group {letter}, {len(ids):,}: {listed(ids, 12, ', ')}" for letter, ids in audit.groups.items()]
     for sentence in [*sentences, *audit.notes]:
         yield from fit(sentence, width, None if all_rows else 1)

@@ -12,7 +12,6 @@ _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\
 
 
 _IN_PYTHON = {
-    "fill_missing": "fill_missing=True",
     "no_stream": "rpil.read",
     "skip_bad": "skip_bad=True",
     "stream": "rpil.open",

@@ -67,7 +67,6 @@ OPERATOR = re.compile(
     r"(?:operator|demonstrator|teleoperator|user|subject|participant|annotator|pilot|driver|person|worker)s?" + _NUMBER
 )
 TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
-LAST_ACTION = re.compile(r".*\[-\d+\](?:=.*)?")  # among the observations, of `--history`
 INTERVENTION = re.compile(r"(?:.*_)?(?:interventions?|intervened|takeovers?|is_human)(?:_(?:flags?|active))?")
 _WORDS = re.compile(r"[\W_]+")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")

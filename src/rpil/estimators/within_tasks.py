@@ -27,7 +27,7 @@ from rpil.numerics.types import Array
 from rpil.results.evidence import with_fewer_traces
 from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit
-from rpil.results.step_weights import agents_of, takeover_signs
+from rpil.results.step_weights import takeover_signs
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import join_audits, select, with_labels_alone
 
@@ -159,13 +159,13 @@ def fit_within_tasks(
 
 
 def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
-    """The audit of a recording, with what is stated of demonstrations, agents and steps."""
-    agents, notes = agents_of(audit, *recording.agents), audit.notes
+    """The audit of a recording, with what is stated of demonstrations and steps."""
+    notes = audit.notes
     if audit.taken_over is not None:
         n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
         told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
         notes = (*notes, told)
-    return replace(audit, sessions=stated.sessions, order=stated.order, agents=agents, notes=notes)
+    return replace(audit, sessions=stated.sessions, order=stated.order, notes=notes)
 
 
 def _fit_group(

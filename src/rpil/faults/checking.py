@@ -84,9 +84,7 @@ def check(
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
-    agents = isinstance(recording, Recording) and recording.columns.agent is not None
-    times = replace(times, timestamps=None) if agents else times  # which begin again with each agent
-    report = _check_steps(demonstrations, times, skip_bad, agents)
+    report = _check_steps(demonstrations, times, skip_bad)
     beside, unseen = _check_files(recording, demonstrations, video)
     if TIMESTAMPS not in {found.rule for found in beside}:
         beside += find_other_rate(times, demonstrations)
@@ -111,8 +109,8 @@ def _check_files(
     return found, dict.fromkeys(unseen, "videos are looked at with --video, or video=True")
 
 
-def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, agents: bool) -> FaultReport:
-    """What is found in the steps of the demonstrations; rules do not compare those of several `agents`."""
+def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool) -> FaultReport:
+    """The faults in the steps of the demonstrations."""
     recorded = recorded_time(times, demonstrations)
     seconds = 1.0 / times.fps if times.fps else recorded
     measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations), seconds)
@@ -125,9 +123,8 @@ def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_ba
     why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
     unknown: dict[str, tuple[str, ...]] = {}
     usual, idle_ends = {}, {}
-    if agents or not kept.any() or (missing and not skip_bad):
+    if not kept.any() or (missing and not skip_bad):
         reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
-        reason = "several agents act in a demonstration; check with an id for each agent in each" if agents else reason
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)

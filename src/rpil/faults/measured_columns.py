@@ -9,7 +9,6 @@ from itertools import repeat
 import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
-from rpil.data.names import LAST_ACTION
 from rpil.faults import segments, settings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import mean_ranks
@@ -194,8 +193,7 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     width = n_observations if n_observations <= settings.MOST_COLUMNS else 0
     everything = all_values(sample).T
     compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
-    own = [k for k in compared.tolist() if not LAST_ACTION.fullmatch(labels[k])]  # which are actions, too
-    number = np.array([k for k in own if _is_measurement(everything[k])], dtype=np.int64)
+    number = np.array([k for k in compared.tolist() if _is_measurement(everything[k])], dtype=np.int64)
     recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
     if recorded.mean() >= MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]

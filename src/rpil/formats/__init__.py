@@ -60,15 +60,12 @@ class ReadOptions(TypedDict, total=False):
     without: Ids
     skip_bad: bool
     memory: Size | None
-    fill_missing: bool
     operator: str | None
     task: str | None
     session: str | None
     columns: Names
     split_gap: float | None
     segment: float | None
-    history: int
-    agent: str | None
 
 
 class OpenOptions(ReadOptions, total=False):
@@ -95,10 +92,6 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
     segment : float
         Seconds: each demonstration is divided into stretches of this length.
-    history : int
-        The last so many actions are observations as well.
-    agent : str
-        The column of the agent, where several act in a demonstration by one policy.
     action_kind : {"auto", "discrete", "continuous"}
         Whether columns of whole numbers hold classes; "auto" decides by how many there are.
     only, without : str, int or sequence of these
@@ -108,8 +101,6 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         folder, with a warning that names them.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
-    fill_missing : bool
-        Whether chunks of Zarr and HDF5 that are not there are no error, but the value that the file names.
 
     Raises
     ------

@@ -60,8 +60,7 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of every file; images are ignored. The files are opened again for their values."""
     files = _files(path)
-    fills, skips = options.fill_missing, options.skip_bad
-    read, damaged = without_damaged(files, lambda name: _part(name, files[name], path, fills), skips)
+    read, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
     notes = tuple(dict.fromkeys(note for _, of_file in read.values() for note in of_file))
     format_name = f"{'NPZ' if _are_npz(files) else 'HDF5'}, a file for each demonstration"
     parts = [part for part, _ in read.values()]
@@ -79,7 +78,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
     kept = {name: files[name] for name in kept_of(files, ids, path)}
     if path.is_file():
         with replacing(output) as temporary:
-            _copy(path, temporary, cuts.get(path.stem), options.fill_missing)
+            _copy(path, temporary, cuts.get(path.stem))
         return
     are_numbered = all(re.fullmatch(r"episode_\d+", name) for name in files) and not _are_npz(files)
     rows: list[list[object]] = [["link", "file"]]
@@ -89,13 +88,13 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
             rows.append([to_cell(target.name), to_cell(file.name)])
             if file.parent != path:
                 copy_folder(file.parent, target.parent, without=(file.name,))
-            _copy(file, target, cuts.get(name), options.fill_missing, is_link=not _are_npz(files))
+            _copy(file, target, cuts.get(name), is_link=not _are_npz(files))
         if not _are_npz(files):
             with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
                 csv.writer(text, lineterminator="\n").writerows(rows)
 
 
-def _copy(file: Path, target: Path, cut: Cut | None, fills: bool, is_link: bool = False) -> None:
+def _copy(file: Path, target: Path, cut: Cut | None, is_link: bool = False) -> None:
     """Copy a file, or the steps of it that are kept, or give it a second name (a hard link), which takes no room.
 
     On another disk it is copied.
@@ -109,7 +108,7 @@ def _copy(file: Path, target: Path, cut: Cut | None, fills: bool, is_link: bool 
         shutil.copyfile(file, target)
     elif file.suffix.lower() != _NPZ_FILE:
         with hdf5.copying(file, target) as (source, new):
-            hdf5.copy_cut(source, new, cut, fills)
+            hdf5.copy_cut(source, new, cut)
     else:
         with opened_npz(file) as npz, replacing(target) as temporary:
             arrays = npz.read(npz.names)
@@ -149,9 +148,9 @@ def _are_npz(files: Mapping[str, Path]) -> bool:
     return next(iter(files.values())).suffix.lower() == _NPZ_FILE
 
 
-def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[str, ...]]:
+def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     """The demonstration in one file, whose one array of actions says how many steps it has, and notes."""
-    with _opened(file, fills) as (where, arrays, notes):
+    with _opened(file) as (where, arrays, notes):
         acted = [one for whole, _ in ACTION_COLUMNS[:2] for one in arrays if whole.fullmatch(plain_name(one))]
         actions = first(arrays, (*ACTIONS, *acted))
         if actions is None:
@@ -170,7 +169,7 @@ def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[st
         about = _text_beside(file.parent / _TEXT_BESIDE) if file.parent not in (top, top.parent) else {}
         about |= {one: np.asarray(array[...]).item() for one, array in whole.items()}  # type: ignore[index]
         closed = {
-            one: Closed(array.shape, array.dtype, partial(_rows, file, one, fills))
+            one: Closed(array.shape, array.dtype, partial(_rows, file, one))
             for one, array in arrays.items()
             if one not in about or array.shape == (n_steps,)  # of one step
         }
@@ -178,11 +177,11 @@ def _part(name: str, file: Path, top: Path, fills: bool) -> tuple[Part, tuple[st
 
 
 @contextmanager
-def _opened(file: Path, fills: bool) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[str, ...]]]:
+def _opened(file: Path) -> Iterator[tuple[str, Mapping[str, StoredArray], tuple[str, ...]]]:
     """What to call a file in messages, its arrays by name, and notes on it."""
     if file.suffix.lower() != _NPZ_FILE:
         with hdf5.opened(file) as stored:
-            arrays = hdf5.Arrays(stored, fills)
+            arrays = hdf5.Arrays(stored)
             notes = ("Recorded in a simulation.",) if np.any(stored.attrs.get("sim", False)) else ()
             yield file.name, arrays, (*notes, *arrays.notes)
         return
@@ -191,9 +190,9 @@ def _opened(file: Path, fills: bool) -> Iterator[tuple[str, Mapping[str, StoredA
         yield where, arrays_of(npz), ()
 
 
-def _rows(file: Path, name: str, fills: bool, rows: slice) -> object:
+def _rows(file: Path, name: str, rows: slice) -> object:
     """Some rows of an array in a file."""
-    with _opened(file, fills) as (where, arrays, _):
+    with _opened(file) as (where, arrays, _):
         if name not in arrays:
             raise DataError(f"{where}: it has changed while it was read; read it again.")
         return arrays[name][rows]

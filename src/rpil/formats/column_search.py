@@ -13,7 +13,6 @@ from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.categories import are_few
 from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
 from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id, text_with_time
 
@@ -100,12 +99,11 @@ class _Search:
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
-        roles = "order", "operator", "task", "agent"
-        order, operator, task, agent = (self.one(getattr(options, role), role) for role in roles)
-        given: set[str | None] = {*asked, *actions, order, operator, task, agent}
+        order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
+        given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
         self.refuse_two_roles(episode, actions, asked)
-        self.take(episode, *actions, *([agent] if agent else []))
+        self.take(episode, *actions)
         self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
@@ -133,9 +131,6 @@ class _Search:
             id_chosen=options.id is not None or "id" in self.guessed,
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
-            texts=tuple(name for name in observations if self.kinds[name] == "text"),
-            history=options.history,
-            agent=agent,
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
         read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
@@ -219,7 +214,7 @@ class _Search:
             if why := self.reason(name):
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
-        if not free and not self.options.history:
+        if not free:
             what = "holds observations: name them observation.*, or name the columns"
             raise self.no_column(what, "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
@@ -239,9 +234,7 @@ class _Search:
         if text is not None and _QUANTITY.fullmatch(text.strip()):
             return f"text, as {text!r}; to observe it, write its numbers alone"
         fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
-        why = next(fits, "")
-        is_category = values is not None and are_few(values) and not text_with_time(self.head, [name])
-        return why if kind != "text" or (is_category and not why) else "text"
+        return "text" if kind == "text" else next(fits, "")
 
     def session(self) -> str | None:
         """The column of the session, which is no observation; a column called "file" comes before the file itself."""
@@ -314,9 +307,8 @@ class _Search:
         return found
 
     def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation or agent."""
-        both, agent = [episode, *actions], self.one(self.options.agent, "agent")
-        named = ("action", actions, [episode]), ("observations", asked, both), ("agent", [agent], both)
+        """A `DataError` where the user names the id as an action, or either of them as an observation."""
+        named = ("action", actions, [episode]), ("observations", asked, [episode, *actions])
         for option, names, others in named:
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"

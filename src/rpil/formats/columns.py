@@ -69,8 +69,6 @@ class ColumnOptions:
     columns: Names = ()
     split_gap: float | None = None
     segment: float | None = None
-    history: int = 0
-    agent: str | None = None
     guess: bool = False
     action_kind: ActionKind = "auto"
     only: Ids = ()
@@ -78,7 +76,6 @@ class ColumnOptions:
     skip_bad: bool | Literal["damage"] = False
     allow_missing: bool = False
     memory: Size | None = None
-    fill_missing: bool = False
     on_disk: bool = False
 
     @property
@@ -90,8 +87,6 @@ class ColumnOptions:
     def __post_init__(self) -> None:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
-        if self.history < 0:
-            raise DataError(f"<option> is {self.history}; give the number of last actions, 0 or more.", "history")
         for option, seconds in (("split_gap", self.split_gap), ("segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
                 raise DataError(f"<option> is {seconds}; give a number of seconds, more than 0.", option)
@@ -134,16 +129,13 @@ class Columns:
     id_chosen: bool = False  # by the user, or by a guess, and not by its name
     guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
-    texts: tuple[str, ...] = ()  # observations whose values are texts
-    history: int = 0  # last actions that are observations
-    agent: str | None = None
     intervention: str | None = None  # a flag of the steps in which a person had taken over
 
     def without_observations(self, reasons: Mapping[str, str]) -> Columns:
         """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
         ignored, clocks = {**self.ignored, **reasons}, (m for m, why in reasons.items() if why == TIME_OF_STEP)
-        left, texts = (tuple(m for m in own if m not in reasons) for own in (self.observations, self.texts))
-        return replace(self, observations=left, texts=texts, ignored=ignored, times=(*self.times, *clocks))
+        left = tuple(m for m in self.observations if m not in reasons)
+        return replace(self, observations=left, ignored=ignored, times=(*self.times, *clocks))
 
     @property
     def guess(self) -> DataWarning:
@@ -168,7 +160,7 @@ class Columns:
     @property
     def all(self) -> list[str]:
         """All columns to read."""
-        ones = self.operator, self.task, self.agent, self.intervention
+        ones = self.operator, self.task, self.intervention
         named = [*(name for name in ones if name is not None), *self.facts]
         return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
 

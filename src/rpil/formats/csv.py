@@ -226,7 +226,7 @@ def _read_table(file: TextTable, columns: Columns) -> Rows:
 
     # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
     named = columns.episode, columns.operator, columns.task, columns.session
-    as_text = {*named, columns.agent, *columns.texts, *(columns.actions if columns.one_action else ())}
+    as_text = {*named, *(columns.actions if columns.one_action else ())}
     names = _names_in(file, columns)
     texts = {name: pa.string() for name in names if name in as_text}
     floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in as_text}

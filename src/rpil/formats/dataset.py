@@ -47,8 +47,6 @@ class Shard:
                 rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
                 layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
                 row = until
-            if layout.history:
-                layout.fill_history(block.observations, block.actions, block.offsets)
             yield block
 
     def demonstration_of(self, row: int) -> str:

@@ -110,10 +110,10 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
             copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
 
 
-def copy_cut(source: h5py.Group, new: h5py.Group, cut: Cut, fills: bool) -> None:
+def copy_cut(source: h5py.Group, new: h5py.Group, cut: Cut) -> None:
     """Copy the group of a demonstration, of which some steps are cut."""
     copy_attributes(source, new)
-    copy_arrays(Arrays(source, fills), new, lambda name, array: cut.rows_of(name, array.shape))
+    copy_arrays(Arrays(source), new, lambda name, array: cut.rows_of(name, array.shape))
     for name in _COUNTS & new.attrs.keys():
         new.attrs[name] = cut.n_steps
 
@@ -127,12 +127,12 @@ def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     return _opened_at(group, name) if is_hard else None
 
 
-def _opened_at(group: h5py.Group, path: str, fills: bool = True) -> h5py.Group | h5py.Dataset | h5py.Datatype:
-    """What is at a path that no link is on, see `_array_class`; h5py's own look-up is slow for very many groups."""
+def _opened_at(group: h5py.Group, path: str, checked: bool = False) -> h5py.Group | h5py.Dataset | h5py.Datatype:
+    """The member at a path without links, `checked` where arrays must be whole; h5py's own look-up takes long."""
     import h5py
 
     one = h5py.h5o.open(group.id, path.encode("utf-8", "surrogateescape"))
-    kinds = {h5py.h5g.GroupID: h5py.Group, h5py.h5d.DatasetID: _array_class(fills)}
+    kinds = {h5py.h5g.GroupID: h5py.Group, h5py.h5d.DatasetID: _checked_class() if checked else h5py.Dataset}
     return kinds.get(type(one), h5py.Datatype)(one)
 
 
@@ -152,11 +152,11 @@ def groups(group: h5py.Group) -> dict[str, h5py.Group]:
 class Arrays(Mapping[str, Any]):
     """The arrays in a group by path, each of which is looked up when it is asked for: there may be many groups.
 
-    No link is followed, and each group is visited once, in whatever circles they lie. See `_array_class` for `fills`.
+    No link is followed, and each group is visited once, in whatever circles they lie.
     """
 
-    def __init__(self, group: h5py.Group, fills: bool = False) -> None:
-        self.group, self._fills = group, fills
+    def __init__(self, group: h5py.Group) -> None:
+        self.group = group
         self._found: dict[str, object] = {}
 
     @cached_property
@@ -174,7 +174,7 @@ class Arrays(Mapping[str, Any]):
         """What a hard link leads to; None where the link is of another kind, or there is none."""
         import h5py
 
-        return _opened_at(self.group, path, self._fills) if self._links.get(path) == h5py.h5l.TYPE_HARD else None
+        return _opened_at(self.group, path, True) if self._links.get(path) == h5py.h5l.TYPE_HARD else None
 
     def replace(self, path: str, view: Callable[[h5py.Dataset], object]) -> None:
         """Give a `view` of an array from now on, where there is one."""
@@ -220,8 +220,8 @@ class Arrays(Mapping[str, Any]):
 
 
 @cache
-def _array_class(fills: bool) -> Any:
-    """Of arrays that are read only if all their values are in the file, unless they `fill` in missing ones."""
+def _checked_class() -> Any:
+    """The class of arrays that are read only if all their values are in the file."""
     import h5py
 
     class CheckedDataset(h5py.Dataset):  # type: ignore[misc]
@@ -239,8 +239,7 @@ def _array_class(fills: bool) -> Any:
 
         def __getitem__(self, rows: object, new_dtype: np.dtype[np.generic] | None = None) -> object:
             if not self._is_checked and self.id.get_offset() is None:  # else all values lie together
-                if not fills:
-                    _check_whole(self)
+                _check_whole(self)
                 _check_chunks(self)
                 self._is_checked = True
             if isinstance(rows, slice):
@@ -266,9 +265,7 @@ def _check_whole(array: h5py.Dataset) -> None:
         there = f"{n_there:,} of its {n_chunks:,} chunks are" if array.chunks else "none of its values is"
         raise DataError(
             f"{os.path.basename(array.file.filename)}: {str(array.name).strip('/')} declares the shape {array.shape}, "
-            f"but {there} in the file; copy or write it again, or, where the writer left out what has one value, have "
-            "that value read with <option>.",
-            "fill_missing",
+            f"but {there} in the file; copy or write it again."
         )
 
 

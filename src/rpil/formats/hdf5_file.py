@@ -30,7 +30,7 @@ class Hdf5Layout(NamedTuple):
 def _read_rows(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that have a value for each action, and split them into demonstrations."""
     with hdf5.opened(path) as file:
-        found = hdf5.Arrays(file, options.fill_missing)
+        found = hdf5.Arrays(file)
         stacked = array_layout.is_stacked(found)
         name = "HDF5, a first index for each demonstration" if stacked else "D4RL HDF5"
         return array_layout.read_arrays(found, path.name, name, options, found.notes)
@@ -42,7 +42,7 @@ def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptio
     Where it has no timeouts they are added, so that each demonstration ends where it does here.
     """
     with hdf5.copying(path, output) as (source, new):
-        arrays = hdf5.Arrays(source, options.fill_missing)
+        arrays = hdf5.Arrays(source)
         layout = array_layout.layout_of(arrays, path.name)
         kept = kept_of(layout.names, ids, path)
         hdf5.copy_arrays(arrays, new, lambda name, array: layout.kept_rows(name, array, kept, cuts))

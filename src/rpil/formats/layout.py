@@ -15,7 +15,6 @@ from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.names import quoted, short_name
 from rpil.formats import table as flat
-from rpil.formats.categories import indicators
 from rpil.formats.columns import Columns
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -48,11 +47,6 @@ class Layout:
         Whether numbers may be NaN or infinite.
     part_classes : tuple of tuples
         The classes of each part, as in `Demonstrations`; also of one text, where rare ones are one class.
-    categories : mapping of str to tuple of str
-        The texts in columns of text, each of which is a number of the observation.
-    history, last_actions : int, tuple of tuples
-        The last so many actions are the last numbers of the observation, 0 where a demonstration begins; of each part
-        its classes, each of which is a number then.
     """
 
     observations: Widths
@@ -66,9 +60,6 @@ class Layout:
     left_out: Mapping[str, str] = field(default_factory=dict)
     allows_missing: bool = False
     part_classes: PartClasses = ()
-    categories: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    history: int = 0
-    last_actions: PartClasses = ()
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -77,18 +68,18 @@ class Layout:
         observations, observation_names = chosen.parts(table, columns.observations, joints)
         actions, action_names = chosen.parts(table, columns.actions, joints)
         chosen.check()
-        if not actions or not (observations or columns.history):
+        if not actions or not observations:
             what = "action" if observations else "observations"
             raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
         types = [value_type(table[name].type) for name in actions]
         action, n_parts = _stacked(types), sum(actions.values())
-        column, numbers = next(iter(actions)), [name for name in observations if name not in columns.texts]
+        column = next(iter(actions))
         is_one = columns.one_action and n_parts == 1 and column not in chosen.masks
         if is_one and not (types[0].kind == "f" and flat.kind_of_type(table[column].type) == "list"):
             n_parts, action = 0, action if types[0].kind == "f" else types[0]
         return cls(
             *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
-            *(_stacked([value_type(table[name].type) for name in numbers]), action, n_parts),
+            *(_stacked([value_type(table[name].type) for name in observations]), action, n_parts),
             *(chosen.masks, chosen.left_out, columns.allows_missing),
         )
 
@@ -98,22 +89,6 @@ class Layout:
         own = self.names
         names = tuple(part for name, _ in observations for part in own[name])
         return replace(self, observations=observations, observation_names=names)
-
-    def with_categories(self, categories: Mapping[str, tuple[str, ...]]) -> Layout:
-        """The same with a number for each text in columns of text."""
-        if not categories:
-            return self
-        own = self.names | {m: tuple(f"{self.names[m][0]}={text}" for text in categories[m]) for m in categories}
-        widths = tuple((name, len(own[name])) for name, _ in self.observations)
-        names = tuple(part for name, _ in widths for part in own[name])
-        return replace(self, observations=widths, observation_names=names, categories=categories)
-
-    def with_history(self, history: int, classes: Array) -> Layout:
-        """The same, where the last actions are observations too; `classes` are those of one discrete action."""
-        own = self.part_classes or ((tuple(classes.tolist()),) if len(classes) else ((),) * self.n_parts)
-        ends = [(name, [f"={c}" for c in one] or [""]) for name, one in zip(self.action_names, own, strict=False)]
-        names = [f"{name}[-{k + 1}]{end}" for k in range(history) for name, some in ends for end in some]
-        return replace(self, observation_names=(*self.observation_names, *names), history=history, last_actions=own)
 
     @property
     def names(self) -> dict[str, tuple[str, ...]]:
@@ -152,10 +127,8 @@ class Layout:
     def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place, part_classes: PartClasses = ()) -> None:
         start = 0
         for name, width in widths:
-            texts, classes = self.categories.get(name), part_classes[start : start + width]
-            block = (
-                indicators(table[name], texts) if texts else flat.column_values(table, name, at, self.allows_missing)
-            )
+            classes = part_classes[start : start + width]
+            block = flat.column_values(table, name, at, self.allows_missing)
             if block.dtype.kind == "U" and out.dtype.kind != "U" and not any(classes):
                 raise flat.no_numbers(block, name, at)
             block = block.reshape(len(block), -1)
@@ -174,18 +147,6 @@ class Layout:
             known = np.where(np.isin(part, own), part, flat.RARE) if flat.RARE in own else part
             parts.append(np.searchsorted(own, known) if own and self.n_parts else known)
         return np.stack(parts, axis=1)
-
-    def fill_history(self, observations: Array, actions: Array, offsets: Array) -> None:
-        """Write the last actions of each row to the observations; demonstrations have the rows between `offsets`."""
-        parts = actions.reshape(len(actions), -1).T[:, :, None]
-        codes = [np.array(range(len(own)) if self.n_parts else own) for own in self.last_actions]
-        each = [part == own if len(own) else part for part, own in zip(parts, codes, strict=True)]
-        values, first = np.concatenate(each, axis=1), sum(width for _, width in self.observations)
-        steps = np.arange(len(actions)) - np.repeat(offsets[:-1], np.diff(offsets))
-        for k in range(1, self.history + 1):
-            last = np.where(steps[:, None] >= k, np.roll(values, k, axis=0), 0)
-            observations[:, first : first + values.shape[1]] = last
-            first += values.shape[1]
 
 
 class _Chosen:

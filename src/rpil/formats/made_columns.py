@@ -47,11 +47,8 @@ def made(found: StepTables, options: ColumnOptions) -> StepTables:
 
     A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
     "P01-0" and "P01-1"; and after each `segment` seconds: into "P01 [0, 10) s" and "P01 [10, 20) s". A `DataError`
-    where no column is a time whose unit is known, or where last actions would be those of other agents.
+    where no column is a time whose unit is known.
     """
-    if options.agent and options.history:
-        said = "the last actions would be those of other agents; leave one of <option> and <option> out"
-        raise DataError(f"{found.origin.source}: {said}.", ("history", "agent"))
     columns, tables = found.columns, iter(found.tables)
     first = next(tables, None) if options.split_gap or options.segment else None
     if first is None:

@@ -114,20 +114,15 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
     names_of = list(numbers)
-    names = [*columns.orders, *columns.parts, *([columns.agent] if columns.agent else [])]
-    table = read_columns(rows, list(dict.fromkeys(names)))
+    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
         tables = rows.tables(row, row + 1, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
         return next(tables)[2](0)
 
     _check_ids(names_of, group, columns, source)
-    agent = _agents(table, columns.agent, group, source)
-    of_agents = group.astype(np.int64) * (agent.max() + 1) + agent
-    order, values = _find_order(table, columns, of_agents, at)
+    order, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
-    if columns.agent:  # the rows of each agent in a demonstration lie together
-        values = np.argsort(np.lexsort([np.arange(len(rows)) if values is None else values, agent]))
     chosen, offsets, moved = group_rows(group, values)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
@@ -147,7 +142,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {columns.agent or order.column!r}"
+    by = f"rows are not in the order of {order.column!r}"
     raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
 
 
@@ -222,21 +217,6 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return Order(words=fault or _FILE_ORDER), None
-
-
-def _agents(table: pa.Table, name: str | None, group: Int[Array, " N"], source: str) -> Int[Array, " N"]:
-    """The number of the agent of each row; 0 where no column names agents."""
-    if name is None:
-        return np.zeros(len(group), np.int64)
-    try:
-        agents, agent = flat.id_codes(table, name, str)
-        is_agent = 2 * len(np.unique(group.astype(np.int64) * len(agents) + agent)) <= len(group)
-    except DataError:
-        is_agent = False
-    if not is_agent:
-        said = f"{name!r} names no agents: it is no text or whole number in a row, or another one in nearly every row"
-        raise DataError(f"{source}: {said}; correct <option>.", "agent")
-    return agent
 
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:

@@ -18,7 +18,6 @@ from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
-from rpil.formats.categories import find_categories
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
 from rpil.formats.damage import left_out_lines
 from rpil.formats.dataset import Dataset
@@ -30,14 +29,14 @@ from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows
-from rpil.formats.table import end_to_end, id_codes, numbers_or_missing
+from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rpil.numerics.types import Array, Bool, Int
+    from rpil.numerics.types import Array, Bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,12 +131,6 @@ class Recording:
         values = None if name is None else numbers_or_missing(read_columns(self.rows, [name])[name])
         return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
 
-    @property
-    def agents(self) -> tuple[list[Id], Int[Array, " N"]]:
-        """The agents of which the user names the column, and the number of the one that acts in each step."""
-        name = self.columns.agent
-        return ([], np.zeros(0, int)) if name is None else id_codes(read_columns(self.rows, [name]), name, str)
-
     def times(self) -> Times:
         """What the file says of its own times and lengths."""
         metadata = self.origin.metadata
@@ -202,12 +195,9 @@ def from_rows(rows: Rows, found: StepTables) -> Recording:
     """The recording in rows, which in memory may lie in any order; a `DataError` where ids are missing."""
     columns, origin, layout = found.columns, found.origin, found.layout
     places, rows = find_places(rows, columns, origin.source)
-    texts = columns.texts
-    columns, categories = find_categories(rows, columns, places)
     if layout is None:
         head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
         layout = Layout.of(head, columns, origin.metadata.names)
-    layout = layout.without({*texts} - {*columns.texts}).with_categories(categories)
     return from_scan(rows, columns, scan(rows, layout, columns, origin.source, places), origin)
 
 
@@ -281,7 +271,6 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         notes=(
             *filter(None, [found.actions.note]),
             *_notes_on(columns.episode, found, metadata.fps, recorded),
-            *([f"Several agents act in a demonstration, as {columns.agent} says."] if columns.agent else []),
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes(len(places.ids), n_steps),

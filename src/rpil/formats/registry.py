@@ -157,8 +157,6 @@ class ClaimedPath:
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
             raise DataError(f"{self.path}: keep cannot cut a file at times; {first}, then keep from that table.")
-        if options.agent and trim:
-            raise DataError(f"{self.path}: several agents act in a demonstration; leave <option> out.", "trim")
         if options.id and self.format.has_own_ids:
             remedy = "leave <option> out, or write a table with rpil convert"
             raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.", "id")

@@ -40,7 +40,7 @@ def fits(file: h5py.File) -> bool:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays that the first group has; images and what describes a demonstration as a whole are ignored."""
     with hdf5.opened(path) as file:
-        found, settings = dict(_with_actions(file, options.fill_missing)), _settings(file)
+        found, settings = dict(_with_actions(file)), _settings(file)
         in_first = next(iter(found.values()))
         parts = [
             Part(n_actions(arrays), arrays, {_GROUP_NAME: name, **_task(arrays.group, settings)})
@@ -97,7 +97,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
             elif parent != source or name not in dropped:
                 source.copy(member, new, name)
         for name, cut in cuts.items():
-            hdf5.copy_cut(parent[name], _parent(new).create_group(name), cut, options.fill_missing)
+            hdf5.copy_cut(parent[name], _parent(new).create_group(name), cut)
         if "total" in parent.attrs:
             _parent(new).attrs["total"] = sum(cuts[name].n_steps if name in cuts else found[name] for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
@@ -124,14 +124,14 @@ def _parent(file: h5py.File) -> h5py.Group:
     return data if isinstance(data, h5py.Group) else file
 
 
-def _with_actions(file: h5py.File, fills: bool = False) -> Iterator[tuple[str, hdf5.Arrays]]:
+def _with_actions(file: h5py.File) -> Iterator[tuple[str, hdf5.Arrays]]:
     """The groups that hold actions, in the order of their names; of very many, each is opened once."""
     import h5py
 
     parent = _parent(file)
     for name in sorted(parent, key=natural_key):
         group = hdf5.member(parent, name)
-        if isinstance(group, h5py.Group) and first(arrays := hdf5.Arrays(group, fills), ACTIONS):
+        if isinstance(group, h5py.Group) and first(arrays := hdf5.Arrays(group), ACTIONS):
             yield name, arrays
 
 

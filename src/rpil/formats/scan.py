@@ -13,7 +13,6 @@ import numpy as np
 
 from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
 from rpil.data.errors import DataError
-from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.description import commas
@@ -324,10 +323,9 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
     actions = ScannedActions(layout, columns.action_kind)
     statistics = ScannedColumns(layout.columns, [name for name, _ in layout.actions], layout.masks)
     if not columns.observations_given:
-        numbers = [one for one in layout.observations if one[0] not in layout.categories]
-        statistics.repeats = {name for name, width in numbers if width == max(layout.n_parts, 1)}
+        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
         if np.diff(places.offsets).max(initial=1) > 2:  # any two numbers differ by a constant
-            statistics.clocks = dict.fromkeys((name for name, width in numbers if width == 1), inf)
+            statistics.clocks = dict.fromkeys((name for name, width in layout.observations if width == 1), inf)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
@@ -337,7 +335,4 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     left_out = statistics.leave_out(len(layout.observations))
-    if columns.history >= (n := int(np.diff(places.offsets).max(initial=1))):
-        raise DataError(f"{source}: demonstrations have at most {counted(n, 'step')}; give <option> fewer.", "history")
-    finished = actions.finish(source).without(left_out).with_history(columns.history, actions.classes)
-    return Scan(places, finished, actions, statistics, operators, tasks, left_out)
+    return Scan(places, actions.finish(source).without(left_out), actions, statistics, operators, tasks, left_out)

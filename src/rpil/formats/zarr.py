@@ -165,7 +165,7 @@ def _data(
 ) -> list[ZarrArray]:
     """The arrays in ``data``; a `DataError` where one has another number of rows than there are steps."""
     arrays = [
-        ZarrArray(store, name, header, ends, options.fill_missing or is_filled(name.rpartition("/")[2]))
+        ZarrArray(store, name, header, ends, is_filled(name.rpartition("/")[2]))
         for name, header in headers.items()
         if name.startswith("data/")
     ]

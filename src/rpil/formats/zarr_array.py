@@ -230,9 +230,7 @@ class ZarrArray:
         ids = np.flatnonzero((n_whole <= last - first) & (begins < self.ends))
         return DataError(
             f"{fault}, which hold steps of the demonstrations {commas(list(map(str, ids.tolist())))}, as after a copy "
-            "that broke off; copy it again, or, where the writer left out chunks of one value, have that value read "
-            "with <option>.",
-            "fill_missing",
+            "that broke off; copy it again, or write it with zarr.config.set({'array.write_empty_chunks': True})."
         )
 
 

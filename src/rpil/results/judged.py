@@ -44,19 +44,6 @@ class Demonstrator:
     """Their ids."""
 
 
-@stored()
-@dataclass(frozen=True)
-class Agent:
-    """One of several agents that act in demonstrations by one policy."""
-
-    name: str
-    score: float
-    """The mean log-ratio of its steps, each bounded."""
-    n_steps: int
-    demonstrations: dict[Hashable, float]
-    """The same of its steps in each demonstration, by id."""
-
-
 MAX_DRAWN = 300
 """Demonstrations with traces, and with drawings on a page: those that are most worth a look."""
 
@@ -180,7 +167,6 @@ class Judged:
     pair: tuple[Hashable, ...] = ()
     assumptions: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
-    agents: tuple[Agent, ...] = ()
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

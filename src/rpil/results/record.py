@@ -76,10 +76,6 @@ class Audit(AuditResult):
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
-    agents : tuple of Agent
-        Where several agents act in a demonstration: the score of each, in all and in each demonstration, lowest first.
-    answers : Answers
-        The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str

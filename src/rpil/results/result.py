@@ -217,6 +217,5 @@ class AuditResult(Judged):
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
-            **({"agents": [asdict(agent) for agent in self.agents]} if self.agents else {}),
             **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
         }

@@ -18,14 +18,12 @@ move within a demonstration, with z_n = 1 in the steps of the person, -1 just be
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-
 import numpy as np
 from scipy.special import expit, logit
 
 from rpil.inference.step_trust import LEAST_SHARE, balanced
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.results.judged import Agent, Judged
+from rpil.results.judged import Judged
 from rpil.results.vocabulary import SIDES
 
 TAKEOVER = 2.0
@@ -56,18 +54,6 @@ def takeover_signs(
         first = max(n - n_before, int(begins[n]))
         signs[first:n] = np.where(flags[first:n], 1.0, -1.0)
     return tuple(np.split(signs, offsets[1:-1]))
-
-
-def agents_of(audit: Judged, names: Sequence[Hashable], agent: Int[Array, " N"]) -> tuple[Agent, ...]:
-    """The score of each agent, lowest first, by the number of the `agent` that acts in each step."""
-    bound, firsts, found = audit.settings.judge.max_log_ratio, audit.offsets[:-1], list[Agent]()
-    ratio = np.clip(audit.step_log_ratio, -bound, bound, dtype=float)
-    for k in np.unique(agent).tolist():
-        n_steps = np.add.reduceat((agent == k).astype(int), firsts)
-        sums = np.add.reduceat(np.where(agent == k, ratio, 0.0), firsts)
-        scores = {audit.ids[m]: float(sums[m] / n_steps[m]) for m in np.flatnonzero(n_steps).tolist()}
-        found.append(Agent(str(names[k]), float(sums.sum() / n_steps.sum()), int(n_steps.sum()), scores))
-    return tuple(sorted(found, key=lambda one: one.score))
 
 
 def step_weight(
