@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9}
+LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9, "plot_skorch.py": 0.95}
 """Share of right actions on the last printed line."""
 
 PRINTED = {
@@ -47,7 +47,7 @@ def printed(names: Iterable[str]) -> list[str]:
 
 @pytest.mark.slow
 def test_examples():
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
+    pytest.importorskip("skorch", reason="torch or skorch is not installed: pip install 'rpil[torch]'")
     for (name, least), text in zip(LEAST.items(), printed(LEAST), strict=True):
         assert float(re.findall(r"0\.\d+", text)[-1]) > least, name
 
