@@ -26,7 +26,7 @@ from sklearn.preprocessing import StandardScaler
 from skorch import NeuralNetClassifier, NeuralNetRegressor
 from torch import nn
 
-from rpil import RPIL, Demonstrations, TorchPolicy, reweight
+from rpil import RPIL, Demonstrations, reweight
 from tables import table
 
 Array = np.ndarray[Any, Any]
@@ -176,7 +176,6 @@ def by_loop(n_folds: int, data: Demonstrations) -> tuple[Array, Any]:
 
 
 METHODS: dict[str, Callable[[Demonstrations], tuple[Array, Any]]] = {
-    "TorchPolicy": partial(by_policy, lambda data: TorchPolicy(hidden=HIDDEN)),
     "skorch": partial(by_policy, network),
     "reweight(n_folds=3)": partial(by_loop, 3),
     "reweight(n_folds=1)": partial(by_loop, 1),

@@ -31,7 +31,7 @@ SLOW_FILES = {
     "estimators/test_reweight.py",
     "estimators/test_rment.py",
     "estimators/test_rpil.py",
-    "policies/test_torch.py",
+    "policies/test_skorch.py",
     "scale/test_dask.py",
     "scale/test_disk.py",
     "test_golden.py",

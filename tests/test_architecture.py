@@ -104,7 +104,7 @@ def test_no_circle_between_files():
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("rpil.numerics.blocks", "def f():\n    from rpil.policies.networks import train"),
+        ("rpil.numerics.blocks", "def f():\n    from rpil.policies.folds import deal"),
         ("rpil.data.archive", "from rpil import __version__"),
         ("rpil.scale.fit", "def f():\n    import rpil.estimators.persistence"),
         ("rpil.mixture.em", "from rpil.inference import trust"),

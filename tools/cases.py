@@ -213,10 +213,6 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
         add(f"prior {prior} {action}", make, noisy, labels={"d0": "good", "d14": "bad"})
     add(f"RMEnt {action}", rpil.RMEnt, noisy)
     add(f"RMEnt n_trusted {action}", partial(rpil.RMEnt, n_trusted=11, n_starts=30, features="auto"), noisy)
-    torch = partial(rpil.TorchPolicy, hidden=(8,), n_folds=3, epochs=15)
-    CASES[f"policy torch {action}"] = lambda folder, torch=torch, data=noisy: fit(
-        partial(rpil.RPIL, policy=torch()), data, folder
-    )
     CASES[f"large {action}"] = partial(fit, rpil.RPIL, partial(many, continuous))
     CASES[f"large streamed {action}"] = partial(streamed, continuous)
     boxes = {"action_box": (-9.0, [9.0, 10.0])}

@@ -21,7 +21,6 @@ _HOME = {
     "JudgeSettings": "rpil.inference.settings",
     "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
-    "TorchPolicy": "rpil.policies.torch",
     "audit": "rpil.estimators.auditing",
     "check": "rpil.faults.checking",
     "load": "rpil.estimators.persistence",
@@ -49,7 +48,6 @@ __all__ = [
     "SampleSettings",
     "Settings",
     "SoftmaxPolicy",
-    "TorchPolicy",
     "__version__",
     "audit",
     "check",
@@ -82,7 +80,6 @@ if TYPE_CHECKING:
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings
     from rpil.policies.softmax import SoftmaxPolicy
-    from rpil.policies.torch import TorchPolicy
     from rpil.results.record import Audit
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings

@@ -60,12 +60,12 @@ def test_snippet_with_an_estimator_runs(pictures):
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # two epochs are few
 def test_snippets_with_torch_run(pictures):
     torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
-    neural, loop = [code for code in SNIPPETS if "orch" in code]
+    pytest.importorskip("skorch", reason="skorch is not installed: pip install 'rpil[torch]'")
+    network, loop = [code for code in SNIPPETS if "orch" in code]
     demonstrations, _ = pictures["ring_demonstrations"]()
     demonstrations = demonstrations.select(np.arange(8, 16))
-    names = {"demonstrations": demonstrations, "observations": demonstrations.observations}
-    small = neural.replace("hidden=(64, 64)", "hidden=(4,), epochs=2, n_folds=2")
-    exec(compile(small, "docs/policies.md", "exec"), names)
+    names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
+    exec(compile(network.replace("max_iter=30", "max_iter=2"), "docs/policies.md", "exec"), names)
     assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
 
     class Net(torch.nn.Linear):

@@ -149,6 +149,18 @@ def test_save_refuses_an_adversary_of_the_users_class(data, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
+def test_save_refuses_a_policy_that_is_an_estimator_of_others(data, tmp_path):
+    from sklearn.tree import DecisionTreeClassifier
+
+    model = RPIL(policy=DecisionTreeClassifier(max_depth=3)).fit(data)
+    with pytest.raises(
+        DataError, match="a policy made of a DecisionTreeClassifier cannot be saved without pickle; keep"
+    ):
+        save(model, tmp_path / "p")
+    assert not list(tmp_path.iterdir())
+
+
 def test_save_refuses_other_and_unfitted_estimators(tmp_path):
     from sklearn.exceptions import NotFittedError
 

@@ -56,7 +56,7 @@ class RPIL(PolicyEstimator):
     features : {"raw", "folded", "nystroem", "auto"}
         The feature map of the policy, see `rpil.policies.features`. "auto" chooses the map and the ridge by the
         held-out likelihood of the trusted demonstrations.
-    policy : scikit-learn estimator or TorchPolicy, optional
+    policy : scikit-learn estimator, optional
         The policy: a classifier with `predict_proba`, or a regressor for continuous actions, that takes
         `sample_weight`; a pipeline or a search of such. It reads the observations without a feature map. By default the
         policy is linear in `features`.

@@ -139,19 +139,16 @@ class RegressorPolicy:
 def cross_fitted_policy(
     estimator: Estimator, space: Space, n_steps: int, settings: CrossFitSettings
 ) -> CrossFittedPolicy:
-    """The policy before it is fitted: of a scikit-learn `estimator`, or a `TorchPolicy` for these actions.
+    """The policy of a scikit-learn `estimator` for these actions, before it is fitted.
 
     A `DataError` where it is no estimator, gives no probabilities, takes no weights, or is made for other actions.
     """
-    if hasattr(estimator, "for_space"):
-        policy: CrossFittedPolicy = estimator.for_space(space)
-        return policy
     name = type(estimator).__name__
     if isinstance(estimator, type) or not (hasattr(estimator, "fit") and hasattr(estimator, "get_params")):
         what = f"the class {estimator.__name__}" if isinstance(estimator, type) else f"a {name}"
         raise DataError(
             f"The policy is {what}, no scikit-learn estimator; give one such as HistGradientBoostingClassifier(), "
-            "rpil.TorchPolicy() for a network, or rpil.reweight around a training loop of your own."
+            "or rpil.reweight around a training loop of your own."
         )
     from sklearn.base import is_regressor
     from sklearn.multioutput import MultiOutputRegressor
