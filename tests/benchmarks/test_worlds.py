@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sklearn.metrics import roc_auc_score
 
-import rpil
 from rpil.data.errors import DataError
-from worlds import World, parts, recorded
+from worlds import World, recorded
 from worlds.point_mass import BAD, NORMAL, drive, point_mass
 from worlds.recorded import CHANGES, changed, npz_files, read, recorded_sets
 
@@ -149,14 +147,3 @@ def test_the_simulated_grid():
     assert world.is_good[:10].sum() < 10  # the order tells nothing
     mixed = random_and_shifted("MountainCar-v0", 0)
     assert (mixed.is_good.sum(), len(mixed.is_good)) == (10, 30)
-
-
-@pytest.mark.parametrize("name", parts.WORLDS)
-def test_worlds_of_several_parts_are_told_apart_by_the_law_of_the_experts(name):
-    world = parts.WORLDS[name](0)
-    assert np.bincount(world.is_good).tolist() == [12, 36]
-    assert roc_auc_score(world.is_good, world.by_law) > 0.95
-    states, known = world.known
-    for table in (world.table(), world.table(states=states, parts=known)):
-        assert len(rpil.read(table)) == 48
-    assert parts.WORLDS[name](0, n_bad=0).is_good.all()

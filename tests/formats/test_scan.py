@@ -62,38 +62,88 @@ def opened(parts, **options):
 
 @pytest.mark.parametrize("batch", [7, 1000])
 @pytest.mark.parametrize(
-    ("parts", "options", "classes"),
+    ("parts", "options", "reason"),
     [
-        ({"action.dial": DIAL, "action.skill": SKILL}, {}, (("go", "stop"), ())),
-        ({"action.b": BUTTON, "action.c": BUTTON % 2}, {}, ((0, 1, 2), (0, 1))),
-        ({"action.b": BUTTON.astype(float), "action.c": 1.0 * (BUTTON % 2)}, {}, ((0, 1, 2), (0, 1))),
-        ({"action.b": BUTTON, "action.dial": DIAL}, {}, ()),
-        ({"action.b": BUTTON, "action.dial": DIAL}, {"action_kind": "discrete"}, ((0, 1, 2), ())),
-        ({"action.b": BUTTON, "action.c": np.arange(STEPS)}, {}, ((0, 1, 2), ())),
-        ({"action.b": BUTTON, "action.c": BUTTON}, {"action_kind": "continuous"}, ()),
-        ({"action.skill": SKILL, "action.to": np.stack([DIAL, SPEED], 1).tolist()}, {}, (("go", "stop"), (), ())),
-        ({"action": np.stack([BUTTON, BUTTON % 2], 1).tolist()}, {}, ((0, 1, 2), (0, 1))),
-        ({"action": np.stack([BUTTON, BUTTON % 2], 1).tolist()}, {"exclude": "action.1"}, ()),
-        ({"action": np.stack([BUTTON, 1.0 * (BUTTON % 2)], 1).tolist()}, {}, ()),
-        ({"action": np.stack([BUTTON, DIAL], 1).tolist()}, {"action_kind": "discrete"}, None),
-        ({"skill": SKILL, "dial": DIAL}, {"action": "dial,skill"}, (("go", "stop"), ())),
+        ({"action.b": BUTTON, "action.c": BUTTON % 2}, {}, "2 numbers"),
+        ({"action.b": BUTTON.astype(float), "action.c": 1.0 * (BUTTON % 2)}, {}, "2 numbers"),
+        ({"action.b": BUTTON, "action.dial": DIAL}, {}, "2 numbers"),
+        ({"action.b": BUTTON, "action.c": BUTTON}, {"action_kind": "continuous"}, "2 numbers"),
+        ({"action.b": BUTTON}, {}, "a column of a continuous action"),
+        ({"action": np.stack([BUTTON, BUTTON % 2], 1).tolist()}, {}, "2 numbers"),
+        ({"action": np.stack([BUTTON, BUTTON % 2], 1).tolist()}, {"exclude": "action.1"}, "a column of a"),
+        ({"skill": SKILL, "dial": DIAL, "speed": SPEED}, {"action": "dial,speed"}, "2 numbers"),
     ],
 )
-def test_which_parts_of_an_action_are_classes(parts, options, classes, batch, monkeypatch):
+def test_several_columns_of_numbers_are_continuous(parts, options, reason, batch, monkeypatch):
     monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", batch)
     recording = opened(parts, **options)
-    if classes is None:
-        with pytest.raises(DataError, match="not whole, which cannot be discrete"):
-            len(recording.demonstrations)
-        return
-    found = recording.demonstrations
-    assert found.part_classes == classes
-    if classes:
-        kind = recording.describe().action_kind
-        assert kind == ("discrete" if all(classes) else "discrete and continuous")
-        for name, values in zip(found.action_names, found.action_values, strict=True):
-            if name in parts:
-                np.testing.assert_array_equal(values, parts[name])
+    said, found = recording.describe(), recording.demonstrations
+    assert (said.action_kind, found.is_discrete) == ("continuous", False)
+    assert said.action_reason.startswith(reason)
+    for name, values in zip(found.action_names, found.actions.T, strict=True):
+        if name in parts:
+            np.testing.assert_array_equal(values, parts[name])
+
+
+@pytest.mark.parametrize("batch", [7, 1000])
+@pytest.mark.parametrize(
+    ("parts", "options", "said"),
+    [
+        ({"action.dial": DIAL, "action.skill": SKILL}, {}, "action.skill (text), action.dial (numbers)"),
+        ({"dial": DIAL, "skill": SKILL, "b": BUTTON}, {"action": "dial,skill,b"}, "skill (text), dial, b (numbers)"),
+        (
+            {"action.dial": DIAL, "action.skill": SKILL},
+            {"action_kind": "continuous"},
+            "action.skill (text), action.dial",
+        ),
+        ({"action.skill": SKILL, "action.hand": SKILL}, {}, "action.skill, action.hand (text); name"),
+        (
+            {"action.skill": SKILL, "action.to": np.stack([DIAL, SPEED], 1).tolist()},
+            {},
+            "action.skill (text), action.to.0, action.to.1 (numbers)",
+        ),
+        ({"action.b": BUTTON, "action.dial": DIAL}, {"action_kind": "discrete"}, "action.b, action.dial (numbers)"),
+        (
+            {"action": np.stack([BUTTON, BUTTON], 1).tolist()},
+            {"action_kind": "discrete"},
+            "action.0, action.1 (numbers)",
+        ),
+    ],
+)
+def test_of_an_action_with_classes_among_its_parts_one_must_be_named(parts, options, said, batch, monkeypatch):
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", batch)
+    recording = opened(parts, **options)
+    with pytest.raises(DataError, match=r"^the frame: the action has several parts: ") as caught:
+        len(recording.demonstrations)
+    assert said in str(caught.value)
+    assert str(caught.value).endswith("; name the part to judge with action=.")
+    assert caught.value.in_shell.endswith("; name the part to judge with --action.")
+    described = recording.describe()
+    assert (described.action_kind, said.split(";")[0] in described.action_reason) == ("refused", True)
+
+
+LIST = {"action": np.stack([BUTTON, DIAL], 1).tolist()}
+
+
+@pytest.mark.parametrize(
+    ("parts", "options", "classes"),
+    [
+        ({"action.dial": DIAL, "action.skill": SKILL}, {"action": "action.skill"}, ["go", "stop"]),
+        ({"action.b": BUTTON, "action.dial": DIAL}, {"action": "action.b"}, [0, 1, 2]),
+        ({"action.b": BUTTON}, {"action_kind": "discrete"}, [0, 1, 2]),
+        (LIST, {"action": "action.0", "action_kind": "discrete"}, [0, 1, 2]),
+        ({"action": BUTTON[:, None].astype(float).tolist()}, {"action_kind": "discrete"}, [0, 1, 2]),
+    ],
+)
+def test_a_part_that_is_named_may_be_discrete(parts, options, classes):
+    found = opened(parts, **options).demonstrations
+    assert found.classes.tolist() == classes
+    assert found.actions.tolist() == (SKILL if classes[0] == "go" else BUTTON).tolist()
+
+
+def test_a_part_of_a_list_that_is_not_whole_cannot_be_discrete():
+    with pytest.raises(DataError, match="not whole, which cannot be discrete"):
+        len(opened(LIST, action="action.1", action_kind="discrete").demonstrations)
 
 
 def test_one_text_with_the_prefix_of_an_action_is_the_action():
@@ -105,24 +155,22 @@ def test_one_text_with_the_prefix_of_an_action_is_the_action():
 def test_rare_texts_are_one_class(name, batch, monkeypatch):
     monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", batch)
     words = np.where(np.arange(STEPS) % 2 > 0, SKILL, [f"remark {k}" for k in range(STEPS)])
-    parts = {name: words} | ({"action.dial": DIAL} if name != "action" else {})
-    recording = opened(parts)
+    recording = opened({name: words, "action.dial": DIAL}, action=name)
     known = np.where(np.arange(STEPS) % 2 > 0, SKILL, "(rare)")
-    found = recording.demonstrations
-    np.testing.assert_array_equal(found.actions if name == "action" else found.action_values[0], known)
+    np.testing.assert_array_equal(recording.demonstrations.actions, known)
     said = f"{name}: 2 of 62 texts are classes, all others (50% of the steps) one, (rare)."
     assert said in recording.describe().notes
 
 
 def test_a_text_cannot_be_a_number():
     with pytest.raises(DataError, match="the actions are text, which cannot be continuous"):
-        opened({"action.dial": DIAL, "action.skill": SKILL}, action_kind="continuous").demonstrations.select(0)
+        opened({"action.skill": SKILL}, action_kind="continuous").demonstrations.select(0)
 
 
 def test_a_missing_class_is_named():
     skill = SKILL.tolist()
     skill[33] = None
     with pytest.raises(DataError, match=r"demonstration 1.*column 'action.skill' has no value"):
-        opened({"action.dial": DIAL, "action.skill": skill}).demonstrations.select(0)
-    kept = opened({"action.dial": DIAL, "action.skill": skill}, skip_bad=True).demonstrations
+        opened({"action.skill": skill}).demonstrations.select(0)
+    kept = opened({"action.skill": skill}, skip_bad=True).demonstrations
     assert kept.ids == (0, 2, 3)

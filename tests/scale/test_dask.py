@@ -70,18 +70,6 @@ def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk
     assert_same(here, there)
 
 
-def test_actions_of_several_parts_are_judged_and_learned_on_a_cluster_as_in_memory(cluster):
-    data = demonstrations()
-    actions = np.stack([data.actions, data.observations[:, 0]], axis=1)
-    classes = (tuple(range(int(data.actions.max()) + 1)), ())
-    data = Demonstrations(data.observations, actions, data.offsets, part_classes=classes)
-    here, there = small_rpil().fit(data), small_rpil(engine=DaskEngine(cluster, n_shards=3)).fit(data)
-    for name in ("log_odds", "step_weight", "reliability"):
-        np.testing.assert_allclose(getattr(here.audit_, name), getattr(there.audit_, name), rtol=1e-6, atol=1e-6)
-    learned = [model.log_prob(data.observations, data.actions) for model in (here, there)]
-    np.testing.assert_allclose(*learned, rtol=1e-3, atol=1e-3)
-
-
 @dataclass(frozen=True)
 class KillOnce:
     """`function`, but the first worker that calls it kills its own process in the middle of the task."""

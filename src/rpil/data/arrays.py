@@ -21,9 +21,6 @@ Indices = slice | int | Sequence[int] | Array
 ActionKind = Literal["auto", "discrete", "continuous"]
 """Of the actions; "auto" decides by `action_kind`."""
 
-PartClasses = tuple[tuple[int | str, ...], ...]
-"""Of each part of an action its classes, in order, of which it holds the code; none of numbers, which come last."""
-
 FEW_CLASSES, MAX_CLASSES, STEPS_PER_CLASS = 10, 100, 10
 """Whole numbers are classes where at most `FEW_CLASSES` differ, or at most `MAX_CLASSES` with this many steps each."""
 
@@ -117,7 +114,7 @@ def as_actions(values: object, where: str, wanted: ActionKind = "auto") -> Array
     if array.ndim not in (1, 2) or (array.ndim == 2 and (kind != "f" or array.shape[1] == 0 or wanted == "discrete")):
         raise DataError(
             f"{where}: actions of shape {array.shape} and type {array.dtype} are neither (N,) discrete nor (N, A) "
-            "floats; number the combinations, give codes with part_classes, or convert to float if they are continuous."
+            "floats; number the combinations, name one part, or convert to float if they are continuous."
         )
     if array.ndim == 1:
         whole = kind != "f" or are_whole(array)

@@ -11,14 +11,14 @@ from rpil.data.arrays import check_squares
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.id_values import Key, match_labels
-from rpil.data.spaces import ActionSpace, Box, Discrete, Product
+from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array, Int
 
 Bounds = tuple[ArrayLike, ArrayLike]
 """Low and high end of every number of an action: a number for all, or (A,) numbers."""
 
 
-def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[ActionSpace, Array]:
+def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Space, Array]:
     """The space of the actions, and the K classes where they are discrete, else none.
 
     `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
@@ -26,7 +26,7 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Act
     hold the actions.
     """
     source = data.source
-    if (data.is_discrete or data.part_classes) and box is not None:
+    if data.is_discrete and box is not None:
         raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
     if data.is_discrete:
         classes = class_codes(data.classes, source)[0]
@@ -35,9 +35,6 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Act
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
     check_squares(ends, f"{source}: action")
-    if data.part_classes:
-        own = np.array([not classes for classes in data.part_classes])
-        return Product(data.part_classes, Box.around(ends[:, own]) if own.any() else None), np.empty(0)
     space = Box.around(ends) if box is None else _declared_box(box, ends.shape[1], source)
     outside = np.argwhere((ends < space.low) | (ends > space.high))
     if len(outside):
@@ -96,17 +93,12 @@ def encode_actions(classes: Array, actions: Array, source: str) -> Array:
     return codes
 
 
-def encode_demonstrations(classes: Array, space: ActionSpace, demonstrations: Demonstrations) -> Array:
+def encode_demonstrations(classes: Array, space: Space, demonstrations: Demonstrations) -> Array:
     """`encode_actions` of demonstrations that a policy with these `classes` (K,) in this space was not fitted to.
 
     A `DataError` where the kind or the width of the actions is not the fitted one, or an action is not a class.
     """
     source, actions, n_parts = demonstrations.source, demonstrations.actions, space.n_parts
-    if isinstance(space, Product):
-        if [*map(bool, demonstrations.part_classes)] != [*map(bool, space.part_classes)]:
-            raise DataError(f"{source}: the parts of the action that are classes are not the fitted ones.")
-        parts = zip(space.part_classes, demonstrations.action_values, strict=True)
-        return np.stack([encode_actions(np.array(known), part, source) for known, part in parts], axis=1).astype(float)
     if demonstrations.is_discrete != bool(len(classes)):
         other = "continuous" if len(classes) else "discrete"
         raise DataError(f"{source}: the actions are {other}, and the fitted ones were not.")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpil.data import arrays
-from rpil.data.arrays import ActionKind, Id, Indices, PartClasses
+from rpil.data.arrays import ActionKind, Id, Indices
 from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
@@ -58,14 +58,13 @@ class DemonstrationSet:
     """What demonstrations in memory and on disk have in common: ids, counts and the range of the actions.
 
     `classes` (K,) are the distinct discrete actions, in order; `low` and `high` (A,) the smallest and largest
-    continuous ones; `part_classes` those of each part of an action of which some parts are classes, else none.
+    continuous ones.
     """
 
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
     source: str
     observation_names: tuple[str, ...]
-    part_classes: PartClasses
     classes: Array
     low: Array
     high: Array
@@ -132,9 +131,6 @@ class Demonstrations(DemonstrationSet):
         Names of the parts of continuous actions, for messages; there may be none.
     allows_missing : bool
         Whether observations and continuous actions may be NaN or infinite, which no fit is given.
-    part_classes : sequence of A tuples
-        The classes of the parts of an action, of which `actions` (N, A) hold the codes; empty for numbers, which come
-        last. By default no part is a class.
 
     Raises
     ------
@@ -151,7 +147,6 @@ class Demonstrations(DemonstrationSet):
     action_kind: ActionKind = "auto"
     action_names: tuple[str, ...] = ()
     allows_missing: bool = False
-    part_classes: PartClasses = ()
 
     def __post_init__(self) -> None:
         source = self.source
@@ -270,12 +265,6 @@ class Demonstrations(DemonstrationSet):
     def n_actions(self) -> int:
         """A, the numbers per action; 0 where actions are discrete."""
         return int(self.actions.shape[1]) if self.actions.ndim == 2 else 0
-
-    @property
-    def action_values(self) -> list[Array]:
-        """Each part of the actions, (N,), with the classes themselves in the place of their codes."""
-        pairs = zip(self.part_classes or ((),) * self.n_actions, self.actions.T, strict=True)
-        return [np.array(classes)[part.astype(np.int64)] if classes else part for classes, part in pairs]
 
     @property
     def groups(self) -> NDArray[np.int64]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from rpil.data.demonstrator_groups import Demonstrators
-from rpil.data.spaces import ActionSpace, Discrete, Product
+from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 
 
@@ -17,13 +16,13 @@ class FitData:
     """The data of one fit."""
 
     features: Array  # (N, D): design matrix, constant in the last column
-    actions: Array  # (N,): codes 0..K-1 of discrete actions; or (N, A): numbers, or codes in a `Product`
+    actions: Array  # (N,): codes 0..K-1 of discrete actions; or (N, A): numbers
     offsets: Array  # (M + 1,): demonstration m owns the steps ``offsets[m]:offsets[m + 1]``
-    space: ActionSpace  # of the actions
+    space: Space  # of the actions
     labels: Array = field(default_factory=lambda: np.array([], dtype=int))
     """(M,): 1 expert, -1 adversary, 0 not labelled, the default; read by the mixture alone: the judge has answers."""
     demonstrators: Demonstrators = field(default_factory=Demonstrators)
-    judged: Array | None = None  # bool: the parts that are numbers, of those which the judge sees; None for all
+    judged: Array | None = None  # bool: the parts of continuous actions that the judge sees; None for all
     action_names: tuple[str, ...] = ()  # of the parts of continuous actions, or of discrete actions; may be empty
 
     def __post_init__(self) -> None:
@@ -31,23 +30,9 @@ class FitData:
             object.__setattr__(self, "labels", np.zeros(self.n_demonstrations, dtype=int))
 
     @classmethod
-    def from_steps(cls, features: Array, actions: Array, space: ActionSpace) -> FitData:
+    def from_steps(cls, features: Array, actions: Array, space: Space) -> FitData:
         """Steps without demonstrations, as one unlabelled demonstration."""
         return cls(features, actions, np.array([0, len(actions)]), space)
-
-    @cached_property
-    def factors(self) -> tuple[FitData, ...]:
-        """The data of each class of a `Product`, and of its numbers given the classes; of another space themselves."""
-        space, actions = self.space, self.actions
-        if not isinstance(space, Product):
-            return (self,)
-        codes = ((size, actions[:, j].astype(np.int64)) for j, size in enumerate(space.sizes))
-        parts = [replace(self, actions=own, space=Discrete(n), judged=None, action_names=()) for n, own in codes]
-        if space.numbers is not None:
-            numbers, names = actions[:, len(parts) :], self.action_names[len(parts) :]
-            given = replace(self, features=space.given(self.features, actions), actions=numbers, action_names=names)
-            parts.append(replace(given, space=space.numbers))
-        return tuple(parts)
 
     @property
     def n_demonstrations(self) -> int:

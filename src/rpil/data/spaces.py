@@ -1,4 +1,4 @@
-"""Spaces of actions: one of n numbered actions, any point of a box of A numbers, or a product of such parts.
+"""Spaces of actions: one of n numbered actions, or any point of a box of A numbers.
 
 A space tells the model how many numbers an action has and what may be done, and tells the simulator how to draw an
 action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which answers of a policy it accepts.
@@ -7,12 +7,11 @@ action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from rpil.data.archive import NOT_STORED, stored
-from rpil.data.arrays import PartClasses
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -139,63 +138,3 @@ class Box:
 
 
 Space = Discrete | Box
-
-MAX_COLUMNS = 400  # from which numbers that depend on classes are explained
-
-
-@stored()
-@dataclass(frozen=True, eq=False)
-class Product:
-    """Actions of A parts of which the first are classes, as a skill, and the others numbers, as its parameters.
-
-    The probability of an action is the product of that of each class, and of the density of all numbers given the
-    classes. The judge and linear policies take such actions: the number of each class, and the numbers, (N, A).
-    """
-
-    part_classes: PartClasses
-    numbers: Box | None
-    kind: Literal["product"] = "product"
-
-    @property
-    def has_density(self) -> bool:
-        """Whether some parts are numbers."""
-        return self.numbers is not None
-
-    @property
-    def n_parts(self) -> int:
-        """A."""
-        return len(self.part_classes)
-
-    @property
-    def sizes(self) -> list[int]:
-        """The number of classes of each part that is not a number."""
-        return [len(classes) for classes in self.part_classes if classes]
-
-    def given(self, features: Array, actions: Array) -> Array:
-        """The features (N, D) for the numbers given the classes: those within each class, or one constant where they
-        would be too many, and then those of all."""
-        classes = np.hstack([actions[:, [j]] == np.arange(size) for j, size in enumerate(self.sizes)])
-        is_small = features.shape[1] * (classes.shape[1] + 1) <= MAX_COLUMNS
-        within = classes.astype(features.dtype)[:, :, None] * (features if is_small else features[:, -1:])[:, None]
-        return np.hstack([within.reshape(len(features), -1), features])
-
-
-@stored(renews=("A", "F", "K"))
-@dataclass(frozen=True, eq=False)
-class Factor:
-    """The model of one factor of a product, of sizes of its own."""
-
-    model: Any
-
-
-ActionSpace = Space | Product
-
-
-def simple_space(space: ActionSpace) -> Space:
-    """The space, for a policy of the user or an adversary; a `DataError` where it is a `Product`."""
-    if isinstance(space, Product):
-        raise DataError(
-            "Only the linear policy takes actions of several parts, of which some are classes; leave out policy= and "
-            "adversary=, or train a policy of your own by the weights."
-        )
-    return space

@@ -14,12 +14,12 @@ from threadpoolctl import threadpool_limits
 from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.spaces import ActionSpace, Product, simple_space
+from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
-from rpil.policies.linear import LinearPolicy, ProductPolicy
+from rpil.policies.linear import LinearPolicy
 from rpil.policies.settings import SelectionSettings
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """Predictions of an estimator with `space_`, `classes_`, `features_` and `policy_`."""
 
-    space_: ActionSpace
+    space_: Space
     classes_: Array
     features_: Features
     policy_: FinalPolicy
@@ -39,24 +39,17 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     n_iter_: int
 
     def predict(self, X: ArrayLike) -> Array:
-        """The most likely action in each observation, (N,), or the mean action within the box, (N, A).
-
-        Of several parts the most likely classes, by their numbers in `space_.part_classes`, and the mean numbers.
-        """
-        action = self._act(self._outputs(X))
+        """The most likely action in each observation, (N,), or the mean action within the box, (N, A)."""
+        outputs = self._outputs(X)
+        action = self.space_.act(outputs)
         return self.classes_[action] if len(self.classes_) else action
 
-    def _act(self, outputs: Array) -> Array:
-        policy = self.policy_
-        return policy.act(outputs) if isinstance(policy, ProductPolicy) else simple_space(self.space_).act(outputs)
+    def predict_proba(self, X: ArrayLike) -> Array:
+        """pi(k|s), (N, K), columns in the order of `classes_`."""
+        return np.exp(self.predict_log_proba(X))
 
-    def predict_proba(self, X: ArrayLike) -> Array | list[Array]:
-        """pi(k|s), (N, K), columns in the order of `classes_`; of several parts a list, one for each with classes."""
-        found = self.predict_log_proba(X)
-        return [*map(np.exp, found)] if isinstance(found, list) else np.exp(found)
-
-    def predict_log_proba(self, X: ArrayLike) -> Array | list[Array]:
-        """log pi(k|s), (N, K); of several parts a list, one for each with classes.
+    def predict_log_proba(self, X: ArrayLike) -> Array:
+        """log pi(k|s), (N, K).
 
         Raises
         ------
@@ -64,19 +57,13 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
             Where actions are continuous.
         """
         check_is_fitted(self)
-        if isinstance(self.policy_, ProductPolicy):
-            return self.policy_.log_probas(self._outputs(X))
         if not len(self.classes_):
             raise DataError("The actions are continuous, so that none has a probability; use log_prob or predict.")
         return self._outputs(X)
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
-        """The share of actions that are the most likely one; R^2 of numbers. Of several parts the mean over them."""
+        """The share of actions that are the most likely one; R^2 of numbers."""
         predicted = self.predict(X)
-        if isinstance(self.space_, Product):
-            pairs = zip(self._codes(y).T, predicted.T, self.space_.part_classes, strict=True)
-            each = [(accuracy_score if n else r2_score)(a, b, sample_weight=sample_weight) for a, b, n in pairs]
-            return float(np.mean(each))
         measure = accuracy_score if len(self.classes_) else r2_score
         return float(measure(y, predicted, sample_weight=sample_weight))
 
@@ -88,17 +75,8 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         DataError
             Where an action is not among `classes_`, or not as `predict` has it.
         """
-        return self.policy_.log_prob(self._outputs(X), self._codes(y))
-
-    def _codes(self, y: ArrayLike) -> Array:
         codes = encode_actions(self.classes_, np.asarray(y), "the steps")
-        if isinstance(self.space_, Product):
-            n_parts, sizes = self.space_.n_parts, np.array(self.space_.sizes)
-            known = codes[:, : len(sizes)] if codes.shape[1:] == (n_parts,) else np.array(-1)
-            if not ((known >= 0) & (known < sizes) & (known % 1 == 0)).all():
-                parts = f"{n_parts} parts for each action, and each class as its number in space_.part_classes"
-                raise DataError(f"The steps: actions of shape {codes.shape} hold no such action; give {parts}.")
-        return codes
+        return self.policy_.log_prob(self._outputs(X), codes)
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
@@ -146,7 +124,7 @@ class BehavioralCloning(PolicyEstimator):
     ----------
     classes_ : (K,) array
         The actions, none where they are continuous.
-    space_ : Discrete, Box or Product
+    space_ : Discrete or Box
         What actions there are.
     coef_, intercept_ : arrays
         As scikit-learn's, on the columns of the feature map.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import ActionSpace, simple_space
+from rpil.data.spaces import Space
 from rpil.numerics.types import Array
-from rpil.policies.features import FEATURE_KINDS, FeatureMap, ridge_of
+from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
 from rpil.policies.selection import FeatureChoice, choose_features
@@ -35,17 +34,12 @@ class LinearPolicySpec:
     min_feature_weight: float = 0.0
     """See `rpil.estimators.settings.Settings`."""
 
-    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: ActionSpace) -> FeatureChoice:
-        """The features: those asked for, or chosen by held-out steps of `weight` (N,); for several parts of the action
-        the largest that any of them needs."""
+    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> FeatureChoice:
+        """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
             return FeatureChoice(self.features, self.selection.maps.ridge_per_step)
-        seen, bounds = data.observations, data.offsets
-        choose = partial(choose_features, seen, offsets=bounds, weight=weight, C=self.C, settings=self.selection)
-        factors = FitData(seen, codes, bounds, space).factors
-        choices = [choose(own.actions, space=simple_space(own.space)) for own in factors]
-        largest = max(choices, key=lambda choice: FEATURE_KINDS.index(choice.kind))
-        return largest if len(choices) == 1 else replace(largest, temperature=1.0)  # one each, of different parts
+        seen, settings = data.observations, self.selection
+        return choose_features(seen, codes, data.offsets, weight, space, self.C, settings=settings)
 
     def feature_map(self, choice: FeatureChoice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""
@@ -53,7 +47,7 @@ class LinearPolicySpec:
         rows, used = observations[trusted], weight[trusted]
         return FeatureMap.fit(choice.kind, rows, used, choice.ridge, settings=self.selection.maps)
 
-    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: ActionSpace) -> tuple[FeatureMap, Policy]:
+    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, Policy]:
         """The feature map, and the policy fitted to all steps by their `weight` (N,)."""
         choice = self.choice(data, codes, weight, space)
         features = self.feature_map(choice, data.observations, weight)

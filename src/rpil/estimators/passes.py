@@ -11,13 +11,12 @@ import numpy as np
 
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Product
 from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
-from rpil.inference.fitted_judge import FittedJudge, ProductRatio, SoftmaxRatio
+from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.policies.linear import factors_of, linear_policy, product_of
+from rpil.policies.linear import linear_policy
 from rpil.results.evidence import StepEvidence, similar_members, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
@@ -87,14 +86,10 @@ class SampledFit(FullFit):
         audit, total = self._weigh(posed, decided, blocks)
         ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
         zero, final = linear_policy(space, ridge, weight.sum()), linear_policy(space, final_ridge, total)
-        found = []
-        for j, (own, policy, goal) in enumerate(zip(data.factors, *map(factors_of, (zero, final)), strict=True)):
-            first, _ = policy.fit(own, weight)
-            start, hessian = first.with_preconditioner(own, weight, goal.ridge, total / weight.sum())
-            steps = blocks.then(partial(_factor_of, space=space, j=j)) if isinstance(space, Product) else blocks
-            found.append(ascend(steps, start, hessian, options.settings.ascent, options.progress))
-        final = product_of(space, found).with_temperature(choice.temperature)
-        return replace(decided, audit=audit, features=features, policy=final)
+        first, _ = zero.fit(data, weight)
+        start, hessian = first.with_preconditioner(data, weight, final.ridge, total / weight.sum())
+        policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
+        return replace(decided, audit=audit, features=features, policy=policy.with_temperature(choice.temperature))
 
     def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
@@ -115,13 +110,10 @@ class SampledFit(FullFit):
         read = np.union1d(sample.indices, drawn)  # the sample says what is typical
         data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
         ratio = sample.judge.ratio  # of policies that are not held out
-        pairs = ratio.of(data.features, data.actions) if isinstance(ratio, ProductRatio) else [(ratio, data)]
-        expected = [
-            one.step_ratios(own.features, own.actions, settings)[0]
-            if isinstance(one, SoftmaxRatio)
-            else one.scaling.back(linear(own.features, one.weights))
-            for one, own in pairs
-        ]
+        if isinstance(ratio, SoftmaxRatio):
+            expected = ratio.step_ratios(data.features, data.actions, settings)[0]
+        else:
+            expected = ratio.scaling.back(linear(data.features, ratio.weights))
         evidence = StepEvidence.of(data, read, expected, similar_members(sample.judgement, read), settings)
         return traces(audit, evidence, drawn)
 
@@ -132,9 +124,3 @@ def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge |
     assert judgement is not None
     assert judge is not None
     return JudgedSample(posed.data, posed.indices, judgement, judge)
-
-
-def _factor_of(block: WeightedBlock, space: Product, j: int) -> WeightedBlock:
-    """The block for one of the factors of the actions."""
-    own = FitData.from_steps(block.features, block.actions, space).factors[j]
-    return block._replace(features=own.features, actions=own.actions)

@@ -175,12 +175,9 @@ def _try_out(estimator: SavedEstimator) -> None:
     observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
     space = estimator.space_
     outputs = estimator.policy_.outputs(estimator.features_.design(observation))
-    action = estimator._act(outputs)
+    action = space.act(outputs)
     sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
     sound &= len(classes) == getattr(space, "n", 0)
-    spaces = space, getattr(estimator.policy_, "space", None)
-    of_space, of_policy = (getattr(one, "part_classes", None) for one in spaces)
-    sound &= of_space == of_policy
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
@@ -189,7 +186,7 @@ def _try_out(estimator: SavedEstimator) -> None:
         sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
         if state is not None or judge is not None:
             taken = classes[action] if len(classes) else action
-            step = Demonstrations(observation, taken, np.array([0, 1]), part_classes=getattr(space, "part_classes", ()))
+            step = Demonstrations(observation, taken, np.array([0, 1]))
             sound &= not np.isnan(estimator.score_demonstrations(step)).any()
     if not sound:
         raise ValueError("values out of range")

@@ -19,7 +19,7 @@ from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import ActionSpace, simple_space
+from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
@@ -74,11 +74,11 @@ class FitOptions:
             self.features, self.C, settings.ascent.tol, settings.selection, settings.min_feature_weight
         )
 
-    def cross_fitted(self, space: ActionSpace, n_steps: int) -> CrossFittedPolicy:
+    def cross_fitted(self, space: Space, n_steps: int) -> CrossFittedPolicy:
         """The user's policy before it is fitted."""
         from rpil.policies.cross_fitted import cross_fitted_policy
 
-        return cross_fitted_policy(self.policy, simple_space(space), n_steps, self.settings.cross_fit)
+        return cross_fitted_policy(self.policy, space, n_steps, self.settings.cross_fit)
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
@@ -117,7 +117,7 @@ class FitOptions:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
         if self.policy is not None or not data.space.has_density:
             return data
-        return replace(data, judged=judged_parts(data.factors[-1].actions, data.offsets))
+        return replace(data, judged=judged_parts(data.actions, data.offsets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +180,8 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
 
     data, settings, n_steps = posed.data, options.settings, len(posed.data.actions)
     assert isinstance(posed.features, FeatureMap)
-    space = simple_space(data.space)
-    start = linear_policy(space, ridge_of(posed.features, options.C, n_steps, space), n_steps)
+    ridge = ridge_of(posed.features, options.C, n_steps, data.space)
+    start = linear_policy(data.space, ridge, n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
@@ -243,7 +243,7 @@ class FullFit:
         # An audit answers like the judge, and without a policy its weights are for other trainings.
         settings_of_audit = replace(settings.audit, judge=settings.judge, weighs_for_learner=self.keeps_policy)
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
-        notes = (*audit.notes, *parts_not_judged(posed.data.factors[-1]), "" if copies is None else copies.sentence)
+        notes = (*audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence)
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
         decided = FitResult(audit, posed.features, posed.features, judge=judge, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))

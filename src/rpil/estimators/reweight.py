@@ -120,7 +120,7 @@ class TrainedPolicy(HeldOutModel):
     def _with_lapses(self, log_prob: Array) -> Array:
         """log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`."""
         if self.fit_data.space.has_density:  # densities of actions in spreads, like the reference
-            log_prob = log_prob + np.log(ActionScale.of(self.fit_data.factors[-1]).spread).sum()
+            log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
         lapse = self.options.judge.held_out.lapse
         q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
         return np.asarray(np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q))

@@ -90,7 +90,7 @@ class RPIL(PolicyEstimator):
     log_odds_, expert_proba_ : (M,) arrays
         In the order of ``audit_.ids``.
     classes_ : (K,) array
-        The discrete actions; empty for continuous actions, and those of several parts.
+        The discrete actions; empty for continuous actions.
     coef_, intercept_ : arrays
         Of a linear policy.
     judge_ : FittedJudge or None

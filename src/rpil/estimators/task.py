@@ -21,7 +21,7 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, match_pairs, parse_labels, read_answers
 from rpil.data.recorded_facts import Outcome, given_order, given_outcome, tells
-from rpil.data.spaces import ActionSpace
+from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
@@ -65,7 +65,7 @@ class Task:
     """The demonstrations of a fit, checked, and what is known of them."""
 
     source: Demonstrations | Dataset
-    space: ActionSpace
+    space: Space
     classes: Array
     """The discrete actions, or an empty array."""
     answers: Answers

@@ -272,6 +272,4 @@ def _kind_of_action(demonstrations: Demonstrations) -> str:
         return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
     names = demonstrations.action_names
     parts = f" ({quoted(names, 5)})" if names else ""
-    if demonstrations.part_classes:
-        return f"the parts {', '.join(map(str, demonstrations.part_classes))}"
     return f"{demonstrations.n_actions} continuous numbers{parts}"

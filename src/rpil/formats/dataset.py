@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpil.data.arrays import ActionKind, Id, Indices, PartClasses, check_any, check_finite
+from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.memory import Size, check_memory
 from rpil.formats.layout import Layout
@@ -94,11 +94,6 @@ class Dataset(DemonstrationSet):
         return self.layout.observation_names
 
     @property
-    def part_classes(self) -> PartClasses:  # type: ignore[override]
-        """The classes of each part of the action; none where all are numbers."""
-        return self.layout.part_classes if self.layout.n_parts else ()
-
-    @property
     def action_names(self) -> tuple[str, ...]:
         """Names of the parts of an action."""
         return self.layout.action_names
@@ -154,5 +149,5 @@ class Dataset(DemonstrationSet):
         (block,) = Shard(rows, self.layout, (0, len(order)), offsets, ids)
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
-        selected = Demonstrations(block.observations, block.actions, offsets, ids, *names, self.part_classes)
+        selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)
         return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))

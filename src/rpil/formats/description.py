@@ -82,7 +82,7 @@ class Description:
                 lines.append(f"{what}, in {column}: {commas([name.removesuffix('.') for name in names])}.")
         lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
-        if self.action_kind != "discrete" or len(self.actions) > 1:
+        if self.action_kind != "discrete":
             lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
         others = self.ranges.keys() - {*self.observations, *self.actions}
         if others:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from rpil.data.arrays import PartClasses
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.names import quoted, short_name
@@ -45,8 +44,8 @@ class Layout:
         Names of those that are not, and why.
     allows_missing : bool
         Whether numbers may be NaN or infinite.
-    part_classes : tuple of tuples
-        The classes of each part, as in `Demonstrations`; also of one text, where rare ones are one class.
+    classes : tuple of str
+        The texts that are actions, where all others are one class, `rpil.formats.table.RARE`; else none.
     """
 
     observations: Widths
@@ -59,7 +58,7 @@ class Layout:
     masks: Mapping[str, Array] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     allows_missing: bool = False
-    part_classes: PartClasses = ()
+    classes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -74,8 +73,9 @@ class Layout:
         types = [value_type(table[name].type) for name in actions]
         action, n_parts = _stacked(types), sum(actions.values())
         column = next(iter(actions))
-        is_one = columns.one_action and n_parts == 1 and column not in chosen.masks
-        if is_one and not (types[0].kind == "f" and flat.kind_of_type(table[column].type) == "list"):
+        is_list_of_floats = types[0].kind == "f" and flat.kind_of_type(table[column].type) == "list"
+        may_be_class = columns.one_action and column not in chosen.masks and not is_list_of_floats
+        if n_parts == 1 and (may_be_class or columns.action_kind == "discrete"):
             n_parts, action = 0, action if types[0].kind == "f" else types[0]
         return cls(
             *(tuple(observations.items()), tuple(actions.items()), observation_names, action_names),
@@ -122,14 +122,13 @@ class Layout:
         """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
         with guarded(at(0)):
             self._fill(observations, table, self.observations, at)
-            self._fill(actions.reshape(len(actions), -1), table, self.actions, at, self.part_classes)
+            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
 
-    def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place, part_classes: PartClasses = ()) -> None:
+    def _fill(self, out: Array, table: pa.Table, widths: Widths, at: Place) -> None:
         start = 0
         for name, width in widths:
-            classes = part_classes[start : start + width]
             block = flat.column_values(table, name, at, self.allows_missing)
-            if block.dtype.kind == "U" and out.dtype.kind != "U" and not any(classes):
+            if block.dtype.kind == "U" and out.dtype.kind != "U":
                 raise flat.no_numbers(block, name, at)
             block = block.reshape(len(block), -1)
             mask = self.masks.get(name, np.ones(width, dtype=bool))
@@ -137,16 +136,10 @@ class Layout:
                 fault = f"holds {block.shape[1]} numbers, not {len(mask)} as elsewhere"
                 raise DataError(f"{at(0)}: column {name!r} {fault}.")
             block = block[:, mask] if name in self.masks else block
-            out[:, start : start + width] = self._coded(block, classes) if any(classes) else block
+            if self.classes and out.dtype.kind == "U":
+                block = np.where(np.isin(block, self.classes), block, flat.RARE)
+            out[:, start : start + width] = block
             start += width
-
-    def _coded(self, block: Array, part_classes: PartClasses) -> Array:
-        """Parts of the action with the codes of their classes, or the classes themselves of an action of one part."""
-        parts = []
-        for part, own in zip(block.T, part_classes, strict=True):
-            known = np.where(np.isin(part, own), part, flat.RARE) if flat.RARE in own else part
-            parts.append(np.searchsorted(own, known) if own and self.n_parts else known)
-        return np.stack(parts, axis=1)
 
 
 class _Chosen:

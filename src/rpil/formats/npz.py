@@ -83,8 +83,6 @@ def _turned(arrays: Mapping[str, Closed | Array], shape: tuple[int, ...] | None)
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
     """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
-    if demonstrations.part_classes:
-        raise DataError(f"{path}: NPZ holds actions whose parts are all numbers; write .parquet or .csv.")
     arrays = {
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,

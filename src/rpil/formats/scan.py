@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class ScannedActions:
-    """The distinct actions of one column of numbers or texts, collected table by table, or of each of several.
+    """The distinct actions of one column of numbers or texts, collected table by table.
 
     Attributes
     ----------
@@ -50,7 +49,7 @@ class ScannedActions:
     kind: str = "continuous"
     reason: str = ""
     note: str = ""
-    _parts: list[ScannedActions] = field(default_factory=list)
+    _texts: dict[str, None] = field(default_factory=dict)
     _n_steps: int = 0
     _whole: bool = True
     _counts: Counter[str] = field(default_factory=Counter)
@@ -61,12 +60,17 @@ class ScannedActions:
 
     def add(self, table: pa.Table, at: Place) -> None:
         """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
-        if self.layout.n_parts > 1:
-            self._add_parts(table, at)
-        elif not self.layout.n_parts:
-            self._n_steps += len(table)
-            for values in self._values(table, self.layout.actions[0][0], at):
-                self._add(values, at)
+        layout = self.layout
+        if layout.n_parts:
+            texts = (name for name, _ in layout.actions if value_type(table[name].type).kind == "U")
+            self._texts |= dict.fromkeys(texts)
+            return
+        self._n_steps += len(table)
+        name = layout.actions[0][0]
+        mask = layout.masks.get(name)
+        for values in self._values(table, name, at):
+            is_cut = mask is not None and values.shape[1:] == mask.shape
+            self._add(values[:, mask] if is_cut else values, at)
 
     def _values(self, table: pa.Table, name: str, at: Place) -> Iterator[Array]:
         """The values of a column; where some cannot be actions, those that are not missing."""
@@ -96,7 +100,8 @@ class ScannedActions:
         """Decide what the actions are; the layout with their type."""
         layout = self.layout
         if layout.n_parts:
-            return self._with_classes(source)
+            self._refuse_classes_among(source)
+            return layout
         self._pool()
         try:
             count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
@@ -106,29 +111,10 @@ class ScannedActions:
             self.fault = self.fault or DataError(f"{source}{error}")
             return layout
         if self.kind == "discrete":
-            classes = (tuple(self.classes.tolist()),) if self.note else ()
-            return replace(layout, action=self.classes.dtype, part_classes=classes)
+            classes = tuple(self.classes.tolist()) if self.note else ()
+            return replace(layout, action=self.classes.dtype, classes=classes)
         self.classes = np.empty(0)
         return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
-
-    def _add_parts(self, table: pa.Table, at: Place) -> None:
-        layout, begin = self.layout, 0
-        kinds = {name: value_type(table[name].type) for name, _ in layout.actions}
-        if not self._parts:
-            own = (((part, 1), kinds[name]) for name, parts in layout.names.items() if name in kinds for part in parts)
-            layouts = (replace(layout, actions=(part,), action=kind, n_parts=0) for part, kind in own)
-            self._parts = [ScannedActions(each, self.wanted) for each in layouts]
-        for name, width in layout.actions:
-            parts, mask, begin = self._parts[begin : begin + width], layout.masks.get(name), begin + width
-            if width > 1 and kinds[name].kind == "f" and self.wanted != "discrete":  # lists of floats are numbers
-                parts[0]._whole = False
-                continue
-            for values in parts[0]._values(table, name, at):
-                block = values.reshape(len(values), -1)
-                block = block if mask is None or len(mask) != block.shape[1] else block[:, mask]
-                for part, column in zip(parts, block.T, strict=False):
-                    part._n_steps += len(column)
-                    part._add(column, at)
 
     def _pool(self) -> None:
         """Make one class of the rare ones among many texts."""
@@ -140,30 +126,17 @@ class ScannedActions:
             kept = f"{self.layout.actions[0][0]}: {len(frequent)} of {n_texts:,} texts are classes"
             self.note = f"{kept}, all others ({share:.0%} of the steps) one, {flat.RARE}."
 
-    def _with_classes(self, source: str) -> Layout:
-        """The layout with the classes of texts, and of few whole numbers where all parts are whole; they come first."""
-        layout, parts, wanted = self.layout, self._parts, self.wanted
-        for part in parts:
-            part.finish(source)
+    def _refuse_classes_among(self, source: str) -> None:
+        """Set the `fault` where an action of several numbers or texts is not of numbers alone, or is to be discrete."""
+        layout = self.layout
         self.reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
-        self.note = " ".join(part.note for part in parts if part.note)
-        most = inf if wanted == "discrete" else FEW_CLASSES if all(part._whole for part in parts) else 0
-        chosen = {part for part in parts if part.kind == "discrete" and (part._is_text or len(part.classes) <= most)}
-        each = iter(parts)
-        columns = [(column, [*islice(each, column[1])]) for column in layout.actions if parts]
-        columns.sort(key=lambda column: not chosen.issuperset(column[1]))
-        classes = [tuple(p.classes.tolist()) for _, own in columns if chosen.issuperset(own) for p in own]
-        asked = parts if wanted == "discrete" and not classes else [part for part in parts if part._is_text]
-        for part in (part for part in asked if part.fault):
-            self.fault, self.kind, self.reason = part.fault, part.kind, part.reason
-        if not classes or self.kind == "refused":
-            return layout
-        self.kind = "discrete and continuous" if len(classes) < len(parts) else "discrete"
-        names = [part.layout.actions[0][0] for _, own in columns for part in own]
-        named = (f"{name} ({len(own)})" for name, own in zip(names, classes, strict=False))
-        self.reason = f"{len(classes)} of its {len(parts)} parts are classes, {commas(named)}"
-        actions, classes = tuple(column for column, _ in columns), [*classes, *[()] * (len(parts) - len(classes))]
-        return replace(layout, actions=actions, action_names=tuple(names), part_classes=tuple(classes))
+        if layout.n_parts == 1 or not (self._texts or self.wanted == "discrete"):
+            return
+        texts = [part for name in self._texts for part in layout.names[name]]
+        numbers = [part for part in layout.action_names if part not in texts]
+        parts = ", ".join(f"{commas(own)} ({kind})" for own, kind in ((texts, "text"), (numbers, "numbers")) if own)
+        self.kind, self.reason = "refused", f"the action has several parts: {parts}"
+        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
 
 _FEW_STEPS = 10  # with fewer a text is rare; and changes of the action, to see that a column repeats the last one

@@ -85,7 +85,7 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
         columns["action"] = demonstrations.actions
     else:
         names = action_columns(demonstrations.action_names, demonstrations.n_actions)
-        columns |= zip(names, demonstrations.action_values, strict=True)
+        columns |= zip(names, demonstrations.actions.T, strict=True)
     return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
 
 

@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Product
+from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_density
 from rpil.numerics.types import Array, Bool, Float
@@ -147,9 +147,6 @@ def _moves(features: Array, spread: Array, data: FitData) -> Array:
 
 def own_log_prob(data: FitData, actions: Float[Array, "N A"], errors: ErrorSettings) -> Float[Array, " M"]:
     """Mean log-probability of the actions of each demonstration under its own distribution, whatever the state."""
-    if isinstance(data.space, Product):
-        pairs = zip(data.factors, np.split(actions, np.cumsum(data.space.sizes), axis=1), strict=False)
-        return np.asarray(sum(own_log_prob(factor, own, errors) for factor, own in pairs))
     if isinstance(data.space, Discrete):
         counts = data.sum_steps(actions)
         shares = (counts + 1.0) / (counts + 1.0).sum(axis=1, keepdims=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Factor, Product
+from rpil.data.spaces import Discrete
 from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
@@ -95,40 +95,13 @@ class StudentRatio:
         return self.scaling(actions)
 
 
-@stored()
-@dataclass(frozen=True, eq=False)
-class ProductRatio:
-    """The log-ratios of an action of several parts: the sum of those of its factors."""
-
-    space: Product
-    factors: tuple[Factor, ...]
-
-    def step_ratios(
-        self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
-    ) -> StepRatios:
-        """Log-ratios of the actions taken."""
-        own = (ratio.step_ratios(each.features, each.actions, settings) for ratio, each in self.of(features, actions))
-        log_prob, log_ratio, scored = (np.asarray(sum(terms)) for terms in zip(*own, strict=True))
-        return log_prob, log_ratio, scored
-
-    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
-        """Indicators of the classes, and the numbers, scaled."""
-        return np.hstack([ratio.indicators(f.actions) for ratio, f in self.of(np.empty((len(actions), 0)), actions)])
-
-    def of(self, features: Array, actions: Array) -> list[tuple[SoftmaxRatio | StudentRatio, FitData]]:
-        """The ratio of each factor, and the data of that factor."""
-        factors = FitData.from_steps(features, actions, self.space).factors
-        return [(factor.model, each) for factor, each in zip(self.factors, factors, strict=True)]
-
-
-Ratio = SoftmaxRatio | StudentRatio | ProductRatio
+Ratio = SoftmaxRatio | StudentRatio
 
 
 def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> Ratio:
-    """The ratio for the actions of the data, whose policies are fitted to weighted steps, with a `ridge` a step."""
-    kinds = ((SoftmaxRatio if isinstance(own.space, Discrete) else StudentRatio, own) for own in data.factors)
-    fitted: list[SoftmaxRatio | StudentRatio] = [kind.fit(own, weight, ridge, settings) for kind, own in kinds]
-    return ProductRatio(data.space, tuple(map(Factor, fitted))) if isinstance(data.space, Product) else fitted[0]
+    """The ratio for the actions of the data, whose policy is fitted to weighted steps, with a `ridge` a step."""
+    kind = SoftmaxRatio if isinstance(data.space, Discrete) else StudentRatio
+    return kind.fit(data, weight, ridge, settings)
 
 
 @stored()
@@ -182,9 +155,8 @@ class FittedJudge:
         squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
         if self.typical_own is None:
             return mean, squares
-        numbers = data.factors[-1]
         actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
-        own = own_log_prob(numbers, actions[:, -numbers.space.n_parts :], settings.held_out.errors)
+        own = own_log_prob(data, actions, settings.held_out.errors)
         return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
 
     def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:

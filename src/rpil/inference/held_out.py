@@ -2,7 +2,6 @@
 
     discrete      log pi(a|s) = log[(1 - eps) softmax(x W)_a + eps q_a],   q the frequencies of the actions
     continuous    a_j | s ~ Student's t with 4 degrees of freedom around x w_j, independent over the parts j
-    product       the sum over the classes, and the numbers given the classes, of an action of several parts
     any           a policy that cross-fits itself (`rpil.policies.cross_fitted`), with the same lapses eps
 
 Actions of continuous spaces are in robust spreads (`rpil.inference.parts`). The judge evaluates a held-out model again
@@ -11,13 +10,13 @@ and again, each time with other weights of the steps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Product
+from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import log_softmax, one_hot
@@ -176,23 +175,6 @@ class HeldOutRidge(_Linear):
 
 
 @dataclass(eq=False)
-class HeldOutProduct(_Linear):
-    """The product of the models of all factors of the actions; they share folds and a ridge."""
-
-    models: tuple[HeldOutModel, ...]
-
-    def cold_copy(self) -> HeldOutProduct:
-        return replace(self, models=tuple(model.cold_copy() for model in self.models))
-
-    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return np.asarray(sum(model.log_prob_at(weight, other, ridge) for model in self.models))
-
-    def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
-        own = [(model.log_prob_of_parts(weight, ridge), model) for model in self.models]
-        return np.hstack([model.evaluate(weight, ridge)[:, None] if each is None else each for each, model in own])
-
-
-@dataclass(eq=False)
 class HeldOutPolicy(HeldOutModel):
     """A policy that cross-fits itself over demonstrations, such as a scikit-learn estimator."""
 
@@ -215,15 +197,11 @@ def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldO
     """The linear policies for the actions of the data, with folds dealt by `seed`."""
     n = data.n_demonstrations
     fold = deal(data, n if n <= settings.max_left_out else min(settings.max_folds, n), seed)
-    kinds = ((HeldOutSoftmax if isinstance(each.space, Discrete) else HeldOutRidge, each) for each in data.factors)
-    models = tuple(kind(each, fold, settings) for kind, each in kinds)
-    return HeldOutProduct(data, fold, settings, models) if isinstance(data.space, Product) else models[0]
+    return (HeldOutSoftmax if isinstance(data.space, Discrete) else HeldOutRidge)(data, fold, settings)
 
 
 def indicators(data: FitData) -> Float[Array, "N J"]:
-    """The actions as the policy sees them: scaled numbers, and an indicator of each class."""
-    if isinstance(data.space, Product):
-        return np.hstack([indicators(factor) for factor in data.factors])
+    """The actions as the policy sees them: scaled numbers, or an indicator of each class."""
     if isinstance(data.space, Discrete):
         return np.eye(data.space.n)[data.actions]
     return ActionScale.of(data)(data.actions)
@@ -236,10 +214,8 @@ def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], setti
 
 def log_reference(data: FitData, group: Array, settings: HeldOutSettings, best: bool = False) -> Float[Array, " N"]:
     """log q(a) of each step: the distribution of the actions of a `group` (M,) bool of demonstrations, whatever the
-    state. It is the frequencies of discrete actions, one Student distribution, or the product of such. The `best` one
-    has the mean and deviation of a part, where these explain it better than its middle: that of two values is one."""
-    if isinstance(data.space, Product):
-        return np.asarray(sum(log_reference(factor, group, settings, best) for factor in data.factors))
+    state. It is the frequencies of discrete actions, or one Student distribution. The `best` one has the mean and
+    deviation of a part, where these explain it better than its middle: that of two values is one."""
     weight = data.per_step(group.astype(float))
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])

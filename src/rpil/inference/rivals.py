@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Box, Discrete, Product
+from rpil.data.spaces import Box, Discrete
 from rpil.inference.held_out import HeldOutModel, held_out_model, log_reference
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, RivalSettings
@@ -248,8 +248,6 @@ def contrast(scoring: Scoring, lower: Lower, ridge: float) -> Contrast:
         use = [np.median(data.actions[steps], axis=0) for steps in inside]
         away = [np.abs(data.actions[steps] - middle) for steps, middle in zip(inside, use, strict=True)]
         spread = np.median(np.concatenate(away), axis=0)
-        if isinstance(data.space, Product):
-            spread[: len(data.space.sizes)] = np.inf  # codes of classes have no distance
     means = data.sum_steps(log_pi_b - log_pi_a) / data.lengths[:, None]
     nats = np.maximum(np.median(means[lower.rival], axis=0) - np.median(means[lower.upper], axis=0), 0.0)
     length = np.array([np.median(data.lengths[group]) for group in groups])

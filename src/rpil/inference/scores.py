@@ -2,7 +2,6 @@
 
     discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
     continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
-    product       the sum of these over the factors of pi
 
 o_m is the mean log-density of the actions of demonstration m by their own distribution, whatever the state. To hold
 still, or to do little, is easy to predict by any policy with wide errors; so actions that are easier to predict without
@@ -62,10 +61,10 @@ class Scoring:
     log_q_best: Float[Array, " N"]
     """The same of the best reference, which a policy that learned something exceeds."""
     log_q_of_classes: Float[Array, " N"] | float = 0.0
-    """The part of it that is of probabilities, and that scores have less."""
+    """log q(a) of discrete actions, which scores have less; 0 of continuous ones."""
     typical_own: float | None = None
     """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
-    None where actions are classes alone."""
+    None where actions are discrete."""
     monotony: Float[Array, " M"] | float = 0.0
     """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
 
@@ -75,14 +74,12 @@ class Scoring:
         group = np.ones(data.n_demonstrations, dtype=bool)
         log_q, best = (log_reference(data, group, settings.held_out, best) for best in (False, True))
         ridge = choose_ridge(data, model, group)
-        numbers = data.factors[-1]
         if not data.space.has_density:
             return cls(data, model, settings, ridge, log_q, best, log_q)
-        of_classes = 0.0 if numbers is data else log_q - log_reference(numbers, group, settings.held_out)
-        own = own_log_prob(numbers, indicators(numbers), settings.held_out.errors)
+        own = own_log_prob(data, indicators(data), settings.held_out.errors)
         similar = float(np.median(own))
         excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, best, of_classes, similar, excess)
+        return cls(data, model, settings, ridge, log_q, best, 0.0, similar, excess)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import simple_space
 from rpil.mixture.adversaries.named import adversary
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import MixtureFit, State, e_step, run_em
@@ -94,7 +93,7 @@ def _first_iterations(data: FitData, settings: SearchSettings, which: str | Adve
     Where that is fewer than half of the demonstrations, the policy is fitted once more, to those that it explains too.
     """
     policy, outputs = _fit_start(data, settings, weight)
-    start = adversary(which, simple_space(data.space), settings.policy)
+    start = adversary(which, data.space, settings.policy)
     state = State(policy, start, as_prior(settings.mixture.prior))
     if (weight > 0).mean() < 0.5:
         policy, outputs = _fit_start(data, settings, np.maximum(weight, e_step(data, state, outputs).expert))

@@ -15,7 +15,7 @@ from rpil.data.archive import stored
 from rpil.data.arrays import check_squares
 from rpil.data.errors import DataError
 from rpil.data.settings_record import settings_record
-from rpil.data.spaces import ActionSpace, Discrete
+from rpil.data.spaces import Discrete, Space
 from rpil.numerics.regression import robust_scale
 from rpil.numerics.types import Array, Float, Int, Num
 
@@ -224,7 +224,7 @@ def _location_and_spread(
     return location, np.where(spread > 1e-12 * np.maximum(np.abs(location), unit), spread, 1.0)
 
 
-def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: ActionSpace) -> Float[Array, " F"]:
+def ridge_of(features: FeatureMap, C: float | None, total_weight: float, space: Space) -> Float[Array, " F"]:
     """Penalty on each squared coefficient of the design matrix.
 
     With C, the penalty of scikit-learn's `LogisticRegression` on the unscaled columns; without, a penalty on the scaled

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Product
+from rpil.data.spaces import Discrete
 from rpil.data.text import printable
 from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
@@ -72,26 +72,18 @@ class StepEvidence:
         cls,
         data: FitData,
         members: Int[Array, " K"],
-        expected: Sequence[Float[Array, "N ..."]],
+        expected: Float[Array, "N ..."],
         similar: Bool[Array, " K"],
         settings: HeldOutSettings,
         compared_with: Literal["similar", "trusted"] = "similar",
     ) -> StepEvidence:
-        """What is `expected` are the means of a policy, (N, A), or the log-probabilities of the actions taken, (N,), of
-        each factor of the actions."""
-        if isinstance(data.space, Product):
-            pairs = zip(data.factors, expected, strict=True)
-            own = [cls.of(factor, members, [each], similar, settings, compared_with) for factor, each in pairs]
-            columns = ([getattr(each, name) for each in own] for name in ("value", "low", "high", "nats"))
-            value, low, high, nats = map(np.hstack, columns)
-            return cls(data, members, value, low, high, nats, compared_with)
-        (found,) = expected
+        """Compare with the means `expected` of a policy, (N, A), or the log-probabilities of the actions, (N,)."""
         if isinstance(data.space, Discrete):
-            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(found), 1))
-            value, mean, low, high = np.exp(found)[:, None], none, none, none + 1
-            log_ratio = (found - log_reference(data, every, settings))[:, None]
+            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(expected), 1))
+            value, mean, low, high = np.exp(expected)[:, None], none, none, none + 1
+            log_ratio = (expected - log_reference(data, every, settings))[:, None]
         else:
-            value, mean, low, high = data.actions, found, data.space.low, data.space.high
+            value, mean, low, high = data.actions, expected, data.space.low, data.space.high
             # d_j, with the scale of the errors of similar ones
             scaling, errors = ActionScale.of(data), settings.errors
             actions = scaling(value)
@@ -118,16 +110,11 @@ def by_held_out_policies(
     """By the held-out policies of the judge, which read `data`, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
-        expected = [fit.log_prob]
+        expected = fit.log_prob
     else:
-        weight = data.per_step(judgement.training_group.astype(float))
-        models = [held_out_model(factor, seed, settings) for factor in data.factors]
-        expected = [
-            ActionScale.of(model.data).back(model.actions - model.errors(weight, fit.ridge))
-            if isinstance(model, HeldOutRidge)
-            else model.evaluate(weight, fit.ridge)
-            for model in models
-        ]
+        weight, model = data.per_step(judgement.training_group.astype(float)), held_out_model(data, seed, settings)
+        assert isinstance(model, HeldOutRidge)
+        expected = ActionScale.of(data).back(model.actions - model.errors(weight, fit.ridge))
     return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
 
 
@@ -140,7 +127,7 @@ def by_final_policy(
     expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
     trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
     similar = trusted | ~trusted.any() if judgement is None else similar_members(judgement, members)
-    return StepEvidence.of(data, members, [expected], similar, settings, "trusted")
+    return StepEvidence.of(data, members, expected, similar, settings, "trusted")
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
@@ -244,8 +231,6 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     if away[own] <= 0:
         return ""
     its = f"at step {steps[own]}: {part_name(evidence.data, j)} is"
-    if isinstance(space := evidence.data.space, Product) and (classes := space.part_classes[j]):
-        return f"{its} {printable(classes[int(evidence.data.actions[rows][own, j])])}, which is rare there"
     is_at, first, last = _digits(value[own], low[own], high[own])
     band = first if first == last else f"{first} to {last}"
     return f"{its} {is_at}; others there have {band}"

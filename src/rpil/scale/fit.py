@@ -17,7 +17,7 @@ import numpy as np
 from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import ActionSpace
+from rpil.data.spaces import Space
 from rpil.inference.answered import columns_of
 from rpil.inference.channels import channels, components, summaries
 from rpil.inference.claims import doubts_of_operators, extended, telling_pair
@@ -38,7 +38,7 @@ class DesignMap:
     """A block of demonstrations to the data of a fit without labels, in single precision."""
 
     features: FeatureMap
-    space: ActionSpace
+    space: Space
     classes: Array
     """The discrete actions, or an empty array."""
 

@@ -52,13 +52,6 @@ def test_actions_that_are_words_are_numbers_of_their_classes():
     assert values(recorded.curves("a")[0]) == pytest.approx([2, 0, 1], abs=0.01)
 
 
-def test_each_part_of_an_action_has_classes_of_its_own():
-    actions, classes = np.array([[0, 0.5], [1, 0.2]]), (("grasp", "move"), ())
-    data = Demonstrations(np.zeros((2, 1)), actions, np.array([0, 2]), part_classes=classes)
-    assert [one["classes"] for one in Recorded(data).columns] == [["grasp", "move"], [], []]
-    assert values(Recorded(data).curves(0)[0]) == pytest.approx([0, 1])
-
-
 def test_the_largest_numbers_have_a_spread_that_json_can_hold():
     huge = Demonstrations(np.array([[1e308], [-1e308]]), np.zeros((2, 1)), np.array([0, 2]))
     columns = Recorded(huge).columns

@@ -9,7 +9,6 @@ from itertools import chain
 
 import numpy as np
 
-from rpil.data.arrays import PartClasses
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.text import printable
@@ -46,11 +45,9 @@ class Recorded:
         some = data.select(np.unique(np.linspace(0, len(data) - 1, N_SPREAD).round().astype(int)))
         with np.errstate(all="ignore"):  # of the largest numbers it may be infinite, which JSON is not
             spread = [float(np.nan_to_num(self._values(some, k).std())) for k in range(len(names))]
-        no_classes: PartClasses = ((),) * len(actions)
-        classes = (tuple(data.classes.tolist()),) if data.is_discrete else data.part_classes or no_classes
         return [
             {"name": printable(name), "is_action": k < len(actions), "spread": significant(spread[k])}
-            | {"classes": [printable(one) for one in classes[k]] if k < len(actions) else []}
+            | {"classes": [printable(one) for one in data.classes.tolist()] if k < len(actions) else []}
             for k, name in enumerate(names)
         ]
 
