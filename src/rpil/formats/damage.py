@@ -26,7 +26,9 @@ def without_damaged(
             found[name] = read(name)
         except DamagedError as error:
             damaged[name] = error
-    if damaged and not (skips and found):
+            if not skips:
+                raise
+    if damaged and not found:
         raise next(iter(damaged.values()))
     return found, [*damaged]
 
