@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -14,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DamagedError, DataError
+from rpil.data.errors import DataError
 from rpil.data.folders import check_inside
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
+from rpil.formats.damage import without_damaged
 from rpil.formats.format import Shot
 from rpil.formats.lerobot.stats import ByFeature
 from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
@@ -84,21 +84,20 @@ class CheckedFolder:
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data; of those in damaged files there are none."""
-        found: dict[int, EpisodeRows] = {}
-        for file in find_files(self.path)[1]:
-            table = None
-            with suppress(DamagedError), guarded(file):
-                table = read_table(file, ["episode_index", "index", "timestamp"])
-            if table is None:
-                continue
-            columns, place = table.column_names, os.path.relpath(file, self.path)
-            times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
-            numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
-            of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
-            for m, own in zip(numbers.tolist(), of_each, strict=True):
-                first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-                timing = self._timing(np.zeros(0) if times is None else times[own, 0])
-                found[m] = EpisodeRows(len(own), first, place, *timing)
+        found, _ = without_damaged(find_files(self.path)[1], self._rows_in)
+        return {m: rows for own in found.values() for m, rows in own.items()}
+
+    def _rows_in(self, file: str) -> dict[int, EpisodeRows]:
+        with guarded(file):
+            table = read_table(file, ["episode_index", "index", "timestamp"])
+        found, columns, place = dict[int, EpisodeRows](), table.column_names, os.path.relpath(file, self.path)
+        times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
+        numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
+        of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
+        for m, own in zip(numbers.tolist(), of_each, strict=True):
+            first = table["index"][int(own[0])].as_py() if "index" in columns else -1
+            timing = self._timing(np.zeros(0) if times is None else times[own, 0])
+            found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
     def files(self, only: Collection[str] | None = None) -> list[Path]:
