@@ -10,9 +10,6 @@ from types import FrameType
 
 from rpil.cli import INTERRUPTED, tell_of_interruption
 
-IMPORTS = "<frozen importlib._bootstrap>"
-RETRY_SECONDS = 0.02
-
 
 class WithoutPandas:
     """Hides pandas from pyarrow, which imports it for its first array: that takes longer than to read a small file."""
@@ -49,12 +46,11 @@ def main() -> None:
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Raise ``KeyboardInterrupt``, after the import that runs: modules in C turn it into other errors, or lose it."""
-    while frame is not None:
-        if frame.f_code.co_filename == IMPORTS:
-            interrupt_later()
-            return
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
         frame = frame.f_back
-    raise KeyboardInterrupt
+    if frame is None:
+        raise KeyboardInterrupt
+    interrupt_later()
 
 
 def unraisable(error: "sys.UnraisableHookArgs") -> None:
@@ -68,6 +64,6 @@ def unraisable(error: "sys.UnraisableHookArgs") -> None:
 def interrupt_later() -> None:
     """Send the interruption again in a moment: to the process, as the new thread may have begun with it blocked."""
     send = signal.raise_signal if sys.platform == "win32" else partial(os.kill, os.getpid())
-    again = Timer(RETRY_SECONDS, send, (signal.SIGINT,))
+    again = Timer(0.02, send, (signal.SIGINT,))
     again.daemon = True
     again.start()
