@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -102,8 +102,8 @@ def given_outcome(
         return None
     if isinstance(given, str):
         source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
-        words: dict[str, Any] = {"true": 1, "false": 0, "": np.nan}
-        found = {m: words.get(str(value).lower(), value) for m, value in pairs}
+        words = {"true": 1.0, "false": 0.0, "": np.nan}
+        found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value in pairs})
         if len(found) < len(pairs):
             [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")

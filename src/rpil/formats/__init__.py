@@ -162,7 +162,8 @@ def opened(data: object, options: ColumnOptions) -> Recording:
     """The recording in any data; a `DataError` where they have no columns to choose."""
     if isinstance(data, str | os.PathLike | Frame):
         return read_recording(data, options, on_disk=None)
-    if options != ColumnOptions(**options.files):
+    files = options.files
+    if options != ColumnOptions(operator=files.get("operator"), outcome=files.get("outcome")):
         raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
     if isinstance(data, Recording):
         return data

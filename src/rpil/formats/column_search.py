@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rpil.data import names as spellings
 from rpil.data.errors import DataError
@@ -69,8 +69,7 @@ def find_columns(
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    none: dict[str, Any] = dict.fromkeys(options.files)
-    found = _Search([*names, *made], {**kinds, **made}, source, replace(options, **none), head).columns(default_id)
+    found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 
 
@@ -99,7 +98,9 @@ class _Search:
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
-        order, operator, task = (self.one(getattr(options, role), role) for role in ("order", "operator", "task"))
+        roles = "order", "operator", "task"
+        files, named = options.files, ((role, getattr(options, role)) for role in roles)
+        order, operator, task = (self.one(None if role in files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
         self.refuse_two_roles(episode, actions, asked)
@@ -246,7 +247,7 @@ class _Search:
 
     def outcome(self, data: Collection[str]) -> str | None:
         """The outcome, which is no observation; a `DataError` where the user names it among the `data` as well."""
-        wanted = self.options.outcome
+        wanted = None if "outcome" in self.options.files else self.options.outcome
         name = (wanted or "").removeprefix("-")
         if wanted is None or name == LENGTH:
             return wanted

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError, DataWarning
@@ -79,7 +79,7 @@ class ColumnOptions:
     on_disk: bool = False
 
     @property
-    def files(self) -> dict[str, Any]:
+    def files(self) -> dict[str, str]:
         """The operator and the outcome that are files, and no columns."""
         given = {"operator": self.operator, "outcome": self.outcome}
         return {name: path for name, path in given.items() if path and is_id_file(path)}
