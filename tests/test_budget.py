@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import rpil
 from rpil.formats.rows import TableRows
@@ -34,6 +35,25 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
+AFTER_THE_FIRST_HALF = {
+    "numerics": 1350 - 790,
+    "mixture": 790,
+    "data": 3250,
+    "formats": 7100,
+    "faults": 2250,
+    "policies": 1380,
+    "inference": 2480,
+    "results": 3050,
+    "scale": 670,
+    "simulation": 430,
+    "estimators": 2250,
+    "cli": 2850,
+}
+"""Lines of each room once the features that were given up are gone; one exceeds its number by what others are under."""
+
+LINES_AFTER, PAGE_LINES_AFTER, TEST_LINES_AFTER = 27_100, 2_050, 30_500
+"""All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests."""
+
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 1
 """Names of types and of files with two meanings, and context variables, at most."""
 
@@ -47,6 +67,21 @@ PASSES = {"episode": 2, "step": 3, "observation.x": 3, "action": 3}
 def test_rooms_keep_to_their_budgets():
     sizes = {room: TOOL["size_of"](ROOT / room) for room in BUDGETS}
     assert {room: size for room, size in sizes.items() if any(np.greater(size, BUDGETS[room]))} == {}
+
+
+@pytest.mark.xfail(strict=True, reason="not all features that were given up are gone yet")
+def test_the_first_half_of_the_cut_is_done():
+    sizes = {room: TOOL["size_of"](ROOT / room).lines for room in AFTER_THE_FIRST_HALF}
+    assert sum(sizes.values()) <= sum(AFTER_THE_FIRST_HALF.values()), sizes
+    root = TOOLS.parent
+    pages = [path for kind in ("js", "html", "css") for path in ROOT.rglob(f"*.{kind}") if "vendor" not in path.parts]
+    for paths, most in (
+        (ROOT.rglob("*.py"), LINES_AFTER),
+        (pages, PAGE_LINES_AFTER),
+        ((root / "tests").rglob("*.py"), TEST_LINES_AFTER),
+    ):
+        assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths) <= most
+    assert len((root / "CHANGELOG.md").read_bytes()) <= 15_000
 
 
 def test_numbers_are_those_of_constants_and_fields():

@@ -76,6 +76,8 @@ class Audit(AuditResult):
         The assumptions of the audit, one sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
+    answers : Answers
+        The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
