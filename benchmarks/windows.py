@@ -151,7 +151,7 @@ def scores_of(judged: Judged) -> dict[str, Array]:
     bounded = np.clip(audit.step_log_ratio, -bound, bound)
     of_trust = audit.reliability, bounded, judged.lengths
     proba = {name: step_proba(*of_trust, settings) for name, settings in ({"P(step)": StepSettings()} | OTHERS).items()}
-    return {"log-ratio": audit.step_log_ratio} | proba | {"weight": audit.step_weight}
+    return {"log-ratio": audit.step_log_ratio} | proba | {"weight": judged.learned.step_weight}
 
 
 def of_steps(world: World, judged: Judged) -> dict[str, float]:
@@ -161,7 +161,7 @@ def of_steps(world: World, judged: Judged) -> dict[str, float]:
         if name not in OTHERS:
             found[f"{name}, all"] = float(roc_auc_score(good, score))
         found[f"{name}, windowed"] = float(roc_auc_score(good[some], score[some]))
-    weight = judged.audit.step_weight
+    weight = judged.learned.step_weight
     found["bad weight"] = float(weight[world.is_bad].mean() / max(weight[good].mean(), 1e-12))
     return found
 
@@ -170,7 +170,7 @@ def of_steps(world: World, judged: Judged) -> dict[str, float]:
 
 RULES: dict[str, Callable[[World, Judged], Array]] = {
     "all": lambda world, judged: np.ones(len(world.is_bad)),
-    "steps": lambda world, judged: judged.audit.step_weight,
+    "steps": lambda world, judged: judged.learned.step_weight,
     "demonstrations": lambda world, judged: judged.per_step(judged.audit.expert_proba),
     "best 60 %": lambda world, judged: judged.per_step(best(judged.audit.log_odds, 0.6)),
     "truth": lambda world, judged: 1.0 - world.is_bad,

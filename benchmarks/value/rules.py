@@ -13,8 +13,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
+import rpil
 from contestants.likelihood import cleanlab
-from rpil import RPIL, Audit
+from rpil import Audit
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
@@ -41,9 +42,17 @@ class Judged:
 
     @cached_property
     def audit(self) -> Audit:
+        """That of ``rpil audit``, whose weights wait for answers."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return RPIL().fit(self.demonstrations).audit_
+            return rpil.audit(self.demonstrations)
+
+    @cached_property
+    def learned(self) -> Audit:
+        """That of the learner, whose weights do not."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return rpil.RPIL().fit(self.demonstrations).audit_
 
     @cached_property
     def information(self) -> Array:
