@@ -220,3 +220,25 @@ def test_each_task_counts_its_own_answers():
         ok("keep", data, "-o", "k.parquet", *COLUMNS, *labels(**given))
         assert kept_in("k.parquet") & BAD == BAD - left
         assert left <= {*range(FEW)} - kept_in("k.parquet")
+
+
+@pytest.mark.parametrize("option", ["--task", "--session"])
+def test_who_failed_is_rejected_where_all_of_a_task_or_session_did(option):
+    """What tells none from another there is what the user said all the same."""
+    success = [m < 8 or (m < 16 and m % 2 == 1) for m in range(FEW)]
+    group = np.repeat(["all", "some", "none"], 8 * 40)
+    data = write("d.parquet", FEW, success=np.repeat(success, 40).astype(int), group=group)
+    words = [data, *COLUMNS, option, "group", "--outcome", "success", "--ignore", "answers", "-q"]
+    ok("keep", *words, "-o", "k.parquet")
+    assert kept_in("k.parquet") == {m for m in range(FEW) if success[m]}
+
+
+def test_the_mean_weight_is_one_beside_a_reference():
+    data, good = write("d.parquet", FEW), write("good.parquet", MANY, ids=[f"g{m}" for m in range(MANY)])
+    ok("keep", good, "-o", "r.parquet", *COLUMNS, "--without", "g3,g5,g8,g9", "-q")
+    words = ["audit", data, *COLUMNS, "--reference", "r.parquet", "--weights", "w.csv", "-q"]
+    for given, least in (([], 1.0), (labels(_3="bad"), 0.0)):
+        ok(*words, *given)
+        weight = np.array([float(row["weight"]) for row in csv.DictReader(Path("w.csv").read_text().splitlines())])
+        assert weight.mean() == pytest.approx(1)
+        assert weight.min() == pytest.approx(least, abs=1e-4)
