@@ -31,7 +31,7 @@ def test_to_dict_has_the_documented_keys_and_is_json():
     }
     assert set(content["prior"]) == {"mean", "low", "high"}
     keys = {"id", "verdict", "label", "rank", "expert_proba", "log_odds", "evidence", "reliability", "n_steps"}
-    keys |= {"reason", "worst_steps", "facts"}
+    keys |= {"reason", "worst_steps", "facts", "said", "rejected_by"}
     assert all(set(entry) == keys for entry in content["demonstrations"])
     assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
     assert [entry["rank"] for entry in content["demonstrations"]] == [1, 2, 3, 4, 5]
