@@ -41,7 +41,7 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).parents[1]
 JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks")
-FAULTS = ("motion", "whole_rules", "recorded", "duplicates", "rule", "segments", "lag", "naming", "maps", "ends")
+FAULTS = ("motion", "whole_rules", "recorded", "duplicates", "rule", "segments", "lag", "naming", "maps", "idle")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = (
@@ -96,17 +96,14 @@ EQUIVALENT = {
     ),
     "whole_rules: return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity): "
     "lengths > high -> lengths >= high": "What is as long as the limit is no fault.",
-    "whole_rules: if actions.ndim == 2 and end - first > 2:: end - first > 2 -> end - first >= 2": (
-        "In one step no action moves."
-    ),
     "naming: return 0, 0.0: 0 -> 1": "Which fault gains nothing is not read.",
     "segments: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
     'rule: return cause.rule != "length" or cause.value > cause.threshold: '
     "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
-    "motion: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
+    "idle: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
         "Where nothing moves it is not read."
     ),
-    "rule: spread = (high / np.maximum(low, 1e-300)) ** self.settings.fence: 1e-300 -> 2e-300": (
+    "rule: spread = (high / np.maximum(low, 1e-300)) ** settings.FENCE: 1e-300 -> 2e-300": (
         "It keeps from division by 0."
     ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",

@@ -130,7 +130,8 @@ def test_audit_prints_json(folder):
     for entry in audit["demonstrations"]:
         kinds = {
             "id": int, "n_steps": int, "log_odds": float, "evidence": dict, "expert_proba": float, "reliability": float,
-            "rank": int, "verdict": str, "label": str, "reason": str, "worst_steps": list, "facts": dict,
+            "rank": int, "verdict": str, "label": str, "said": str, "rejected_by": str, "reason": str,
+            "worst_steps": list, "facts": dict,
         }  # fmt: skip
         assert {key: type(value) for key, value in entry.items()} == kinds
         assert entry["verdict"] == ("similar" if entry["id"] < 6 else "outlier")

@@ -21,7 +21,7 @@ def option(command, name):
 
 def test_the_short_option_o_is_the_output_of_every_command():
     short = {name for name, command in main.commands.items() if any("-o" in param.opts for param in command.params)}
-    assert short == {"check", "convert", "demo", "fit", "keep", "report"}
+    assert short == {"check", "convert", "demo", "fit", "keep"}
     assert all(option(command, "output").opts == ["-o", "--output"] for command in short)
 
 

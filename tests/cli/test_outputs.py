@@ -179,7 +179,7 @@ def test_interruption_says_what_is_kept(folder, monkeypatch):
 
 def test_every_output_has_a_writer(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
-    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html", "save": "run.rpil"}
+    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert (*paths, "annotate") == outputs.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []
     data = Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2]))

@@ -162,7 +162,7 @@ def test_two_objects_in_a_line_and_one_in_two_are_refused():
     refused(r"a\.jsonl, line 5: it holds no object of JSON, the first of 3 damaged lines", "info", "a.jsonl")
 
 
-def test_damaged_lines_of_a_tub_are_skipped():
+def test_damaged_lines_of_catalogs_are_skipped():
     records = [
         {"_index": k, "_session_id": "a", "_timestamp_ms": 50 * k, "user/angle": k / 40, "user/throttle": 0.5}
         for k in range(40)
@@ -172,10 +172,9 @@ def test_damaged_lines_of_a_tub_are_skipped():
     written("tub/catalog_0.catalog", [*lines[:7], "\0\0", *lines[8:20]])
     written("tub/catalog_1.catalog", ["\0" * 30])
     written("tub/catalog_2.catalog", lines[20:])
-    written("tub/manifest.json", ["[]", "[]", "{}", "{}", json.dumps({"deleted_indexes": [3]})])
     refused(r"catalog_0\.catalog, line 8: it holds no object", "info", "tub")
-    found = rpil.open("tub", action="user/angle,user/throttle", skip_bad=True)
-    assert found.description.steps == 38
+    found = rpil.open("tub", action="user/throttle", observations="user/angle", skip_bad=True)
+    assert found.description.steps == 39
     assert found.left_out == ("Skipped, because damaged: line 8 of catalog_0.catalog, line 1 of catalog_1.catalog.",)
 
 

@@ -68,7 +68,8 @@ def fork():
             os._exit(0)
         children.append(child)
         time.sleep(.01)
-rpil.read(paths[0])
+for path in paths:  # h5py starts a process when it is imported
+    rpil.read(path)
 thread = threading.Thread(target=fork)
 thread.start()
 took = 0.0

@@ -9,7 +9,7 @@ import pytest
 
 from hand_made import Written, reference, same_actions
 from problems import fit_data_of, make, make_continuous
-from rpil.inference.held_out import HeldOutModel, HeldOutRidge, held_out_model, log_reference
+from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.rivals import gains, is_credible, is_learnable, look_below, shared_gains
 from rpil.inference.settings import ClaimSettings, HeldOutSettings, JudgeSettings, RivalSettings
 from rpil.inference.trimming import TrimmedFit, fit_group
@@ -211,7 +211,9 @@ def test_a_noisy_version_of_the_upper_policy_is_no_rival_at_its_own_scale(seed, 
     assert len(found.rival) == 10  # their own policy explains them better: it knows how large their errors are
     assert not found.is_rival
     assert not found.is_noise
-    monkeypatch.setattr(HeldOutRidge, "log_prob_at", HeldOutModel.log_prob_at)  # the upper group's own scale
+    at = HeldOutRidge.log_prob_at
+    own = lambda model, weight, other, ridge: at(model, weight, weight, ridge)  # noqa: E731  the upper group's own scale
+    monkeypatch.setattr(HeldOutRidge, "log_prob_at", own)
     found = below(noisier(seed), max_noise=0.0)
     assert found.is_rival
 

@@ -142,7 +142,7 @@ def fitted_to(score, kind=Fixed, discrete=False):
     data, score = same_actions(10, discrete), np.asarray(score, dtype=float)
     model = Written(data, lambda group: score, SETTINGS)
     everyone = np.ones(10, dtype=bool)
-    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, np.zeros(len(data.actions)), True), everyone)
+    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions)))), everyone)
     assert model.fitted[0].all()
     np.testing.assert_array_equal(scores.fit.group, model.fitted[-1])
     return [np.flatnonzero(group).tolist() for group in model.fitted[1:]]

@@ -139,10 +139,10 @@ def open_recording(
     recording = formats.read_recording(file, columns, on_disk=stream)
     if recording.columns.guessed:
         click.echo(to_one_line(recording.columns.guess.in_shell), err=True)
-    ctx = click.get_current_context()
-    for name, guess in recording.columns.guessed.items():  # so that the commands that are printed have it
-        ctx.params[name] = guess if name == "id" else (guess,)
-        ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
+        ctx = click.get_current_context()
+        for name, guess in recording.columns.guessed.items():  # so that the commands that are printed have it
+            ctx.params[name] = guess if name == "id" else (guess,)
+            ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
     return recording
 
 
