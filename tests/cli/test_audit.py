@@ -165,7 +165,9 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
 def test_audit_writes_a_report_and_weights(folder):
     result = ok("audit", folder / "good.parquet", "--json", "--report", "r.html", "--weights", "w.parquet")
     json.loads(result.stdout)
-    assert result.stderr.splitlines() == ["Weights: w.parquet", "Report: r.html"]
+    *written, note = result.stderr.splitlines()
+    assert written == ["Weights: w.parquet", "Report: r.html"]
+    assert note.startswith("note: w.parquet: every step weighs the same")
     assert "good.parquet" in Path("r.html").read_text()
     weights = pq.read_table("w.parquet").to_pydict()
     assert list(weights) == ["episode_index", "step_index", "weight", "expert_proba", "log_odds"]
