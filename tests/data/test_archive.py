@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import io
 import pickle
-import zipfile
 
 import numpy as np
 import pytest
 
 from archives import LOST, members, mountain_car, npy, refused, rewrite
 from rpil import RPIL, save
-from rpil.data.errors import DataError
 
 
 def npz(**arrays):
@@ -49,15 +47,6 @@ def saved_mixture(mixture, tmp_path):
     return path
 
 
-def test_failed_save_keeps_the_existing_file(fitted, saved, monkeypatch):
-    before = saved.read_bytes()
-    monkeypatch.setattr(zipfile.ZipFile, "writestr", lambda *args: (_ for _ in ()).throw(OSError(28, "No space left")))
-    with pytest.raises(DataError, match="No space left"):
-        save(fitted, saved)
-    assert saved.read_bytes() == before
-    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
-
-
 @pytest.mark.parametrize(
     ("content", "match"),
     [
@@ -88,11 +77,9 @@ def test_load_refuses_truncated_and_damaged_files(saved):
     [
         ("schema", "other", "no policy that rpil saved"),
         ("version", 1, r"version 1 of the format, but rpil .* reads version 11; use"),
-        ("version", 3, r"version 3 of the format, but rpil .* reads version 11; use"),
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
-        ("class", ["RPIL"], "does not know"),
         ("class", {"RPIL": "RPIL" * 10_000}, "does not know"),
     ],
 )
@@ -108,30 +95,17 @@ WEIGHTS = "policy/weights.npy"
     ("member", "array"),
     [
         (WEIGHTS, None),
-        ("audit/log_odds.npy", None),
-        ("audit/from_label.npy", None),
         ("audit/from_actions.npy", np.ones(7)),
-        ("judge/ratio/weights.npy", None),
         ("judge/ratio/weights.npy", np.ones((3, 3))),
         ("judge/ratio/frequency.npy", np.ones(2)),
-        ("judge/groups/mean.npy", np.ones(3)),
-        ("judge/groups/quantiles.npy", np.ones((2, 2))),
         ("judge/groups/spread.npy", np.array([-9.0, -9.0])),
-        ("more.npy", np.ones(3)),
         (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
-        (WEIGHTS, np.ones((3, 3), dtype=np.int64)),
         (WEIGHTS, np.ones((4, 3))),
-        (WEIGHTS, np.ones((3, 2))),
-        (WEIGHTS, np.ones(9)),
         (WEIGHTS, np.full((3, 3), np.nan)),
-        (WEIGHTS, np.full((3, 3), np.inf)),
         ("features/scale.npy", np.ones(1)),
-        ("features/location.npy", np.ones(3)),
         ("classes.npy", np.arange(4)),
         ("classes.npy", np.array([2, 1, 0])),
         ("audit/offsets.npy", np.arange(9.0)),
-        ("audit/offsets.npy", np.arange(9)),
-        ("audit/step_weight.npy", np.ones(7)),
         ("audit/log_odds.npy", np.ones(7)),
     ],
 )
@@ -153,34 +127,23 @@ def set_in(tree, path, value):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("params", "colour"), "red"),
         (("fitted", "policy_"), ...),
         (("fitted", "more_"), 1),
         (("fitted", "policy_", "class"), "os.system"),
-        (("fitted", "policy_", "fields", "more"), 1),
         (("fitted", "policy_", "fields", "ridge"), ...),
         (("fitted", "features_", "fields", "kind"), "nystroem"),
         (("fitted", "audit_", "fields", "ids"), [1, 2]),
-        (("fitted", "audit_"), 3),
-        (("fitted", "audit_", "class"), [1]),
         (("fitted", "audit_", "fields"), [1]),
         (("fitted", "audit_", "fields", "finding"), 10**400),
-        (("fitted", "audit_", "fields", "prior"), 10**400),
-        (("fitted", "policy_", "fields", "ridge"), 10**400),
         (("classes",), {"array": ["classes"]}),
         (("fitted", "audit_", "fields", "finding"), "all is well"),
-        (("fitted", "audit_", "fields", "deviations"), ["it takes action 1"]),
         (("fitted", "audit_", "fields", "deviations"), 3),
         (("fitted", "audit_", "fields", "answers"), ...),
         (("fitted", "judge_"), None),
         (("fitted", "judge_", "fields", "groups"), None),
-        (("fitted", "judge_", "fields", "ratio"), None),
         (("fitted", "judge_", "fields", "step_variance"), "a"),
-        (("fitted", "judge_features_"), None),
-        (("names", "observation_names_"), ["x"]),
         (("names", "predict"), ["x", "y"]),
         (("classes",), None),
-        (("params",), None),
     ],
 )
 def test_load_refuses_inconsistent_headers(saved, path, value):
@@ -192,7 +155,6 @@ def test_load_refuses_inconsistent_headers(saved, path, value):
     ("path", "value"),
     [
         (("state", "fields", "prior", "fields", "p"), "a"),
-        (("state",), None),
         (("fitted", "audit_", "fields", "prior"), None),
     ],
 )
@@ -224,11 +186,6 @@ def test_an_unknown_member_is_refused(saved):
     refused(saved, "damaged or truncated")
 
 
-def test_load_refuses_a_mixture_without_its_policy(saved_mixture):
-    rewrite(saved_mixture, {"state/policy/weights.npy": None})
-    refused(saved_mixture, LOST)
-
-
 def test_nothing_is_unpickled(saved, monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("unpickled")
@@ -237,11 +194,6 @@ def test_nothing_is_unpickled(saved, monkeypatch):
     monkeypatch.setattr(pickle, "load", never)
     monkeypatch.setattr(pickle, "loads", never)
     refused(saved, "never unpickled")
-
-
-def test_load_refuses_bytes_after_an_array(saved):
-    rewrite(saved, {WEIGHTS: members(saved)[WEIGHTS] + b"x"})
-    refused(saved, "damaged or truncated")
 
 
 def test_numpy_reads_saved_arrays(fitted, saved):

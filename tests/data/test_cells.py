@@ -77,13 +77,6 @@ def _is_number(text):
         return False
 
 
-def test_keep_gives_the_lines_of_the_user_back_as_they_are(tmp_path):
-    (tmp_path / "a.csv").write_text("episode_index,action,x\n=1+1,a,1\n=1+1,b,2\n-5,a,1\n-5,b,2\n")
-    assert formats.read(tmp_path / "a.csv").ids == ("=1+1", "-5")
-    find(tmp_path / "a.csv").keep(tmp_path / "b.csv", ["=1+1"])
-    assert (tmp_path / "b.csv").read_text() == "episode_index,action,x\n=1+1,a,1\n=1+1,b,2\n"
-
-
 def test_names_of_columns_are_no_formulas(tmp_path):
     write_tables(tmp_path / "a.csv", iter([pa.table({"=t": [1.5], "-x": ["@b"]})]))
     assert cells(tmp_path / "a.csv") == ["'=t", "'-x", "1.5", "'@b"]

@@ -15,13 +15,6 @@ WORDS = Demonstrations.from_arrays(X, np.array(["up", "down", "up", "left"]), OF
 MOVES = Demonstrations.from_arrays(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
 
 
-def test_classes_of_discrete_actions_are_in_order():
-    space, classes = action_space(WORDS)
-    assert space.n == 3
-    assert classes.tolist() == ["down", "left", "up"]
-    assert encode_actions(classes, WORDS.actions, "a.csv").tolist() == [2, 0, 2, 1]
-
-
 def test_continuous_actions_have_a_box():
     space, classes = action_space(MOVES)
     assert (space.low.tolist(), space.high.tolist(), len(classes)) == ([-1], [2], 0)

@@ -142,12 +142,6 @@ def test_other_ids_may_be_needed_to_tell_demonstrations_apart(other):
     assert named_by_user.observations == ("x", "v")
 
 
-def test_another_id_is_no_observation_where_the_user_names_the_id():
-    columns = found([*BASE, "session"], id="session")
-    assert columns.observations == ("x", "v")
-    assert columns.ignored == {"episode": "another id"}
-
-
 def test_columns_that_cannot_be_read_are_named_with_their_kind():
     with pytest.raises(DataError, match=r"found 'episode', 'observation' .nested., 'action'\)"):
         found(["episode", "observation", "action"], {"observation": "nested"})

@@ -71,7 +71,3 @@ def test_where_observations_come_again_demonstrations_may_be_equal_by_chance(uni
     assert not copies_among(Demonstrations.from_episodes(episodes)).any
     measured = [(states, actions[:, None] / 3) for states, actions in episodes]
     assert copies_among(Demonstrations.from_episodes(measured)).any
-
-
-def test_whole_numbers_are_no_reason_to_be_equal_by_chance():
-    assert copies_among(named("aab", whole=True)).any

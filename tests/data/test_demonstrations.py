@@ -145,24 +145,17 @@ def changed(array, row, column, value):
             {"observations": changed(X, 3, 1, np.nan)},
             r"x.npz, demonstration 'b', step 1: observation '1' is nan; repair",
         ),
-        ({"observations": changed(X, 1, 0, -np.inf)}, "demonstration 'a', step 1: observation '0' is -inf"),
-        ({"observations": [[1, 2], [3, None], [1, 2], [1, 2], [1, 2]]}, "'a', step 1: observation '1' is nan"),
         ({"actions": changed(np.ones((5, 2)), 4, 1, np.inf)}, "demonstration 'b', step 2: action 1 is inf"),
         ({"actions": [0, 1, np.nan, 1, 1]}, "demonstration 'b', step 0: action 0 is nan"),
         ({"offsets": [0, 0, 5]}, "x.npz, demonstration 'a': it has no steps; leave it out"),
         ({"offsets": [0, 3, 2, 5], "ids": None}, "offsets must increase from 0 to the number of steps, 5"),
-        ({"offsets": [0, 2, 4]}, "offsets must increase from 0"),
-        ({"offsets": [1, 2, 5]}, "offsets must increase from 0"),
         ({"offsets": [0.0, 2.0, 5.0]}, "offsets must be a list of whole numbers"),
         ({"offsets": [0]}, "there are no demonstrations"),
-        ({"offsets": [], "observations": [], "actions": []}, "there are no demonstrations"),
         ({"actions": Y[:4]}, "5 observations but 4 actions"),
         ({"observations": X.astype(str)}, "observations hold text, not numbers"),
         ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(N,\); .*reshape\(-1, 1\)"),
         ({"observations": X.reshape(5, 2, 1)}, r"flatten each one"),
-        ({"observations": X[:, :0]}, r"observations must be \(N, D\)"),
         ({"observations": [[1, 2], [3]]}, "rectangular"),
-        ({"observations": [[1, "a"], [3, 4]], "actions": [0, 1]}, "text, not numbers"),
         ({"observations": X.astype(complex)}, "not complex128"),
         ({"observations": {"position": X}}, "rectangular"),
         ({"actions": np.array(["a", 1, "b", "c", "d"], dtype=object)}, "mix text with numbers"),
@@ -170,17 +163,13 @@ def changed(array, row, column, value):
         ({"actions": np.ones((5, 2, 2))}, "neither .N,. discrete nor .N, A. floats"),
         ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
         ({"actions": [2**63, -1, 0, 0, 0]}, "whole numbers of over 64 bits"),
-        ({"actions": [2**64, 1, 0, 0, 0]}, "whole numbers of over 64 bits"),
         ({"actions": ["a", "a\0", "b", "b", "b"]}, "actions hold the character NUL"),
-        ({"actions": ["a", "\ud800", "b", "b", "b"]}, "actions hold a character that is not Unicode"),
         ({"ids": ["a", "a\0"]}, "the id of demonstration number 1 holds the character NUL"),
         ({"ids": ["a", ""]}, "the id of demonstration number 1 is empty"),
         ({"ids": ["a", "b" * 1001]}, "the id of demonstration number 1 has 1,001 characters"),
-        ({"ids": ["a", "\ud800"]}, "the id of demonstration number 1 holds a character that is not Unicode"),
         ({"ids": [0, 10**5000]}, "the id of demonstration number 1 has over 64 bits"),
         ({"observation_names": np.array("uv")}, r"must be a list, not of shape \(\)"),
         ({"ids": ["a", "a"]}, "demonstration 'a' appears twice"),
-        ({"ids": ["a", 1]}, "all whole numbers or all text"),
         ({"ids": [0.5, 1]}, "all whole numbers or all text"),
         ({"ids": ["a"]}, "1 ids for 2 demonstrations"),
         ({"observation_names": ["u"]}, "name each of the 2"),
@@ -195,28 +184,17 @@ def test_bad_arrays(changes, match):
     ("second", "match"),
     [
         ((X, Y[:3]), r"demonstration 'b': 5 observations but 3 actions; .* after the last action has none"),
-        ((X[:4], Y), "demonstration 'b': 4 observations but 5 actions"),
         ((X[:0], Y[:0]), "demonstration 'b': it has no steps"),
-        (([], []), "demonstration 'b': it has no steps"),
         ((X[:, 0], Y), r"demonstration 'b': observations must be \(N, D\)"),
         ((X[:, :1], Y), "demonstration 'b': its observations differ in width"),
         ((X, list("abcde")), "demonstration 'b': its actions differ"),
         ((X, np.ones((5, 2))), "demonstration 'b': its actions differ"),
-        ((X.astype(str), Y), "demonstration 'b': observations hold text"),
         ((changed(X, 2, 0, np.nan), Y), "demonstration 'b', step 2: observation '0' is nan"),
         ((X, Y, Y), "one pair"),
-        (7, "one pair"),
-        ("XY", "one pair"),
     ],
 )
 def test_bad_episodes(second, match):
     refusal(match, Demonstrations.from_episodes, [(X, Y), second], ids=["a", "b"])
-
-
-def test_bad_episode_lists():
-    refusal("no demonstrations", Demonstrations.from_episodes, [])
-    refusal("one id", Demonstrations.from_episodes, [(X, Y)], ids=["a", "b"])
-    refusal("appears twice", Demonstrations.from_episodes, [(X, Y), (X, Y)], ids=["a", "a"])
 
 
 @pytest.mark.parametrize(
@@ -224,7 +202,6 @@ def test_bad_episode_lists():
     [
         (X, Y, [0, 0, 1], "one row per step"),
         (X, Y[:3], [0, 0, 1, 1, 1], "one row per step"),
-        (X, Y, np.zeros((5, 1)), "one row per step"),
         (X, Y, [0, 0, 1, 1, np.nan], "fill in the missing"),
         (X, Y, [0, 0, 1, 1, 0.5], "whole numbers or text"),
         (X, Y, np.array(["a", None, "a", "a", "a"], dtype=object), "mix text"),

@@ -1,5 +1,4 @@
 import os
-import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -8,7 +7,6 @@ import pytest
 
 from problems import refused_file
 from rpil.data import files
-from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
 from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
 
@@ -142,19 +140,6 @@ def test_bad_output_paths(tmp_path, monkeypatch, check):
     refused_file("it is a folder", check, tmp_path)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # the tests may run as root, who may do anything
     refused_file("may not be written", check, tmp_path / "out.txt")
-
-
-@pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
-def test_a_pipe_is_no_input(tmp_path, check):
-    os.mkfifo(tmp_path / "pipe.rpil")
-    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the pipe is waited for"))
-    signal.alarm(10)
-    try:
-        with pytest.raises(DataError, match="neither a file nor a folder"):
-            check(tmp_path / "pipe.rpil")
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def test_bad_input_paths(tmp_path, monkeypatch):

@@ -36,7 +36,7 @@ def same(one, other, dtype=None):
             assert a.tobytes() == b.tobytes()  # -0.0 is 0.0 to ==
 
 
-@pytest.mark.parametrize("suffix", [*SUFFIXES, ".CSV"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize(
     "changes",
@@ -54,7 +54,7 @@ def test_round_trip(tmp_path, suffix, dtype, changes):
     original = demonstrations(dtype, **changes)
     formats.write(path, original, truth={"is_good": [1, 0], "anything": [0.5, 0.25], "who": ["p", "q"]})
     back = formats.read(str(path))
-    same(original, back, dtype=np.float64 if suffix.lower() == ".csv" else None)
+    same(original, back, dtype=np.float64 if suffix == ".csv" else None)
     assert back.source == path.name
     assert os.listdir(tmp_path) == [path.name]
 
@@ -69,13 +69,6 @@ def test_layout_of_the_table(tmp_path):
     assert table["is_good"].to_pylist() == [1, 1, 0, 0, 0]
     formats.write(tmp_path / "x.csv", demonstrations(ids=[4, 9]))
     assert pa.csv.read_csv(tmp_path / "x.csv").column_names == names[:-1]
-
-
-def test_layout_of_the_npz(tmp_path):
-    formats.write(tmp_path / "x.npz", demonstrations(ids=[4, 9]), truth={"is_good": [1, 0]})
-    with np.load(tmp_path / "x.npz", allow_pickle=False) as file:
-        assert file["episode_ids"].tolist() == [4, 4, 9, 9, 9]
-        assert file["is_good"].tolist() == [1, 0]
 
 
 def write_table(path, **columns):
@@ -147,27 +140,14 @@ def test_other_parquet_types(tmp_path):
     [
         ({"obs_y": ["1", "n/a?", "3"]}, "demonstration 1, row 2: column 'obs_y' holds text ('n/a\\?'), not numbers"),
         ({"obs_y": [1.0, None, 3.0]}, "demonstration 1, row 2: column 'obs_y' has no value"),
-        ({"obs_y": [None, None, None]}, "demonstration 3, row 1: column 'obs_y' has no value"),
-        ({"obs_y": [1.0, 2.0, np.inf]}, "demonstration 3, step 1: observation 'y' is inf"),
         ({"action": [0, None, 1]}, "demonstration 1, row 2: column 'action' has no value"),
-        ({"action": ["a", "b", None]}, "demonstration 3, row 3: column 'action' has no value"),
         ({"episode_index": [1, None, 2]}, "row 2: column 'episode_index' has no value"),
-        ({"episode_index": None}, "name it episode_index.*'obs_x', 'obs_y', 'action'"),
-        ({"action": None}, "name it action.*'episode_index', 'obs_x', 'obs_y'"),
-        ({"obs_x": None, "obs_y": None}, "no column holds observations"),
-        ({"episode_index": [], "obs_x": [], "obs_y": [], "action": []}, "there are no demonstrations|it has no rows"),
         ({"obs_x": [pa.scalar(0).cast(pa.timestamp("s"))] * 3}, "column 'obs_x' holds timestamp"),
     ],
 )
 def test_bad_tables(path, changes, match):
     match = match.replace("(", r"\(").replace(")", r"\)")
     refused_file(match, formats.read, write_table(path, **columns(**changes)))
-
-
-def test_a_row_of_a_later_batch_is_named(path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 2)
-    table = write_table(path, **columns(obs_y=[1.0, None, 3.0]))
-    refused_file("demonstration 1, row 2: column 'obs_y' has no value", formats.read, table)
 
 
 def test_repeated_columns(path):
@@ -179,31 +159,15 @@ def test_repeated_columns(path):
     ("changes", "match"),
     [
         ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' holds 1 numbers, not 2"),
-        ({"obs_x": [[1.0, 2.0], [1.0, None], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
         ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
         ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "observations must be"),
         ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "no column holds observations"),
-        ({"obs_x": [{"bytes": b""}] * 3, "obs_y": None}, "no column holds observations"),
-        ({"action": [[1.0, 2.0], [1.0, np.nan], [1.0, 2.0]]}, "demonstration 1, step 0: action 1 is nan"),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
         ({"episode_index": [[1], [2], [3]]}, "demonstration ids must be numbers or text"),
     ],
 )
 def test_bad_parquet_tables(tmp_path, changes, match):
     refused_file(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_damaged_files(tmp_path, suffix):
-    path = tmp_path / f"x{suffix}"
-    refused_file("no such file", formats.read, path)
-    path.touch()
-    refused_file("the file is empty", formats.read, path)
-    formats.write(path, demonstrations())
-    whole = path.read_bytes()
-    for damaged in (whole[:-9], b"\xff\x00 rubbish", b"\n", whole[: len(whole) // 2] + b"\n\xff"):
-        path.write_bytes(damaged)
-        refused_file("damaged or truncated|3 values for 5 columns", formats.read, path)
 
 
 def test_unknown_extensions(tmp_path):
@@ -233,7 +197,6 @@ def npz(path, **changes):
             {"actions": None},
             "no array is called 'actions'; save it under that name .*'episode_ids', 'rewards'",
         ),
-        ({"observations": np.ones((0, 2)), "actions": [], "episode_ids": []}, "no demonstrations"),
     ],
 )
 def test_bad_npz(tmp_path, changes, match):
@@ -259,22 +222,6 @@ def test_bad_truth(tmp_path, suffix):
         refused_file("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
     refused_file("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
     assert not path.exists()
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_failed_write_leaves_the_old_file(tmp_path, suffix, monkeypatch):
-    path = tmp_path / f"x{suffix}"
-    formats.write(path, demonstrations())
-    before = path.read_bytes()
-
-    def crash(*arguments):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", crash)
-    refused_file("No space left", formats.write, path, demonstrations().select([0]))
-    assert path.read_bytes() == before
-    assert os.listdir(tmp_path) == [path.name]
-    refused_file("no folder", formats.write, tmp_path / "no" / path.name, demonstrations())
 
 
 def test_importing_the_formats_does_not_import_pyarrow():

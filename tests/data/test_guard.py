@@ -2,14 +2,13 @@
 
 import errno
 import os
-import warnings
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import guarded, in_words
+from rpil.data.guard import guarded
 
 FOREIGN = [
     KeyError("actions"),
@@ -80,15 +79,3 @@ def test_what_is_no_fault_of_the_data_passes(error):
     with pytest.raises(type(error)) as caught, guarded("a.npz"):
         raise error
     assert caught.value is error
-
-
-def test_warnings_are_no_errors(recwarn):
-    warnings.simplefilter("always")
-    with guarded("a.npz"):
-        warnings.warn("careful", UserWarning, stacklevel=1)
-    assert len(recwarn) == 1
-
-
-def test_one_line_of_an_error():
-    assert in_words(ValueError("a  b.\nC.")) == "ValueError: a b, C"
-    assert in_words(AssertionError()) == "AssertionError"

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from rpil.data import held as module
 from rpil.data.held import held, held_bytes, holding
 
 
@@ -46,14 +45,6 @@ def test_outside_of_it_a_file_is_closed_at_once(log):
     use(log, "a")
     use(log, "a")
     assert log == ["open a", "close a"] * 2
-
-
-def test_few_files_stay_open(log, monkeypatch):
-    monkeypatch.setattr(module, "MOST_OPEN", 1)
-    with holding():
-        use(log, "a")
-        use(log, "b")
-        assert log == ["open a", "open b", "close b"]
 
 
 def test_an_error_closes_the_files(log):

@@ -105,31 +105,20 @@ FILES = {
     "giant-observations.npz": (giant(npz(), "observations.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-weights.rpil": (giant(model, "policy/weights.npy"), LOAD),
-    "giant-unknown.rpil": (giant(model, "more.npy"), LOAD),
-    "giant-header.rpil": (giant(model, "header.json"), LOAD),
     "short.npz": (short_npz, READ),
     "twice.npz": (twice(npz(), "observations.npy"), READ),
     "twice.rpil": (twice(model, "policy/weights.npy"), LOAD),
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
     "long-id.parquet": (long_parquet_id, READ),
-    "surrogate.npz": (npz(episode_ids=np.array(["a", "a", "\ud800"])), READ),
-    "code-point.npz": (npz(episode_ids=NOT_UNICODE), READ),
     "code-point-of-action.npz": (npz(actions=NOT_UNICODE), READ),
-    "code-point-of-name.npz": (npz(observation_names=NOT_UNICODE[:2]), READ),
-    "names-of-no-shape.npz": (npz(observation_names=np.array("x")), READ),
-    "negative-shape.npz": (npz(observations=np.ones((0, 2))), READ),
     "trailing-nul.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), READ),
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
-    "large-action.parquet": (parquet(action=np.array([2**63, 1, 1], np.uint64)), READ),
-    "list-of-ids.parquet": (parquet(episode_index=[[0], [0], [1]]), READ),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
-    "digits.json": (text('{"a": ' + "9" * 5000 + "}"), "rpil.formats:read_labels"),
-    "deep.json": (text("[" * 100_000), "rpil.formats:read_labels"),
     "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.formats:read_labels"),
 }
-BOTH = ("long-id", "trailing-nul", "empty-id", "large-id", "large-action", "list-of-ids")
+BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
 """Files that are read into memory and left on disk."""
 FILES |= {f"{name}-on-disk.parquet": (FILES[f"{name}.parquet"][0], OPEN) for name in BOTH}
 
@@ -147,14 +136,7 @@ def test_it_is_refused_in_one_sentence(ends, name):
 def test_the_figures_are_named(ends):
     for name, size in (("giant-observations.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
-
-
-def test_members_that_hold_more_than_the_file_are_named(ends):
-    for name in ("giant-weights.rpil", "giant-unknown.rpil", "giant-header.rpil"):
-        assert "more than the file" in ends[0][name][1]
-
-
-def test_two_arrays_of_one_name_are_named(ends):
+    assert "more than the file" in ends[0]["giant-weights.rpil"][1]
     assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]
 
 

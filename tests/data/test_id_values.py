@@ -48,12 +48,10 @@ def test_labels_csv(tmp_path, header):
             "id,label\n7,great\n",
             "demonstration '7': unknown label 'great'; write 'good', 'bad', 'better than ID'",
         ),
-        ("l.csv", "id,label\n7,\n", "unknown label ''"),
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
         ("l.csv", "id,label\n", "labels no demonstration"),
         ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
-        ("l.csv", "\n", "must be id and label"),
         ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
         ("l.csv", "", "the file is empty"),
         ("l.json", '{"7": 1}', "demonstration '7': unknown label 1"),
@@ -64,7 +62,6 @@ def test_labels_csv(tmp_path, header):
         ("l.json", '{"7": "good", "7": "good"}', "demonstration '7': it is labelled twice"),
         ("l.json", '[["7", "good"]]', "one object"),
         ("l.json", '{"7": "go', "cannot be read as JSON"),
-        ("l.json", "{}", "labels no demonstration"),
         ("l.txt", "", "use one of .csv, .json"),
     ],
 )
@@ -115,11 +112,8 @@ def test_a_file_of_answers_may_have_semicolons_and_keeps_them(tmp_path):
         ("7,same as 7\n", "demonstration '7': it is compared with itself; name two"),
         ("7,same as 3\n7,better than 3\n", "'7' and '3': two answers contradict each other; keep one answer"),
         ("7,better than 3\n3,same as 7\n", "'3' and '7': two answers contradict each other; keep one answer"),
-        ("3,better than 7\n7,same as 3\n", "'3' and '7': two answers contradict each other; keep one answer"),
         ("7,same as\n", "unknown label 'same as'; write .* or 'same as ID'"),
-        ("7,equal to 3\n", "unknown label 'equal to 3'"),
         ("7,worse than 3\n", "unknown label 'worse than 3'"),
-        ("7,good\n7,better than 3\n7,good\n", "demonstration '7': it is labelled twice"),
     ],
 )
 def test_bad_pairs(tmp_path, text, match):
@@ -163,15 +157,6 @@ def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, afte
     assert pairs == better([("a,b", "7")])
 
 
-def test_answers_are_added_to_json(tmp_path):
-    path = tmp_path / "labels.json"
-    write_answers(path, b'{"3": "bad", "7": ["better than 3"]}', as_rows([("7", "good"), ("7", "better than \u00e9")]))
-    assert json.loads(path.read_text("utf-8")) == {"3": "bad", "7": ["better than 3", "good", "better than \u00e9"]}
-    assert formats.read_answers(path) == ({"3": "bad", "7": "good"}, better([("7", "3"), ("7", "\u00e9")]))
-    write_answers(path, None, as_rows([("7", "good")]))
-    assert json.loads(path.read_text()) == {"7": "good"}
-
-
 def test_reading_demonstrators(tmp_path):
     (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
     (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')
@@ -199,20 +184,14 @@ def test_reading_demonstrators(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "match"),
     [
-        ("empty.csv", "", "the file is empty; write it again"),
         ("nobody.csv", "id,demonstrator\n", "it names no demonstrator; give at least one"),
-        ("nobody.json", "{}", "it names no demonstrator; give at least one"),
         ("column.csv", "id,who\n0,Ann\n", "the columns must be id and demonstrator .found 'id', 'who'"),
         ("two.csv", "id,demonstrator\n0,Ann\n0,Bob\n", "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
-        ("two.json", '{"0": "Ann", "0": "Bob"}', "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
         ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),
         ("no-id.csv", "id,demonstrator\n,Ann\n", "line 2: it names no demonstration; give"),
         ("null.json", '{"0": null}', "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("object.json", '{"0": {}}', "demonstration '0': the demonstrator is neither text nor a whole number"),
-        ("list.json", '["Ann"]', "it must hold one object"),
-        ("cut.json", '{"0": "Ann"', "it cannot be read as JSON .*; write it again"),
-        ("bytes.csv", b"\xff\xfe\x00", "it cannot be read as CSV .*; write it again"),
     ],
 )
 def test_bad_files_are_one_sentence(tmp_path, name, content, match):
@@ -268,7 +247,7 @@ def odd_ids(seed, n=40):
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv", "windows.csv", "labels.json"])
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(4))
 def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, name, seed):
     path, ids = tmp_path / name, odd_ids(seed)
     before = {"excel.csv": b"id;note;label\n", "windows.csv": b"\xef\xbb\xbfid,label\r\n"}.get(name)

@@ -10,13 +10,6 @@ import pytest
 from rpil.data.errors import DataError
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers, write_answers
 
-
-def test_an_answer_may_be_written_for_its_note(tmp_path):
-    path = tmp_path / "labels.csv"
-    path.write_text("id,label,note\n3,cannot tell,dark\n")
-    assert read_answers(path) == ({}, {})
-
-
 HOSTILE = ["=1+1", "@SUM(1)", "'=2", 'say "no", he said', "<script>alert(1)</script>", "two\nlines", "＝1", "é\u202e"]
 
 

@@ -37,10 +37,10 @@ def test_addresses_keep_their_secrets(text, shown):
     assert without_secrets(text) == for_others(text) == shown
 
 
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("sign", "?&;#")
-def test_every_name_of_a_secret_is_known(name, sign):
-    assert without_secrets(f"https://h/x.csv{sign}{name}={S}&b=2") == f"https://h/x.csv{sign}{name}=***&b=2"
+def test_every_name_of_a_secret_is_known(sign):
+    for name in NAMES:
+        assert without_secrets(f"https://h/x.csv{sign}{name}={S}&b=2") == f"https://h/x.csv{sign}{name}=***&b=2"
 
 
 def test_a_hostile_text_takes_no_time():

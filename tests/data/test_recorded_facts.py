@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems import make, refused
-from rpil import RPIL
+from problems import refused
 from rpil.data.recorded_facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
-from rpil.estimators.task import Task, answers_of
 
 OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan
 
@@ -88,20 +86,3 @@ def test_a_place_that_is_missing_is_refused():
 def test_sessions_that_divide_nothing_are_refused(sessions, name):
     with refused("makes no sessions"):
         check_sessions(tuple(sessions), name, "a.csv")
-
-
-def test_sessions_that_some_share_are_taken():
-    check_sessions(("a", "b", "a"), "day", "a.csv")
-    check_sessions(("a", "a", "a"), "day", "a.csv")
-
-
-def test_a_fit_checks_outcome_and_order_and_its_task_holds_them():
-    data = make("noisy", 1).demonstrations
-    outcome = given_outcome({data.ids[0]: 1.0, data.ids[2]: 0.0}, data.ids, data.source)
-    task = Task.of(data, None, answers_of(None, outcome, data), order=range(len(data)))
-    np.testing.assert_array_equal(task.answers.outcome, [1, NAN, 0] + [NAN] * (len(data) - 3))
-    np.testing.assert_array_equal(task.order, np.arange(len(data)))
-    assert (Task.of(data).answers.count, Task.of(data).order) == (0, None)
-    for given in ({"outcome": np.ones(len(data))}, {"order": [0.0]}):
-        with refused():
-            RPIL().fit(data, **given)

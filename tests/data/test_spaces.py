@@ -39,11 +39,6 @@ def test_discrete_actions_may_start_anywhere():
     assert space.expected == "one action 5 to 7"
 
 
-def test_discrete_draws_are_the_generators_own_integers():
-    wanted = np.random.default_rng(3).integers(4, size=50)
-    np.testing.assert_array_equal(Discrete(4).draw(50, np.random.default_rng(3)), wanted)
-
-
 @pytest.mark.parametrize("answer", [[5, 7], [5.0, 7.0], np.array([5, 7], dtype=np.uint8)])
 def test_whole_numbers_among_the_actions_are_executed(answer):
     actions = Discrete(3, start=5).executed(np.asarray(answer), 2)

@@ -10,7 +10,7 @@ import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import call, ok
+from command_line import call
 from rpil.data.errors import DataError
 from rpil.formats.column_search import find_columns
 
@@ -29,13 +29,6 @@ def drives(n=12, steps=25, **changes):
         "brake_pressure": rng.normal(size=n * steps),
     }
     return pa.table(columns | changes)
-
-
-def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    pa.csv.write_csv(drives(), "drive.csv")
-    printed = ok("info", "drive.csv", "--id", "trip", "--action", "steer").stdout
-    assert printed.endswith("Next: rpil audit drive.csv --id trip --action steer --operator driver\n")
 
 
 def test_a_numeric_column_that_is_lost_is_named():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import json
 import random
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -105,23 +104,6 @@ def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
     refused(r"q\.csv, line 1: a quotation begins and does not end", "info", written("q.csv", lines))
 
 
-@pytest.mark.parametrize(
-    "note", ["two, with commas\nlines, 5 and 6\n\n7", 'a "word", 5\nx,2,3', "a, 2\nb, 4", "x\n" * 50]
-)
-@pytest.mark.parametrize("place", [0, 1, 4])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_lines_within_a_cell_stay_legal(note, place, end):
-    rows = [[str(m), f"{k / 7:.3f}", str(k % 2), f"{k}"] for m in range(8) for k in range(6)]
-    quoted = note.replace('"', '""').replace("\n", end)
-    for k, row in enumerate(rows):
-        row.insert(place, f'"{quoted}"' if k % 5 == 3 else "")
-    head = ["episode_index", "observation.x", "action", "step"]
-    head.insert(place, "note")
-    Path("a.csv").write_bytes("".join(",".join(row) + end for row in [head, *rows]).encode())
-    assert read("a.csv").steps == 48
-    assert read_rest("a.csv").left_out == ()
-
-
 def test_damaged_rows_of_any_encoding_are_skipped():
     lines = table()
     lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
@@ -160,22 +142,6 @@ def test_two_objects_in_a_line_and_one_in_two_are_refused():
     lines = records()
     written("a.jsonl", [*lines[:4], lines[4] + lines[5], lines[6].replace(", ", ",\n", 1), *lines[7:]])
     refused(r"a\.jsonl, line 5: it holds no object of JSON, the first of 3 damaged lines", "info", "a.jsonl")
-
-
-def test_damaged_lines_of_catalogs_are_skipped():
-    records = [
-        {"_index": k, "_session_id": "a", "_timestamp_ms": 50 * k, "user/angle": k / 40, "user/throttle": 0.5}
-        for k in range(40)
-    ]
-    lines = [json.dumps(record) for record in records]
-    Path("tub").mkdir()
-    written("tub/catalog_0.catalog", [*lines[:7], "\0\0", *lines[8:20]])
-    written("tub/catalog_1.catalog", ["\0" * 30])
-    written("tub/catalog_2.catalog", lines[20:])
-    refused(r"catalog_0\.catalog, line 8: it holds no object", "info", "tub")
-    found = rpil.open("tub", action="user/throttle", observations="user/angle", skip_bad=True)
-    assert found.description.steps == 39
-    assert found.left_out == ("Skipped, because damaged: line 8 of catalog_0.catalog, line 1 of catalog_1.catalog.",)
 
 
 def texts(folder):
@@ -245,21 +211,6 @@ def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
     assert len(json.loads(Path("new.json").read_text())["episodes"]) == n
 
 
-def test_where_no_file_is_sound_the_first_is_named():
-    folder = lerobot_folders.write(Path("arm"), [9, 8], cameras=())
-    for file in folder.rglob("data/**/*.parquet"):
-        file.write_bytes(b"PAR1" + bytes(80))
-    refused(r"file-000\.parquet: .*never finished", "info", "arm", "--skip-bad")
-
-
-def test_a_file_that_may_not_be_read_is_not_damaged(monkeypatch):
-    Path("runs").mkdir()
-    tables(Path("runs"))
-    shutil.copy("runs/1.parquet", "runs/2.parquet")
-    Path("runs/2.parquet").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 5\n")
-    refused(r"2\.parquet", "info", "runs", "--skip-bad")
-
-
 def step(m, k, rng):
     """A line of a step: a time with a zone, integers of any size, an object, and keys that are missing in some."""
     row = {"episode_index": m, "observation": {"x": rng.random(), "y": k}, "action": rng.randint(0, 1)}
@@ -281,7 +232,7 @@ def row(m, k, rng):
     return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(4))
 def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
     rng = random.Random(seed)
     n, end = rng.randint(3, 8), rng.choice(["\n", "\r\n"])

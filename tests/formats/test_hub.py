@@ -30,7 +30,7 @@ def asked(tmp_path, monkeypatch):
         assert not any("videos" in pattern for pattern in allow_patterns)
         names.append(name)
         if name != "robots/reach":
-            raise RuntimeError("404, not found")
+            raise type(name.partition("/")[2], (RuntimeError,), {})("404, not found")
         return str(there)
 
     client = ModuleType("huggingface_hub")
@@ -48,11 +48,19 @@ def test_an_address_is_downloaded_after_its_size_is_said(asked, caplog):
     assert caplog.messages == [f"{ADDRESS}: downloads 3.0 MB."]
 
 
-def test_what_the_hub_does_not_have_is_one_sentence(asked):
-    with pytest.raises(
-        DataError, match=r"nothing: the Hub did not give it \(RuntimeError: 404, not found\); try again"
-    ):
-        rpil.read("hf://datasets/robots/nothing")
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Nothing", r"the Hub did not give it \(Nothing: 404, not found\); try again"),
+        ("RepositoryNotFoundError", "the Hub has no such data set"),
+        ("GatedRepoError", "only with a token"),
+        ("LocalEntryNotFoundError", "the Hub could not be reached; check the network"),
+    ],
+)
+def test_what_the_hub_does_not_give_is_one_sentence(asked, name, said):
+    """The client raises errors of these names."""
+    with pytest.raises(DataError, match=f"{name}: .*{said}"):
+        rpil.read(f"hf://datasets/robots/{name}")
 
 
 @pytest.mark.parametrize(

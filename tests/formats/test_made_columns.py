@@ -61,16 +61,6 @@ def test_named_demonstrations_are_split_further(tmp_path):
     assert rpil.open(folder, split_gap=1).demonstrations.ids == ("p-0", "p-1", "q-0")
 
 
-def test_rows_in_several_tables_make_the_same_demonstrations(tmp_path, monkeypatch):
-    pq.write_table(rows(time_s=SECONDS), tmp_path / "a.parquet", row_group_size=2)
-    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 2)
-    assert rpil.open(tmp_path / "a.parquet", split_gap=1).demonstrations.lengths.tolist() == [3, 2, 3]
-    pa.csv.write_csv(rows(time_s=SECONDS), tmp_path / "a.csv")
-    on_disk = rpil.open(tmp_path / "a.csv", split_gap=1, on_disk=True)
-    assert isinstance(on_disk.demonstrations, rpil.Dataset)
-    assert on_disk.demonstrations.lengths.tolist() == [3, 2, 3]
-
-
 def test_a_log_without_a_header_is_split_by_the_times_of_its_pictures(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     moments = [f"2021_10_25_16_31_{20 + int(s):02d}_{round(1000 * (s % 1)):03d}" for s in [*SECONDS[:5], 9.0, 9.1, 9.2]]
@@ -157,13 +147,6 @@ def test_columns_of_meta_need_the_rows_in_memory(folder):
         rpil.open(folder, operator="nobody")
 
 
-def test_an_episode_that_meta_does_not_name_has_no_operator(folder):
-    place = folder / "meta/episodes/chunk-000/file-000.parquet"
-    if place.is_file():
-        pq.write_table(pq.read_table(place).slice(0, 2), place)
-        assert rpil.open(folder, operator="operator_name").operators[-1] == ("2", None)
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_stretch_of_a_recording_is_a_demonstration(suffix, tmp_path):
     path = written(episodes(phase=None), suffix, tmp_path)
@@ -194,10 +177,3 @@ def test_seconds_that_end_demonstrations_are_a_number_of_a_few_steps(option):
             rpil.read(episodes(), **{option: seconds})
     with pytest.raises(DataError, match="where split_gap= or segment= is given, give more seconds"):
         rpil.read(episodes(), **{option: 0.01})
-
-
-def test_keep_does_not_cut_a_file_into_stretches(tmp_path):
-    path = written(episodes(), "csv", tmp_path)
-    refused("first run rpil convert .*a.csv --segment 1 -o ALL.parquet", "keep", path, "--segment", "1", "-o", "b.csv")
-    ok("convert", path, "--segment", "1", "-o", tmp_path / "all.parquet")
-    assert len(rpil.read(tmp_path / "all.parquet")) == 3 * N

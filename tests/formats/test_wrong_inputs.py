@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import call, ok, refused
-from rpil.data.errors import DataError, DataWarning
+from command_line import ok, refused
+from rpil.data.errors import DataWarning
 
 RNG = np.random.default_rng(0)
 N = 240
@@ -114,23 +114,6 @@ def test_other_texts_are_classes(texts, tmp_path):
     assert "Action: action; discrete: 2 different texts" in ok("info", table(tmp_path / "a.csv", given)).stdout
 
 
-GERMAN = {"trip": "versuch", "time": "zeit", "speed": "geschwindigkeit", "steer": "lenkung", "pedal": "winkel"}
-
-
-def test_headers_in_another_language_are_a_question(tmp_path):
-    path = table(tmp_path / "a.csv", {GERMAN[name]: values for name, values in drive().items()})
-    columns = ", ".join(map(repr, GERMAN.values()))
-    refused(f"no column holds the action: .* name the columns with --action .found {columns}", "info", path)
-    assert "12 demonstrations" in ok("info", path, "--action", "lenkung,winkel").stdout
-
-
-def test_videos_are_looked_at_where_a_rule_asks_for_it(tmp_path):
-    done = call("keep", table(tmp_path / "a.csv", drive()), "-o", tmp_path / "b.csv", "--video")
-    assert done.exit_code == 2
-    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
-    assert done.stderr == f"rpil: {said}; see rpil keep --help.\n"
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "frame"])
 def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
     path = table(tmp_path / "a.csv", drive())
@@ -151,11 +134,3 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
         printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
         found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
         assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
-
-
-def test_what_is_ambiguous_is_the_same_error(tmp_path):
-    path = table(tmp_path / "a.csv", drive(trip=numbers()))
-    said = "no column says which demonstration a row is from"
-    refused(said, "audit", path)
-    with pytest.raises(DataError, match=said):
-        rpil.audit(path)
