@@ -59,24 +59,18 @@ def write(
     codec: str = "libx264",
     options: dict[str, str] | None = None,
     per_file: int = 3,
-    states: Sequence[np.ndarray[Any, Any]] | None = None,
-    shown: Sequence[list[np.ndarray[Any, Any]]] | None = None,
 ) -> Path:
-    """Episodes with the `states` and the frames `shown`, or whose every frame differs; of 3.0 `per_file` share one."""
+    """Episodes whose every frame differs; of 3.0 `per_file` share one."""
     options = {"g": "2", "crf": "30"} if options is None else options
     rng, n, rows, whole = np.random.default_rng(0), sum(lengths), [], {}
     episode = np.repeat(np.arange(len(lengths)), lengths)
     frame = np.concatenate([np.arange(length) for length in lengths])
     columns = {"observation.state": rng.normal(size=(n, 2)), "action": rng.normal(size=(n, 2))}
-    columns |= {} if states is None else {"observation.state": np.concatenate(states)}
     columns |= {"timestamp": (frame / FPS).astype(np.float32), "frame_index": frame, "episode_index": episode}
     columns |= {"index": np.arange(n), "task_index": 0 * frame}
     table = pa.table({name: values.tolist() if values.ndim > 1 else values for name, values in columns.items()})
     keys = [f"observation.images.{camera}" for camera in cameras]
-    noise = [
-        [pictures(100 * k + m, length) for m, length in enumerate(lengths)] for k in range(0 if shown else len(keys))
-    ]
-    shots = dict.fromkeys(keys, shown) if shown else dict(zip(keys, noise, strict=True))
+    shots = {key: [pictures(100 * k + m, n) for m, n in enumerate(lengths)] for k, key in enumerate(keys)}
     is_v3 = version == "v3.0"
     step = per_file if is_v3 else 1
     groups = [range(a, min(a + step, len(lengths))) for a in range(0, len(lengths), step)]

@@ -35,15 +35,6 @@ def test_copies_have_the_place_of_the_first_of_them(letters, first, place, sente
     np.testing.assert_array_equal(copies.place, place)
 
 
-def test_rows_lead_to_the_steps_of_the_first():
-    every = named("bacabb")
-    copies = copies_among(every)
-    once = every.select(copies.first)
-    rows = copies.rows(every.offsets)
-    np.testing.assert_array_equal(once.observations[rows], every.observations)
-    np.testing.assert_array_equal(once.actions[rows], every.actions)
-
-
 def test_one_other_step_or_bit_is_no_copy():
     every = named("aab")
     observations = every.observations.copy()

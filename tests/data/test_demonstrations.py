@@ -102,12 +102,6 @@ def test_actions(actions, expected):
     assert d.select([1]).is_discrete == d.is_discrete
 
 
-def test_actions_of_all_episodes_decide_their_kind():
-    mixed = Demonstrations.from_episodes([(X[:2], [0.0, 1.0]), (X[2:], [0.5, 1.0, 2.0])])
-    assert mixed.actions.shape == (5, 1)
-    assert mixed.ids == (0, 1)
-
-
 def test_from_groups_keeps_the_order_within_a_group():
     d = Demonstrations.from_groups(X, Y, ["z", "a", "z", "a", "z"])
     assert d.ids == ("z", "a")

@@ -81,10 +81,6 @@ def test_parts_of_actions_are_one_continuous_action():
         assert Demonstrations.from_episodes([(X, actions)]).actions.tolist() == [[1, 1, 0]] * 4
 
 
-def test_single_precision_is_kept():
-    assert Demonstrations.from_episodes([({"a": X.astype(np.float32)}, Y)]).observations.dtype == np.float32
-
-
 @pytest.mark.parametrize(
     ("episode", "message"),
     [

@@ -1,4 +1,5 @@
 import os
+import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -7,19 +8,9 @@ import pytest
 
 from problems import refused_file
 from rpil.data import files
+from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
 from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
-
-
-def test_replacing_writes(tmp_path):
-    path = tmp_path / "out.txt"
-    for text in ("first", "second"):
-        with replacing(path) as temporary:
-            assert temporary.parent == path.parent
-            assert temporary.suffix == path.suffix
-            temporary.write_text(text)
-        assert path.read_text() == text
-    assert os.listdir(tmp_path) == ["out.txt"]
 
 
 def half_write(path, crash):
@@ -43,21 +34,6 @@ def test_a_crash_and_a_full_disk_leave_the_old_file(tmp_path, crash, seen):
         half_write(path, crash)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["out.txt"]
-
-
-def test_the_next_run_removes_what_a_killed_one_left_of_the_same_output(tmp_path):
-    script = "import os, sys; from rpil.data.files import replacing\n"
-    script += "with replacing(sys.argv[1]) as path: path.write_text('half'); os.kill(os.getpid(), 9)"
-    for name in ("out.txt", "other.txt"):
-        subprocess.run([sys.executable, "-c", script, tmp_path / name], check=False)
-    with replacing(tmp_path / "out.txt") as living:
-        living.write_text("half")
-        with replacing(tmp_path / "out.txt") as second:
-            second.write_text("whole")
-        left = sorted(os.listdir(tmp_path))
-        assert left[-1] == "out.txt"
-        assert [name.split(".")[1] for name in left[:-1]] == ["other", "out"]
-        assert living.name in left
 
 
 def test_a_process_that_cannot_be_seen_keeps_its_files(tmp_path, monkeypatch):
@@ -196,3 +172,16 @@ def test_guesses_at_a_missing_path_are_not_wild(tmp_path, name, there, guess):
     with pytest.raises(DataError) as caught:
         check_exists(tmp_path / name)
     assert ("check the path" in str(caught.value)) if guess is None else f"{guess}'" in str(caught.value)
+
+
+@pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
+def test_a_pipe_is_no_input(tmp_path, check):
+    os.mkfifo(tmp_path / "pipe.rpil")
+    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the pipe is waited for"))
+    signal.alarm(10)
+    try:
+        with pytest.raises(DataError, match="neither a file nor a folder"):
+            check(tmp_path / "pipe.rpil")
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)

@@ -9,8 +9,6 @@ import zipfile
 import zlib
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from hostile import (
@@ -119,44 +117,9 @@ def robomimic(write):
     return make
 
 
-def deflated(file):
-    array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", chunks=(10, 3), compression="gzip")
-    array.id.write_direct_chunk((0, 0), zeros())
-
-
-def wide_chunk(file):
-    how = {"chunks": (2 * 10**8, 1), "maxshape": (None, 3), "compression": "gzip"}
-    array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
-    array.id.write_direct_chunk((0, 0), zeros())
-
-
 def huge_mask(file):
     file["data/demo_1/actions"] = np.ones((10, 3))
     file.create_dataset("mask/huge", (3 * 10**8,), "S8")
-
-
-def lerobot(path):
-    """A sparse file of metadata, and sound data."""
-    (path / "meta").mkdir(parents=True)
-    (path / "data").mkdir()
-    with (path / "meta" / "info.json").open("wb") as file:
-        file.truncate(86 * 10**8)
-    pq.write_table(
-        pa.table({"episode_index": [0, 0], "observation.x": [0.5, 1.0], "action": [0, 1]}), path / "data/0.parquet"
-    )
-
-
-def beside_lerobot(name):
-    """Sound data, and a table of `name` with one text of 300 MB."""
-
-    def make(path):
-        for part in ("data", "meta/episodes"):
-            (path / part).mkdir(parents=True)
-        write_letters(path / "data/0.parquet", 1)
-        (path / "meta/info.json").write_text('{"codebase_version": "v3.0", "features": {}}')
-        write_letters(path / name, 3 * 10**8, "task")
-
-    return make
 
 
 def policy(**members):
@@ -247,22 +210,15 @@ FILES = {
     "many-rows.zarr": (no_chunk_of_many_rows, READ),
     "wide-texts.zarr": (wide_texts, READ),
     "deflated.zarr.zip": (zipped_zarr, READ),
-    "deflate.hdf5": (robomimic(deflated), READ),
-    "wide-chunk.hdf5": (robomimic(wide_chunk), READ),
     "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
     "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
     "long-list-on-disk.parquet": (same_as("long-list.parquet"), OPEN),
     "long-list-hidden.parquet": (lambda path: write_long_list(path, 8 * 10**7, says=2), READ),
     "letters.parquet": (lambda path: write_letters(path, 4 * 10**8), READ),
-    "letters-on-disk.parquet": (same_as("letters.parquet"), OPEN),
-    "operator.parquet": (lambda path: write_letters(path, 4 * 10**8, "operator"), "hostile:read_operator"),
     "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.results.choice:read_verdicts"),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
-    "lerobot-letters": (beside_lerobot("meta/episodes/lerobot-letters.parquet"), READ),
-    "sparse-lerobot": (lerobot, READ),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),
-    "lists-stored.rpil": (policy(header_json=(zipfile.ZIP_STORED, lambda: lists(21 * 10**6))), LOAD),
     "zeros.rpil": (
         policy(header_json=(zipfile.ZIP_STORED, header_of_array), x_npy=(zipfile.ZIP_DEFLATED, array_of_zeros)),
         LOAD,

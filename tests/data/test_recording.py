@@ -103,16 +103,6 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
 
 
-def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):
-    table = {"episode": [1, 1, 2], "step_index": [2, 1, 1], "x": [0.5, 0.25, 0.125], "action": [0, 1, 1]}
-    pq.write_table(pa.table(table), tmp_path / "a.parquet")
-    recording = read_recording(tmp_path / "a.parquet")
-    d = recording.demonstrations
-    assert d.observations[:, 0].tolist() == [0.25, 0.5, 0.125]
-    write_weights(tmp_path / "w.csv", d.ids, d.offsets, np.zeros(3), np.zeros(2), np.zeros(2), recording.step_columns)
-    assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
-
-
 def test_observations_that_are_too_small_are_said(tmp_path):
     moves = np.random.default_rng(0).normal(size=N)
     pq.write_table(
@@ -146,27 +136,6 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
     pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")
     with pytest.raises(DataError, match=r"its rows lie apart in b.parquet; sort them by episode_index"):
         rpil.open(tmp_path / "b.parquet", on_disk=True)
-
-
-@pytest.mark.parametrize(
-    ("columns", "names"),
-    [
-        ({"cmd_arm": np.sqrt(np.arange(40)), "cmd_grip": np.arange(40) / 7}, ("cmd_arm", "cmd_grip")),
-        ({"action": np.arange(80).reshape(40, 2) / 7}, ("action.0", "action.1")),
-        ({"action": np.arange(40) % 2}, ("action",)),
-    ],
-)
-def test_parts_of_the_action_keep_their_names(tmp_path, columns, names):
-    k = np.arange(40)
-    table = {"episode": k // 10, "x": np.sqrt(k)} | {name: values.tolist() for name, values in columns.items()}
-    pq.write_table(pa.table(table), tmp_path / "a.parquet")
-    for on_disk in (False, True):
-        recording = read_recording(tmp_path / "a.parquet", on_disk=on_disk)
-        assert recording.description.actions == recording.demonstrations.action_names == names
-        assert recording.demonstrations.select([1, 3]).action_names == names
-        assert recording.description.action_reason == (
-            "2 numbers" if len(names) == 2 else "2 different whole numbers in 40 steps"
-        )
 
 
 def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, monkeypatch):
@@ -208,12 +177,6 @@ def test_whole_numbers_are_classes_where_they_are_few(tmp_path, case, kind):
             assert d.is_discrete == (asked == "discrete")
 
 
-def test_an_action_kind_that_cannot_be():
-    for values, wanted in ((np.array(["a", "b"]), "continuous"), (np.array([0.5, 1.0]), "discrete")):
-        with pytest.raises(DataError, match=f"which cannot be {wanted}; leave out the action kind"):
-            as_actions(values, "here", wanted)
-
-
 @pytest.mark.parametrize(
     ("given", "read"),
     [
@@ -230,3 +193,9 @@ def test_names_of_actions_are_written_where_they_are_read_back(tmp_path, suffix,
     back = formats.read(tmp_path / f"a{suffix}")
     assert back.action_names == read
     np.testing.assert_array_equal(back.actions, actions)
+
+
+def test_an_action_kind_that_cannot_be():
+    for values, wanted in ((np.array(["a", "b"]), "continuous"), (np.array([0.5, 1.0]), "discrete")):
+        with pytest.raises(DataError, match=f"which cannot be {wanted}; leave out the action kind"):
+            as_actions(values, "here", wanted)

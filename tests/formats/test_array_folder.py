@@ -63,12 +63,6 @@ def test_other_names_stay(tmp_path):
     assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
 
 
-def test_a_folder_of_tables_is_read_as_tables(tmp_path):
-    folder = aloha(tmp_path / "cube")
-    (folder / "steps.csv").write_text("episode,x,action\n1,0.5,0\n2,0.25,1\n")
-    assert formats.read(folder).ids == (1, 2)
-
-
 @pytest.fixture
 def folder(tmp_path):
     return samples.npz_folder(tmp_path)

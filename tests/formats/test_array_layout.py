@@ -229,13 +229,6 @@ def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
         rpil.read(written(arrays))
 
 
-def test_a_group_for_each_demonstration_may_hold_obs_and_acts(tmp_path):
-    with h5py.File(tmp_path / "groups.hdf5", "w") as file:
-        for m in range(M):
-            file[f"traj_{m}/obs"], file[f"traj_{m}/acts"] = STATES[m == OWNERS], MOVES[m == OWNERS]
-    np.testing.assert_array_equal(rpil.read(tmp_path / "groups.hdf5").actions, MOVES)
-
-
 @pytest.mark.parametrize("name", ["a.npz", "a.hdf5"])
 @pytest.mark.parametrize(
     ("ids", "said"),

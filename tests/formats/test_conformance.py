@@ -19,7 +19,6 @@ import pytest
 
 import rpil
 import samples
-from command_line import ok
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import FORMATS, find
@@ -33,7 +32,6 @@ NUMBERED_ANEW = {"LeRobot", "Zarr"}
 
 TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
 RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
-ACTION_NAMES = {"LeRobot": ("action.a", "action.b"), "aloha": tuple(f"action.{k}" for k in range(14))}
 
 
 @pytest.fixture(params=SAMPLES)
@@ -156,13 +154,6 @@ def test_what_stays_on_disk_is_what_is_in_memory(path, monkeypatch):
     for module in ("rows", "step_arrays"):
         monkeypatch.setattr(f"rpil.formats.{module}.BATCH_ROWS", 7)
     assert_same_on_disk(path)
-
-
-def test_names_are_those_of_the_file(name, path):
-    said = rpil.open(path).describe()
-    assert said.actions == ACTION_NAMES.get(name, said.actions)
-    assert len(said.observations) == rpil.read(path).n_observations
-    assert all(said.observations)
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
@@ -321,10 +312,6 @@ def counted(path: Path) -> Iterator[Callable[[], int]]:
         os.close(watch)
 
 
-MOST_OPENS = 2
-"""How often an audit and a keep together may open a file: to read it once, and to copy it."""
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
 def test_an_audit_opens_a_file_once(path):
     with counted(path) as opened:
@@ -332,14 +319,3 @@ def test_an_audit_opens_a_file_once(path):
         steps_alone = replace(recording, find_defects=None)  # the files beside the steps are for rpil check
         recording.demonstrations, recording.facts, rpil.check(steps_alone)
         assert opened() == 1
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
-def test_the_command_opens_a_file_seldom(path):
-    ids = [str(name) for name in rpil.read(path).ids]
-    Path("labels.csv").write_text(
-        "".join(["id,label\n", *(f"{name},{'good' if name == ids[0] else 'bad'}\n" for name in ids)])
-    )
-    with counted(path) as opened:
-        ok("keep", path, "-o", output_for(path), "--verdicts", "labels.csv", "-q")
-        assert opened() <= MOST_OPENS

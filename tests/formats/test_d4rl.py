@@ -44,14 +44,6 @@ def test_without_timeouts_they_end_where_observations_jump_or_else_at_terminals(
     assert ("next_observations" in recording.description.ignored) == following
 
 
-def test_an_array_of_ids_comes_first(tmp_path):
-    path = change(
-        d4rl(tmp_path / "hopper.hdf5"), episode_id=np.repeat([7, 5], [16, 20]), of_mine=np.repeat([1, 2, 3], 12)
-    )
-    assert formats.read(path).ids == (7, 5)
-    assert formats.read(path, id="of_mine").ids == (1, 2, 3)
-
-
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [

@@ -21,7 +21,7 @@ from rpil.formats.format import Format
 from rpil.formats.registry import find
 from samples import SAMPLES
 
-DEEP, HUGE = "[" * 100_000, 10**400
+DEEP = "[" * 100_000
 INFO, STATS, EPISODES, STEPS = (
     "meta/info.json",
     "meta/stats.json",

@@ -90,10 +90,8 @@ def test_a_text_with_a_time_is_found():
 
 
 @pytest.mark.parametrize("command", ["info", "audit", "check"])
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_three_commands_go_on_with_their_guess_and_print_it(command, suffix, drive):
-    pq.write_table(drives(), "my drive.parquet")
-    done = ok(command, f"my drive.{suffix}")
+def test_three_commands_go_on_with_their_guess_and_print_it(command, drive):
+    done = ok(command, drive)
     said = "Guess: demonstrations by trip, action steer, brake_pressure; to change it, give --id and --action."
     assert done.stderr.splitlines().count(said) == 1
     assert "12 demonstrations" in done.stdout
@@ -108,12 +106,6 @@ def test_the_next_command_names_what_was_guessed(drive):
     assert (
         "Guess: action steer, brake_pressure; to change it, give --action." in ok("info", drive, "--id", "trip").stderr
     )
-
-
-def test_a_reference_is_read_by_the_columns_that_were_guessed(drive):
-    pa.csv.write_csv(drives(3), "good.csv")
-    done = ok("audit", drive, "--reference", "good.csv")
-    assert done.stderr.count("Guess:") == 1
 
 
 @pytest.mark.parametrize(
@@ -153,16 +145,6 @@ def test_a_driver_of_several_runs_is_no_guess(tmp_path):
     assert "3 demonstrations" in ok("info", tmp_path / "legs.parquet").stdout  # a list is the number of no part
     assert "3 demonstrations" in ok("info", tmp_path / "lap.csv", "--id", "driver").stdout
     assert "12 demonstrations" in ok("info", tmp_path / "again.csv", "--split-gap", "1", *action).stdout
-
-
-def test_a_folder_of_csv_guesses_the_action(drive, tmp_path):
-    (tmp_path / "drives").mkdir()
-    for m in range(4):
-        pa.csv.write_csv(drives().slice(m * STEPS, STEPS).drop_columns(["trip"]), tmp_path / "drives" / f"P{m}.csv")
-    done = ok("info", "drives")
-    assert "Guess: action steer, brake_pressure; to change it, give --action." in done.stderr
-    assert "4 demonstrations" in done.stdout
-    assert "Next: rpil audit drives --action steer,brake_pressure" in done.stdout
 
 
 @pytest.mark.parametrize(

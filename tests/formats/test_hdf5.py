@@ -64,10 +64,6 @@ def test_hostile_files_are_refused_in_one_sentence(tmp_path):
     assert peak < MAX_BYTES
 
 
-def test_an_hdf5_file_is_known_by_its_first_bytes(tmp_path):
-    assert formats.read(robomimic(tmp_path / "lift")).ids == ("demo_0", "demo_2", "demo_10")
-
-
 def test_no_other_file_is_opened(tmp_path):
     """Links, virtual and external arrays lead to other files; they are named and left out."""
     secret = tmp_path / "secret.hdf5"

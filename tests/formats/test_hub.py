@@ -74,16 +74,6 @@ def test_no_path_is_sent_to_the_hub(path, asked, tmp_path):
     assert asked == []
 
 
-@pytest.mark.parametrize("path", ["a/b/c", "../x", "lerobot"])
-def test_other_paths_are_no_names(path, asked):
-    if path == "lerobot":
-        assert len(rpil.read(path)) == 3
-    else:
-        with pytest.raises(DataError, match=r"there is no such file or folder; (check the path|perhaps)"):
-            rpil.read(path)
-    assert asked == []
-
-
 def test_without_the_client_the_remedy_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)

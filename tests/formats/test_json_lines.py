@@ -88,12 +88,6 @@ def test_what_is_damaged_is_one_sentence(text, tmp_path):
         rpil.read(tmp_path / "a.jsonl")
 
 
-def test_a_file_that_does_not_fit_in_memory_is_refused(tmp_path):
-    path = write(tmp_path / "a.jsonl", ({"episode": 0, "x": k, "action": k} for k in range(1000)))
-    with pytest.raises(DataError, match="to read it would take"):
-        rpil.read(path, memory="10kB")
-
-
 def test_records_of_a_car_are_lines_with_another_ending(tmp_path):
     rows = [{"_session_id": f"s{m}", "speed": k / 7, "user/angle": a} for m in range(2) for k, a in enumerate(MOVES[m])]
     found = rpil.read(write(tmp_path / "a.catalog", rows), action="user/angle")

@@ -72,12 +72,6 @@ def test_names_of_nothing_are_refused(tmp_path, options, message):
         recorded(tmp_path, False, **options)
 
 
-def test_one_number_of_a_list_of_whole_numbers_is_an_amount(tmp_path):
-    rows = {"episode": np.repeat(range(4), 10), "x": NUMBERS[:, 0], "action": [[k % 2, 7] for k in range(40)]}
-    found = rpil.open(pa.table(rows), action="action.0").demonstrations
-    assert found.actions.ravel().tolist() == [k % 2 for k in range(40)]
-
-
 def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
     lists = [[np.nan if k == 5 else 1.0, float(k)] for k in range(40)]
     rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})

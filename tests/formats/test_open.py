@@ -33,8 +33,6 @@ def test_missing_values_are_reported_and_not_learned_from(tmp_path):
     frame = pd.DataFrame(rows)
     frame.loc[[3, 4], "x"] = np.nan
     opened = rpil.open(frame)
-    assert {(found.rule, found.id) for found in rpil.check(opened).findings} == {("missing values", 0)}
-    assert rpil.check(opened, skip_bad=True).set_aside == (0,)
     with pytest.raises(DataError, match="demonstration 0"):
         rpil.RPIL().fit(opened)
     with pytest.raises(DataError, match="not opened from a file"):

@@ -25,10 +25,3 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
     find(mine).keep(tmp_path / "out.csv", [1])
     assert kept == [(mine, tmp_path / "out.csv", [1])]
     assert rpil.read(other).ids == (0,)
-
-
-def test_every_format_has_a_name_of_its_own():
-    names = [one.name for one in registry.FORMATS]
-    assert len(set(names)) == len(names)
-    written = [one.suffixes[0] for one in registry.FORMATS if one.write is not None]
-    assert len(set(written)) == len(written)

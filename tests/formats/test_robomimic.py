@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import numpy as np
@@ -64,24 +63,6 @@ def test_groups_at_the_top_with_one_more_observation(tmp_path):
     assert recording.demonstrations.ids == ("traj_0", "traj_1")
     assert recording.demonstrations.lengths.tolist() == [10, 11]
     assert "obs/gripper" in recording.description.notes[0]
-
-
-def test_the_task_of_a_demonstration_in_words(tmp_path):
-    path = robomimic(tmp_path / "lift.hdf5")
-    with h5py.File(path, "r+") as file:
-        file["data/demo_2"].attrs["ep_meta"] = json.dumps({"lang": "open the drawer"})
-    assert formats.read_recording(path).description.tasks == ("Lift", "open the drawer")
-
-
-def test_groups_without_actions_or_steps_are_named(tmp_path):
-    path = robomimic(tmp_path / "lift.hdf5")
-    with h5py.File(path, "r+") as file:
-        file["data"].create_group("demo_3")["states"] = np.ones((5, 32))
-        file["data/demo_4/actions"] = np.ones((0, 7))
-    recording = formats.read_recording(path)
-    assert len(recording.demonstrations) == 3
-    assert any("demo_3" in note for note in recording.description.notes)
-    assert any("demo_4" in note for note in recording.description.notes)
 
 
 def test_a_file_of_other_layout_attributes_is_still_read(tmp_path):

@@ -48,22 +48,3 @@ def test_weights_are_written_in_blocks(tmp_path, monkeypatch):
     np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
     starts = np.repeat(data.offsets[:-1], data.lengths)
     np.testing.assert_array_equal(table["step_index"].to_numpy(), np.arange(data.n_steps) - starts)
-
-
-def test_weights_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.columns_file._BLOCK_STEPS", 1000)
-    (tmp_path / "w.parquet").write_text("old")
-
-    class Torn(np.ndarray):
-        def __getitem__(self, steps):
-            if steps.stop > 2500:
-                raise OSError(28, "No space left on device")
-            return np.asarray(self)[steps]
-
-    data = demonstrations()
-    weight, each = np.ones(data.n_steps).view(Torn), np.ones(len(data))
-    for name in ("w.parquet", "w.csv"):
-        with pytest.raises(DataError, match=r"it cannot be written \(No space left"):
-            write_weights(tmp_path / name, data.ids, data.offsets, weight, each, each)
-    assert (tmp_path / "w.parquet").read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["w.parquet"]

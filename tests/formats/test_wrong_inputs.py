@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import ok, refused
+from command_line import call, ok, refused
 from rpil.data.errors import DataWarning
 
 RNG = np.random.default_rng(0)
@@ -104,16 +104,6 @@ def test_numbers_in_one_text_are_a_list(text, column, tmp_path):
     refused(said, "audit", table(tmp_path / "a.csv", given))
 
 
-@pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
-def test_other_texts_are_classes(texts, tmp_path):
-    given = {
-        "episode": np.arange(N) // 20,
-        "x": numbers(),
-        "action": [f'"{texts[k]}"' for k in RNG.integers(2, size=N)],
-    }
-    assert "Action: action; discrete: 2 different texts" in ok("info", table(tmp_path / "a.csv", given)).stdout
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "frame"])
 def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
     path = table(tmp_path / "a.csv", drive())
@@ -134,3 +124,10 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
         printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
         found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
         assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
+
+
+def test_videos_are_looked_at_where_a_rule_asks_for_it(tmp_path):
+    done = call("keep", table(tmp_path / "a.csv", drive()), "-o", tmp_path / "b.csv", "--video")
+    assert done.exit_code == 2
+    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
+    assert done.stderr == f"rpil: {said}; see rpil keep --help.\n"
