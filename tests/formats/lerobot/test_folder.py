@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import lerobot_folders as folders
 import rpil
 from hostile import full_disk
 from lerobot_folders import change_info
@@ -26,61 +27,22 @@ def commands_to_keep(path, *given):
     return find(path).commands_to_keep(*given)
 
 
-def stats(values):
-    values = np.asarray(values, dtype=float).reshape(len(values), -1)
-    quantiles = {f"q{q:02}": np.quantile(values, q / 100, axis=0).tolist() for q in (1, 10, 50, 90, 99)}
-    plain = {name: getattr(values, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
-    return plain | {"count": [len(values)]} | quantiles
-
-
 @pytest.fixture
 def dataset(tmp_path):
-    """Four episodes in two files, without videos; the rows about episodes name the wrong file for the second."""
-    return write(tmp_path / "drive", LENGTHS)
-
-
-def write(root, lengths):
-    rng, n = np.random.default_rng(0), sum(lengths)
-    episode = np.repeat(np.arange(len(lengths)), lengths)
-    frame = np.concatenate([np.arange(length) for length in lengths])
-    columns = {
-        "observation.state": rng.normal(size=(n, 2)).astype(np.float32),
-        "action": rng.normal(size=(n, 3)).astype(np.float32),
-        "timestamp": (frame / 30).astype(np.float32),
-        "frame_index": frame,
-        "episode_index": episode,
-        "index": np.arange(n),
-        "task_index": episode % 2,
-    }
-    lists = {name: pa.FixedSizeListArray.from_arrays(columns[name].reshape(-1), k) for name, k in SIZES.items()}
-    table = pa.table(columns | lists)
-    (root / "data" / "chunk-000").mkdir(parents=True)
-    (root / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
-    for number, rows in enumerate((episode < 2, episode >= 2)):
-        pq.write_table(table.filter(pa.array(rows)), root / "data" / "chunk-000" / f"file-00{number}.parquet")
-    joints = ["a.pos", "b.pos", "c.pos"]
-    features = {name: {"dtype": "float32", "shape": [k], "names": joints[:k]} for name, k in SIZES.items()}
-    features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in columns if name not in SIZES}
-    info = {"codebase_version": "v3.0", "fps": 30, "total_episodes": len(lengths), "total_frames": n, "total_tasks": 2}
-    info |= {"features": features, "splits": {"train": f"0:{len(lengths)}"}, "chunks_size": 1000}
-    (root / "meta" / "info.json").write_text(json.dumps(info))
-    (root / "meta" / "stats.json").write_text(json.dumps({name: stats(values) for name, values in columns.items()}))
+    """Four episodes in two files, with two tasks; the rows about episodes name the wrong file for the second."""
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=(), per_file=2)
+    for file in (root / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        number = pa.array(table["episode_index"].to_numpy() % 2)
+        pq.write_table(table.set_column(table.column_names.index("task_index"), "task_index", number), file)
     # The texts are the index, and the rows do not come in the order of their numbers.
     pd.DataFrame({"task_index": [1, 0]}, index=TASKS[::-1]).to_parquet(root / "meta" / "tasks.parquet")
-    ends = np.cumsum(lengths)
-    rows = []
-    for m, (length, end) in enumerate(zip(lengths, ends.tolist(), strict=True)):
-        about = {"episode_index": m, "tasks": [TASKS[m % 2]], "length": length, "data/chunk_index": 0}
-        about |= {"data/file_index": int(m >= 1), "dataset_from_index": end - length, "dataset_to_index": end}
-        for name in ("index", "episode_index"):
-            values = columns[name][end - length : end]
-            about |= {f"stats/{name}/{key}": value for key, value in stats(values).items()}
-        rows.append(about)
-    pq.write_table(pa.Table.from_pylist(rows), root / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    rows = pq.read_table(place)
+    rows = rows.select([name for name in rows.column_names if not name.startswith("stats/task_index")]).to_pylist()
+    rows[1]["data/file_index"] = 1
+    pq.write_table(pa.Table.from_pylist(rows), place)
     return root
-
-
-SIZES = {"observation.state": 2, "action": 3}
 
 
 def test_data_are_believed_and_not_the_metadata(dataset):
@@ -180,12 +142,12 @@ def test_a_new_folder_is_consistent(dataset):
         assert len(table) == row["length"]
         assert table["index"].to_pylist() == [*range(row["dataset_from_index"], row["dataset_to_index"])]
         for name in ("index", "episode_index"):
-            for key, value in stats(table[name].to_numpy()).items():
+            for key, value in folders.statistics(table[name].to_numpy()).items():
                 np.testing.assert_allclose(row[f"stats/{name}/{key}"], value)
     columns = pq.read_table(output / "data")
     for name, found in json.loads((output / "meta" / "stats.json").read_text()).items():
         values = columns[name].to_pylist()
-        for key, value in stats(values).items():
+        for key, value in folders.statistics(values).items():
             np.testing.assert_allclose(found[key], value, rtol=1e-6, atol=1e-9)
 
 
@@ -207,7 +169,7 @@ def test_lines_of_json_of_version_2(dataset):
 
 @pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet", "data"])
 def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
-    dataset = write(tmp_path / "drive", (2000, 2000, 2000, 2000))
+    dataset = folders.write(tmp_path / "drive", (2000,) * 4, cameras=(), per_file=2)
     output = dataset.with_name(f"kept{(dataset / path).suffix}")
     with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
         find(dataset / path).keep(output, [3])
