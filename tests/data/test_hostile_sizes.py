@@ -1,4 +1,4 @@
-"""Files that declare, or decode to, far more than they hold: each is refused in one sentence, under 1 GiB and 10 s."""
+"""Files that declare, or decode to, far more than they hold, or run in circles: refused under 1 GiB and 10 s."""
 
 from __future__ import annotations
 
@@ -111,14 +111,31 @@ def robomimic(write):
             for k in range(2):
                 file[f"data/demo_{k}/obs/x"] = np.ones((10, 3))
                 file[f"data/demo_{k}/actions"] = np.ones((10, 3))
-            del file["data/demo_1/actions"]
+            del file["data/demo_0/actions"]
             write(file)
 
     return make
 
 
+def circles(file):
+    file["data/demo_0/actions"] = np.ones((10, 3))
+    for k in range(40):
+        group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
+        group["again"], group["same"] = file["data"], file["data/demo_0"]
+
+
+def huge(file):
+    del file["data/demo_0/obs/x"]
+    for name in ("obs/x", "actions"):
+        file.create_dataset(f"data/demo_0/{name}", (2**50, 3), "f8", chunks=(1000, 3))
+
+
+def actions(kind):
+    return robomimic(lambda file: file.create_dataset("data/demo_0/actions", (10,), kind))
+
+
 def huge_mask(file):
-    file["data/demo_1/actions"] = np.ones((10, 3))
+    file["data/demo_0/actions"] = np.ones((10, 3))
     file.create_dataset("mask/huge", (3 * 10**8,), "S8")
 
 
@@ -210,6 +227,10 @@ FILES = {
     "many-rows.zarr": (no_chunk_of_many_rows, READ),
     "wide-texts.zarr": (wide_texts, READ),
     "deflated.zarr.zip": (zipped_zarr, READ),
+    "circles.hdf5": (robomimic(circles), READ),
+    "huge.hdf5": (robomimic(huge), READ),
+    "objects.hdf5": (actions(h5py.vlen_dtype(np.float64)), READ),
+    "references.hdf5": (actions(h5py.ref_dtype), READ),
     "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
     "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
     "long-list-on-disk.parquet": (same_as("long-list.parquet"), OPEN),

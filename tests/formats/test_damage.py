@@ -181,8 +181,7 @@ def test_a_damaged_file_of_a_folder_is_skipped_and_named(make):
     assert read("kept").demonstrations == 4
 
 
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-@pytest.mark.parametrize("left", [0.5, 0.0])
+@pytest.mark.parametrize(("version", "left"), [("v3.0", 0.5), ("v2.1", 0.0)])
 def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
     folder = lerobot_folders.write(Path("arm"), [9, 8, 7, 9, 8, 9, 7], version, cameras=())
     last = sorted(folder.rglob("data/**/*.parquet"))[1]
