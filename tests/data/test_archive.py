@@ -28,22 +28,10 @@ def fitted(data):
     return RPIL().fit(data)
 
 
-@pytest.fixture(scope="module")
-def mixture(data):
-    return RPIL(adversary="uniform").fit(data)
-
-
 @pytest.fixture
 def saved(fitted, tmp_path):
     path = tmp_path / "policy.rpil"
     save(fitted, path)
-    return path
-
-
-@pytest.fixture
-def saved_mixture(mixture, tmp_path):
-    path = tmp_path / "mixture.rpil"
-    save(mixture, path)
     return path
 
 
@@ -149,18 +137,6 @@ def set_in(tree, path, value):
 def test_load_refuses_inconsistent_headers(saved, path, value):
     rewrite(saved, header=lambda tree: set_in(tree, path, value))
     refused(saved, LOST)
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        (("state", "fields", "prior", "fields", "p"), "a"),
-        (("fitted", "audit_", "fields", "prior"), None),
-    ],
-)
-def test_load_refuses_inconsistent_headers_of_a_mixture(saved_mixture, path, value):
-    rewrite(saved_mixture, header=lambda tree: set_in(tree, path, value))
-    refused(saved_mixture, LOST)
 
 
 @pytest.mark.parametrize(

@@ -125,27 +125,6 @@ def test_pairs_are_numbers_of_demonstrations():
             match_pairs(better(pairs).items(), ["a", 7])
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        (None, b'id,label\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
-        (b"id,label\n3,bad", b'id,label\n3,bad\n7,good\n"a,b",better than 7\n\'=1,bad\n'),
-        (
-            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n",
-            b"\xef\xbb\xbfnote, label,episode_index\r\nlate,EXPERT,3\r\n"
-            b',good,7\r\n,better than 7,"a,b"\r\n,bad,\'=1\r\n',
-        ),
-    ],
-)
-def test_answers_are_added_to_a_file_that_stays_as_it_was(tmp_path, before, after):
-    path = tmp_path / "labels.csv"
-    write_answers(path, before, as_rows([("7", "good"), ("a,b", "better than 7"), ("=1", "bad")]))
-    assert path.read_bytes() == after
-    labels, pairs = formats.read_answers(path)
-    assert labels == {"7": "good", "=1": "bad"} | ({"3": "good" if b"EXPERT" in after else "bad"} if before else {})
-    assert pairs == better([("a,b", "7")])
-
-
 def test_reading_demonstrators(tmp_path):
     (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
     (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')

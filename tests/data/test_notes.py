@@ -14,7 +14,7 @@ HOSTILE = ["=1+1", "@SUM(1)", "'=2", 'say "no", he said', "<script>alert(1)</scr
 
 
 @pytest.mark.parametrize(
-    "before", [None, b"id,label\n1,good\n", b"note;id;label\r\nold;1;good\r\n", b"by,label,id\nme,good,1\n"]
+    "before", [None, b"id,label\n1,good", b"note;id;label\r\nold;1;good\r\n", b"by,label,id\nme,good,1\n"]
 )
 def test_notes_are_read_as_they_were_written(tmp_path, before):
     path = tmp_path / "labels.csv"

@@ -156,7 +156,6 @@ def damage_page(path):
 
 
 LEROBOT = {
-    "chunks_size 0": (change_info(chunks_size=0), INFO),
     "chunks_size endless": (
         lambda path: (path / INFO).write_text((path / INFO).read_text().replace("1000", "1e400")),
         INFO,

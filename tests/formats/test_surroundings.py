@@ -34,31 +34,6 @@ def test_the_command_reads_it_with_stdin_and_stderr_closed(tmp_path):
     assert "demonstrations" in done.stdout
 
 
-def test_too_many_open_files_are_no_damage(tmp_path):
-    script = FILLED.format(path=str(SAMPLES["NPZ"](tmp_path)))
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "Too many open files" in done.stdout
-    assert "damaged" not in done.stdout
-
-
-FILLED = """
-import resource, numpy, rpil
-resource.setrlimit(resource.RLIMIT_NOFILE, (60, 60))
-rpil.read({path!r})
-full = []
-try:
-    while True:
-        full.append(open({path!r}))
-except OSError:
-    pass
-try:
-    rpil.read({path!r})
-except rpil.DataError as error:
-    print(error)
-"""
-
-
 def test_a_crash_of_a_library_prints_where_it_happened(tmp_path):
     np.savez(tmp_path / "a.npz", observations=np.eye(4), actions=[0, 1, 0, 1], episode_ids=[0, 0, 1, 1])
     crash = "import os, rpil.data.npy as npy\nnpy.read_arrays = lambda *_: os.abort()\n"

@@ -55,7 +55,7 @@ def test_frames_before_the_rows_of_a_trimmed_episode_are_no_fault(tmp_path):
     assert ("video frames", "0") in found(tmp_path / "kept")
 
 
-@pytest.mark.parametrize("size", [0.5, 0, -3, 1.5, "many", True, None])
+@pytest.mark.parametrize("size", [0.5, 0, "many", True, None])
 def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
     change_info(root, chunks_size=size)
