@@ -10,7 +10,7 @@ import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import call
+from command_line import call, ok
 from rpil.data.errors import DataError
 from rpil.formats.column_search import find_columns
 
@@ -79,3 +79,10 @@ def test_an_action_of_texts_in_lists_is_refused_with_the_remedy():
     steps = {"episode": [0, 0], "state": [0.1, 0.2], "x": [1.0, 2.0], "action": [["go", "a"], ["stop", "b"]]}
     with pytest.raises(DataError, match="'action' holds texts in lists, or nested values; write each part"):
         rpil.open(pa.table(steps))
+
+
+def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pa.csv.write_csv(drives(), "drive.csv")
+    printed = ok("info", "drive.csv", "--id", "trip", "--action", "steer").stdout
+    assert printed.endswith("Next: rpil audit drive.csv --id trip --action steer --operator driver\n")
