@@ -96,7 +96,6 @@ import numpy as np
 from rpil import Demonstrations
 from rpil.data.files import replacing
 from rpil.formats.format import Format, keep_one_file
-from rpil.formats.places import kept_rows
 from rpil.formats.recording import from_demonstrations
 
 
@@ -106,11 +105,11 @@ def read(path, options):
     return from_demonstrations(Demonstrations.from_groups(*columns, source=path.name), "JSON lines")
 
 
-def keep(path, output, ids, options, cuts):
+def keep(path, output, ids, options):
     lines = path.read_text().splitlines()
-    owners = np.array([str(json.loads(line)["episode"]) for line in lines])
-    output.write_text("".join(f"{lines[row]}\\n" for row in kept_rows(owners, sorted(ids), cuts)))
-    return ids & {*owners.tolist()}
+    owners = [str(json.loads(line)["episode"]) for line in lines]
+    output.write_text("".join(f"{line}\\n" for line, owner in zip(lines, owners) if owner in ids))
+    return ids & {*owners}
 
 
 def write(path, demonstrations, truth):
@@ -174,8 +173,6 @@ def test_format_recipe(package, monkeypatch, tmp_path):
     registry.find(path).keep(kept, ["d3", "d1"])
     assert formats.read(kept).ids == ("d1", "d3")
     assert {*kept.read_text().splitlines()} < {*path.read_text().splitlines()}
-    formats.open(path).keep(["d1"], tmp_path / "cut.jsonl", {"d1": (1, 3)})
-    np.testing.assert_array_equal(formats.read(tmp_path / "cut.jsonl").actions, toy.select([1]).actions[1:3])
     with pytest.raises(DataError, match=r"give it the extension \.jsonl"):
         registry.find(path).keep(tmp_path / "kept.csv", ["d1"])
     with pytest.raises(DataError, match="no demonstration is called '9'"):

@@ -156,24 +156,19 @@ def of_tool(name: str, path: Path) -> bool:
 
 
 def check(python: Path, name: str, path: Path, folder: Path) -> Iterator[tuple[object, ...]]:
-    """Keep demonstrations, whole and trimmed, and have the tool read them: a row of the table for each."""
+    """Keep demonstrations, and have the tool read them: a row of the table for each."""
     recording = rpil.open(path)
     whole, output = recording.demonstrations.select(slice(None)), folder / path.name
     ids = [*whole.ids[:1], *whole.ids[2:]]
-    trims = {m: (2, int(n) - 1) for m, n in zip(whole.ids, whole.lengths.tolist(), strict=True) if n > 4}
-    for way, cut in (("keep", {}), ("keep --trim", trims)):
-        recording.keep(ids, output, cut)
-        ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
-        steps = [range(a + cut.get(m, (0, n))[0], a + cut.get(m, (0, n))[1]) for m, a, n in ends if m in ids]
-        wanted = [np.asarray(whole.actions[[*rows]], float) for rows in steps]
-        yield name, way, path.name, *read_as(python, name, output, wanted)
+    ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
+    wanted = [np.asarray(whole.actions[a : a + n], float) for m, a, n in ends if m in ids]
+    recording.keep(ids, output)
+    yield name, "keep", path.name, *read_as(python, name, output, wanted)
     if name == "lerobot":
         labels = folder / "labels.csv"
         labels.write_text("id,label\n" + "".join(f"{m},{'good' if m in ids else 'bad'}\n" for m in whole.ids))
         audit = [sys.executable, "-m", "rpil", "audit", path, "--labels", labels, "--annotate", output]
         subprocess.run(audit, check=True, capture_output=True)
-        ends = zip(whole.ids, whole.offsets[:-1].tolist(), whole.lengths.tolist(), strict=True)
-        wanted = [np.asarray(whole.actions[a : a + n], float) for m, a, n in ends if m in ids]
         yield name, "audit --annotate", path.name, *read_as(python, name, output, wanted)
 
 

@@ -223,35 +223,6 @@ def test_ids_that_look_like_formulas(folder):
             assert list(rpil.read(f"k{Path(table).suffix}").ids) == kept
 
 
-def test_idle_ends_are_cut_on_request(tmp_path):
-    root, n, still = folders.write(tmp_path / "drive", [80] * 6, cameras=()), 80, 15
-    for file in (root / "data").rglob("*.parquet"):
-        table = pq.read_table(file)
-        for name in ("action", "observation.state"):
-            values = np.cumsum(table[name].to_pylist(), axis=0).reshape(-1, n, 2)
-            values[:, :still], values[:, -still:] = values[:, still, None], values[:, -still - 1, None]
-            column = pa.array(values.reshape(-1, 2).tolist())
-            table = table.set_column(table.column_names.index(name), name, column)
-        pq.write_table(table, file)
-    Path("labels.csv").write_text("id,label\n1,expert\n4,good\n0,bad\n")
-    trims = json.loads(ok("check", root, "--json", "-q").stdout)["trims"]
-    ends = {trim["id"]: (trim["first"], trim["end"]) for trim in trims}
-    assert ends[4] == (still, n - still)
-    printed = ok("keep", root, "-o", "kept", "--trim", "--verdicts", "labels.csv", "--only", "0,1,4").stdout
-    assert "Trimmed 2 of them by 60 steps" in printed
-    kept, whole = rpil.read("kept"), rpil.read(root).select([1, 4])
-    for m in (0, 1):
-        first, end = whole.offsets[m] + still, whole.offsets[m + 1] - still
-        np.testing.assert_array_equal(kept.actions[kept.offsets[m] : kept.offsets[m + 1]], whole.actions[first:end])
-    refused("cannot be trimmed", "keep", root, "-o", "k.json", "--trim", "--verdicts", "labels.csv")
-    for new in ("a.csv", "a.npz"):  # and so of every format
-        ok("convert", root, "-o", new)
-        output = f"kept{new[1:]}"
-        printed = ok("keep", new, "-o", output, "--trim", "--verdicts", "labels.csv", "--only", "0,1,4").stdout
-        assert "Trimmed 2 of them by 60 steps" in printed
-        np.testing.assert_array_equal(rpil.read(output).actions, kept.actions)
-
-
 def test_a_folder_is_checked(tmp_path):
     root = folders.write(tmp_path / "drive", [20] * 4, cameras=())
     assert "totals" not in ok("check", root).stdout

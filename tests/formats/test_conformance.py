@@ -120,35 +120,6 @@ def test_what_is_kept_is_read_as_it_was(name, path):
         np.testing.assert_allclose(after.times().timestamps, np.concatenate([times[0], times[2]]))
 
 
-def test_trimmed_demonstrations_are_read_without_the_steps_that_were_cut(path):
-    before, output = rpil.open(path, on_disk=False), output_for(path)
-    contents, whole = everything(), before.demonstrations
-    ids, lengths = whole.ids, whole.lengths.tolist()
-    trims = {ids[0]: (1, lengths[0]), str(ids[2]): (1, lengths[2] - 2)}
-    before.keep(ids, output, {**trims, ids[1]: (0, lengths[1])})
-    assert {**everything(), **contents} == everything()  # the data are as they were
-    after = rpil.open(output, on_disk=False)
-    rows = np.ones(whole.n_steps, bool)
-    rows[[0, whole.offsets[2], -2, -1]] = False
-    found = after.demonstrations
-    np.testing.assert_array_equal(found.observations, whole.observations[rows])
-    np.testing.assert_array_equal(found.actions, whole.actions[rows])
-    np.testing.assert_array_equal(found.lengths, np.subtract(lengths, [1, 0, 3]))
-    assert [*map(str, found.ids)] == [*map(str, ids)]
-    for what in ("observations", "actions", "action_kind", "task_column", "operator_column", "order"):
-        assert getattr(after.describe(), what) == getattr(before.describe(), what), what
-    assert (after.tasks, after.operators) == (before.tasks, before.operators)
-    assert after.times().frames == {m: n for m, n in zip(ids, found.lengths, strict=True) if m in before.times().frames}
-    again = rpil.open(output, on_disk=True)
-    again.keep(ids, output_for(path, "whole"))
-    assert_same(rpil.read(output_for(path, "whole")), found)
-    rpil.open(path, on_disk=True, only=[ids[2]]).keep([ids[2]], output_for(path, "one"), trims)
-    np.testing.assert_array_equal(rpil.read(output_for(path, "one")).actions, found.actions[found.offsets[2] :])
-    with pytest.raises(DataError, match=r"demonstration .* it has \d+ steps, so that 1 to 40 cannot be kept") as caught:
-        again.keep(ids, output_for(path, "no"), {ids[0]: (1, 41)})
-    assert is_sentence(caught.value)
-
-
 def test_what_stays_on_disk_is_what_is_in_memory(path, monkeypatch):
     """In several batches of rows."""
     for module in ("rows", "step_arrays"):

@@ -49,9 +49,9 @@ def test_a_line_may_hold_a_demonstration(form, tmp_path):
 
 def test_demonstrations_in_lines_are_given_back_as_steps(tmp_path):
     path = write(tmp_path / "a.jsonl", map(lists, STATES, MOVES))
-    rpil.open(path).keep([1], tmp_path / "b.jsonl", {1: (1, 5)})
+    rpil.open(path).keep([1], tmp_path / "b.jsonl")
     kept = rpil.read(tmp_path / "b.jsonl")
-    np.testing.assert_array_equal(kept.observations, STATES[1][1:5])
+    np.testing.assert_array_equal(kept.observations, STATES[1])
 
 
 def test_a_list_in_a_step_is_no_demonstration(tmp_path):

@@ -89,9 +89,3 @@ def test_paths_are_filled_without_running_what_they_say():
         assert fill(template, 1, 1) == template
     with pytest.raises(KeyError):
         fill("{secret}", 1, 1)
-
-
-def test_a_list_of_episodes_is_not_trimmed(tmp_path):
-    root = without_videos(tmp_path / "drive", "v3.0")
-    with pytest.raises(DataError, match="list of episodes cannot be trimmed"):
-        rpil.open(root).keep([1], tmp_path / "keep.json", {1: (0, 2)})

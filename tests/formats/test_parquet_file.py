@@ -77,8 +77,7 @@ def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):
     assert not (tmp_path / "other.parquet").exists()
 
 
-@pytest.mark.parametrize("is_trim", [False, True])
-def test_columns_that_statistics_name_are_checked(tmp_path, is_trim, monkeypatch):
+def test_columns_that_statistics_name_are_checked(tmp_path, monkeypatch):
     root = folders.write(tmp_path / "drive", (4, 5), "v3.0", ())
     file = root / "data" / "chunk-000" / "file-000.parquet"
     table = pq.read_table(file)
@@ -91,5 +90,5 @@ def test_columns_that_statistics_name_are_checked(tmp_path, is_trim, monkeypatch
         (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
         assert "column 'huge': to read it would take" in defect.sentence
         with pytest.raises(DataError, match="MB of memory"):
-            rpil.open(root).keep([1], tmp_path / "kept", {1: (0, 4)} if is_trim else {})
+            rpil.open(root).keep([1], tmp_path / "kept")
     assert not [one for one in find_defects(root, False) if one.what == "metadata"]

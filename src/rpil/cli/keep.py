@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +33,6 @@ from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.data.arrays import Id
     from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice, Table
     from rpil.results.record import Audit
@@ -53,7 +51,6 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Verdicts or a list to keep that rpil wrote, or labels: keep by these, and judge nothing.",
 )
-@click.option("--trim", is_flag=True, help="Cut idle heads and tails, as rpil check lists them.")
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @holding()
 def keep(
@@ -62,7 +59,6 @@ def keep(
     share: float | None,
     at_least: float | None,
     verdicts: str | None,
-    trim: bool,
     **options: Any,
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that are bad.
@@ -75,25 +71,24 @@ def keep(
     from rpil.formats.registry import find
 
     source, given = find(file), RunOptions.of(options)
-    source.check_output(output, trim, given.columns)
+    source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
         if verdicts is None:
             read, table, audit = _judged(file, given, progress)
         else:
             read, audit = open_with_missing(file, given.columns, progress, given.stream), None
             table = _verdicts_on(read, verdicts)
-        faults = look_for_faults(read, progress, True, given.without_faults) if trim or given.without_faults else None
+        faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
         choice, n_unnamed = _choice(read, table, asked)
         _check_left(choice, file, verdicts, table)
         from rpil.results.lost import lost_places
 
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
-        trims = {name: faults.trims[name] for name in choice.kept if name in faults.trims} if trim and faults else {}
         progress(f"writing {output}")
-        read.keep(choice.kept, output, trims)
+        read.keep(choice.kept, output)
     tell_of_set_aside(read)
-    _print_kept(read, choice.kept, output, trims if trim else None)
+    click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
     if n_unnamed:
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
@@ -125,16 +120,6 @@ def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
     wanted = {*map(str, (*choice.kept, *others))} - {*map(str, faulty)}
     kept = tuple(name for name in ids if str(name) in wanted)
     return replace(choice, kept=kept, rejected=rejected), len(others) - len(faulty)
-
-
-def _print_kept(read: Recording, kept: Sequence[Id], where: str, trims: Mapping[Id, tuple[int, int]] | None) -> None:
-    """Print how many demonstrations were kept, and how many steps were cut from them."""
-    click.echo(f"Kept {len(kept):,} of {len(read.ids):,} demonstrations: {where}")
-    if trims is not None:
-        lengths = dict(zip(read.demonstrations.ids, read.demonstrations.lengths.tolist(), strict=True))
-        n = sum(lengths[name] - end + first for name, (first, end) in trims.items())
-        cut = f"Trimmed {len(trims):,} of them by {n:,} steps in which nothing moves."
-        click.echo(cut if trims else "Nothing was trimmed: no idle ends were found.")
 
 
 def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:

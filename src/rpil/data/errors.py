@@ -15,7 +15,6 @@ _IN_PYTHON = {
     "no_stream": "rpil.read",
     "skip_bad": "skip_bad=True",
     "stream": "rpil.open",
-    "trim": "trims=",
 }
 """How a user of Python gives an option; any other one is an argument of its name."""
 

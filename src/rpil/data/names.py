@@ -43,11 +43,6 @@ NOT_SEEN = (
     (re.compile(r"(?:observations?|obs)_actions?|(?:.*_)?(?:last|prev|previous)_actions?(?:_\d+)?"), "the last action"),
 )
 """Names of columns that nobody saw, though they are called observations, and what they are; the first that fits."""
-MARK = re.compile(
-    r"(?P<start>episode_starts?|is_first)|(?:next_|is_)?(?:dones?|terminals?|terminat(?:ed|ions?)|truncat(?:ed|ions?)"
-    r"|timeouts?|last|success(?:es)?)"
-)
-"""Names of what marks the first or the last step of a demonstration."""
 NEXT_STEP = re.compile(r"next_.*|.*_next")
 _UNIT = r"(?:_(?:s|ms|us|ns|secs?|seconds?|msecs?|nsecs?|nanosec|ros|utc|unix|epoch|index))?"
 ORDER_COLUMNS = [

@@ -22,14 +22,13 @@ from rpil.data.folders import copy_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION_COLUMNS, OWN_TABLES, TASK, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import opened_npz, write_npz
+from rpil.data.npy import opened_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.damage import without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.npz import arrays_of
-from rpil.formats.places import Cut, Cuts
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     return replace(found, origin=replace(found.origin, skipped=tuple(files[name].name for name in damaged)))
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
 
     An NPZ file in a folder of its own is copied with all that is beside it, and a single file is copied to a file.
@@ -78,42 +77,34 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
     kept = {name: files[name] for name in kept_of(files, ids, path)}
     if path.is_file():
         with replacing(output) as temporary:
-            _copy(path, temporary, cuts.get(path.stem))
+            _copy(path, temporary)
         return
     are_numbered = all(re.fullmatch(r"episode_\d+", name) for name in files) and not _are_npz(files)
     rows: list[list[object]] = [["link", "file"]]
     with new_folder(output) as folder:
-        for k, (name, file) in enumerate(kept.items()):
+        for k, file in enumerate(kept.values()):
             target = folder / (f"episode_{k}{file.suffix}" if are_numbered else file.relative_to(path))
             rows.append([to_cell(target.name), to_cell(file.name)])
             if file.parent != path:
                 copy_folder(file.parent, target.parent, without=(file.name,))
-            _copy(file, target, cuts.get(name), is_link=not _are_npz(files))
+            _copy(file, target, is_link=not _are_npz(files))
         if not _are_npz(files):
             with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
                 csv.writer(text, lineterminator="\n").writerows(rows)
 
 
-def _copy(file: Path, target: Path, cut: Cut | None, is_link: bool = False) -> None:
-    """Copy a file, or the steps of it that are kept, or give it a second name (a hard link), which takes no room.
+def _copy(file: Path, target: Path, is_link: bool = False) -> None:
+    """Copy a file, or give it a second name (a hard link), which takes no room.
 
     On another disk it is copied.
     """
-    if cut is None and is_link:
+    if is_link:
         try:
             target.hardlink_to(file.resolve())
         except OSError:  # on another disk, of another user, or where files have one name only
             shutil.copyfile(file, target)
-    elif cut is None:
-        shutil.copyfile(file, target)
-    elif file.suffix.lower() != _NPZ_FILE:
-        with hdf5.copying(file, target) as (source, new):
-            hdf5.copy_cut(source, new, cut)
     else:
-        with opened_npz(file) as npz, replacing(target) as temporary:
-            arrays = npz.read(npz.names)
-            rows = {name: cut.rows_of(name, array.shape) for name, array in arrays.items()}
-            write_npz(temporary, {name: one if rows[name] is None else one[rows[name]] for name, one in arrays.items()})
+        shutil.copyfile(file, target)
 
 
 def _files(path: Path) -> dict[str, Path]:

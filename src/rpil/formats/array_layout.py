@@ -6,7 +6,6 @@ Arrays lie end to end, (N, ...), where ids, starts, ends or lengths tell demonst
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,6 @@ from rpil.data.errors import DataError
 from rpil.data.names import EPISODE, may_be_outcome
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import StepTables
-from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
 from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
@@ -79,41 +77,29 @@ class ArrayLayout:
 
         return {name: steps(one) for name, one in whole.items() if name in named or may_be_outcome(name)}
 
-    def kept_rows(self, name: str, array: StoredArray, ids: Sequence[Id], cuts: Cuts) -> Array | None:
+    def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
         """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
         n, n_rows = len(self.ids), array.shape[0] if array.shape else 0
         if n_rows == n or (n_rows == n + 1 and self.is_step is None):  # one more comes after the last action
             owners = self.ids[np.minimum(np.arange(n_rows), n - 1)]
-            return kept_rows(owners, ids, cuts if self.is_step is None else {}, name)
+            return np.flatnonzero(np.isin(owners, ids))
         each = self.by_demonstration and array.shape[:1] == (len(self.names),)
         return np.flatnonzero(np.isin(self.names, ids)) if each else None
 
-    def cut_stacked(self, name: str, kept: Any, ids: Sequence[Id], cuts: Cuts) -> None:
-        """Move the steps to keep to the front of a stacked array of the demonstrations `ids`, with zeros after them."""
-        is_step = np.empty((0, 0)) if self.is_step is None else self.is_step
-        n_after = kept.shape[1] - is_step.shape[1] if len(is_step) and len(kept.shape) > 1 else -1
-        for k, m in enumerate(ids if n_after in (0, 1) else ()):
-            if cut := cuts.get(str(m)):
-                own = np.flatnonzero(is_step[self.names.index(m)])
-                steps = kept[k][np.append(own, own[-1] + 1)[cut.rows(name, n_after)]]
-                kept[k] = np.concatenate([steps, np.zeros_like(kept[k][len(steps) :])])
-
-    def new_arrays(self, arrays: Tree, ids: Sequence[Id], cuts: Cuts, source: str, swaps: bool) -> dict[str, Array]:
-        """What tells the demonstrations `ids` apart where their arrays do not: lengths where steps are cut or the time
-        comes first, or timeouts where no array marks those that were cut short."""
+    def new_arrays(self, arrays: Tree, ids: Sequence[Id], source: str, swaps: bool) -> dict[str, Array]:
+        """What tells the demonstrations `ids` apart where their arrays do not: lengths where the time comes
+        first, or timeouts where no array marks those that were cut short."""
         if self.is_step is not None or self.by_demonstration:
-            name = first(arrays, _LENGTHS) or _LENGTHS[1]
-            is_known = name in arrays and arrays[name].shape[0] == len(self.names)
-            if not (cuts or swaps) or (self.is_step is None and not is_known):
+            if self.is_step is None or not swaps:
                 return {}
-            owners = self.ids if self.is_step is None else np.repeat(self.ids, self.is_step.sum(axis=1))
-            return {name: np.array([*Counter(owners[kept_rows(owners, ids, cuts)].tolist()).values()])}
+            lengths = self.is_step.sum(axis=1)[np.isin(self.ids, ids)]
+            return {first(arrays, _LENGTHS) or _LENGTHS[1]: lengths}
         if first(arrays, (_STARTS, *_CUTS)):
             return {}
         is_last = np.append(self.ids[1:] != self.ids[:-1], True)
         is_terminal = np.any([_flags(arrays, name, len(self.ids), source) for name in _TERMINALS], axis=0)
         timeouts = is_last & ~is_terminal
-        return {TIMEOUTS: timeouts[kept_rows(self.ids, ids, cuts, TIMEOUTS)]}
+        return {TIMEOUTS: timeouts[np.isin(self.ids, ids)]}
 
 
 def first(arrays: Tree, names: Sequence[str]) -> str | None:

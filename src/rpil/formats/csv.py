@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import gzip
-import io
 import itertools
 import os
 import shutil
@@ -26,7 +25,7 @@ from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.places import Cut, Cuts, in_two_files
+from rpil.formats.places import in_two_files
 from rpil.formats.rows import Rows, TableRows
 from rpil.formats.spool import spool
 from rpil.formats.store import copied_rows, other_columns
@@ -276,9 +275,7 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
                 raise
 
 
-def keep_text(
-    path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, name: str | None = None
-) -> set[str]:
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str | None = None) -> set[str]:
     """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found.
 
     A file of a folder is the demonstration `name` where no column names the demonstration.
@@ -286,12 +283,11 @@ def keep_text(
     file = find_dialect(path, options)
     episode = find_text_columns(file, options, None if name is None else FILE).episode
     is_one = name is not None and episode == FILE
-    if is_one and name not in cuts and not file.skipped:
+    if is_one and not file.skipped:
         if name in ids:
             shutil.copyfile(path, output)
         return {str(name)} & ids
     column, found = file.names.index(episode) if not is_one else None, set[str]()
-    waiting: dict[str, list[tuple[str, list[str]]]] = {}  # rows of demonstrations that are cut, until all are there
     opener = gzip.open if path.suffix.lower() == ".gz" else open
     with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
         for _, _, lines, values, fault in text_rows(file):
@@ -299,23 +295,9 @@ def keep_text(
                 file.check()
             demonstration = str(name) if column is None else from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
-            if values and (cut := cuts.get(demonstration)):
-                own = waiting.setdefault(demonstration, [])
-                own.append(("".join(lines), values))
-                target.writelines(_cut_lines(own, cut, file) if len(own) == len(cut.places) else ())
-            elif not fault and (not values or demonstration in ids):
+            if not fault and (not values or demonstration in ids):
                 target.writelines(lines)
     return found & ids
-
-
-def _cut_lines(rows: Sequence[tuple[str, list[str]]], cut: Cut, file: TextTable) -> Iterator[str]:
-    """The lines that are kept of a demonstration, written anew where a mark has moved."""
-    sources = [cut.rows(name).tolist() for name in file.names]
-    for k, row in enumerate(cut.rows().tolist()):
-        line, cells = rows[row][0], [rows[of_column[k]][1][c] for c, of_column in enumerate(sources)]
-        text, end = io.StringIO(), line[len(line.rstrip("\r\n")) :] or "\n"
-        csv.writer(text, delimiter=file.separator, lineterminator=end).writerow(cells)
-        yield line.rstrip("\r\n") + end if cells == rows[row][1] else text.getvalue()
 
 
 FORMAT = Format(

@@ -15,7 +15,6 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.layout import Layout
-from rpil.formats.places import Cuts
 from rpil.formats.store import ParquetRows
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
@@ -56,8 +55,8 @@ class StepTables:
         return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
 
 
-Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions, Cuts], None]
-"""Writes the demonstrations of these ids, in the order of the file, with all that it says of them, as far as kept."""
+Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]
+"""Writes the demonstrations of these ids, in the order of the file, with all that it says of them."""
 
 
 def called(*suffixes: str) -> Callable[[Path], bool]:
@@ -65,7 +64,7 @@ def called(*suffixes: str) -> Callable[[Path], bool]:
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
 
 
-def check_same_kind(path: Path, output: Path, trim: bool = False) -> None:
+def check_same_kind(path: Path, output: Path) -> None:
     """A `DataError` where the data are a file and `output` has another extension, or a folder and it is a list."""
     if path.is_dir() and output.suffix.lower() == ".json":
         raise not_a_folder(output)
@@ -120,7 +119,7 @@ class Format:
         Extensions of its files; those that `write` writes have the first.
     write : function of a path, demonstrations and arrays (M,) by name, optional
         Writes demonstrations, and true values for each, which `read` ignores.
-    check_output : function of the path of the data, that of the output, and whether steps are cut
+    check_output : function of the path of the data, and that of the output
         A `DataError` where `keep` cannot write to the output, before any work.
     find_defects : function of a path, optional
         What beside the demonstrations does not agree with them; with True, in videos too.
@@ -146,7 +145,7 @@ class Format:
     has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
-    check_output: Callable[[Path, Path, bool], object] = check_same_kind
+    check_output: Callable[[Path, Path], object] = check_same_kind
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
@@ -164,13 +163,13 @@ def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
     return [name for name in names if str(name) in wanted]
 
 
-def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions, Cuts], set[str]]) -> Keep:
+def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]]) -> Keep:
     """The `Keep` of a format of single files, by a function that writes what there is of these ids and returns them."""
 
-    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
         wanted = {*map(str, ids)}
         with replacing(output) as temporary:
-            check_found(wanted, keep(path, temporary, wanted, options, cuts), path)
+            check_found(wanted, keep(path, temporary, wanted, options), path)
 
     return checked
 

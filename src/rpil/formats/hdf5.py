@@ -24,7 +24,6 @@ from rpil.data.held import held, held_bytes
 from rpil.data.memory import check_free
 from rpil.data.names import is_outcome, natural_key
 from rpil.formats.description import commas
-from rpil.formats.places import Cut
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".hdf5", ".h5")
 
-_COUNTS = {"num_samples", "total_steps"}  # of the steps of a demonstration of robomimic
 _ROWS_AT_ONCE = 65_536
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -108,14 +106,6 @@ def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> 
         for first in range(0, len(run), _ROWS_AT_ONCE):
             block = run[first : first + _ROWS_AT_ONCE]
             copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
-
-
-def copy_cut(source: h5py.Group, new: h5py.Group, cut: Cut) -> None:
-    """Copy the group of a demonstration, of which some steps are cut."""
-    copy_attributes(source, new)
-    copy_arrays(Arrays(source), new, lambda name, array: cut.rows_of(name, array.shape))
-    for name in _COUNTS & new.attrs.keys():
-        new.attrs[name] = cut.n_steps
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
@@ -282,7 +272,7 @@ def _check_chunks(array: h5py.Dataset) -> None:
         )
 
 
-def check_output(path: Path, output: Path, trim: bool = False) -> None:
+def check_output(path: Path, output: Path) -> None:
     """A `DataError` where the name of the `output` is not that of an HDF5 file, nor like that of the data."""
     if output.suffix.lower() not in (*SUFFIXES, path.suffix.lower()):
         raise DataError(

@@ -13,7 +13,6 @@ from rpil.formats import array_folder, array_layout, hdf5, robomimic
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, Keep, StepTables, kept_of
-from rpil.formats.places import Cuts
 
 if TYPE_CHECKING:
     import h5py
@@ -36,7 +35,7 @@ def _read_rows(path: Path, options: ColumnOptions) -> StepTables:
         return array_layout.read_arrays(found, path.name, name, options, found.notes)
 
 
-def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write the steps of the demonstrations called `ids`, and all else of the file, to a new one.
 
     Where it has no timeouts they are added, so that each demonstration ends where it does here.
@@ -45,10 +44,8 @@ def _keep_rows(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptio
         arrays = hdf5.Arrays(source)
         layout = array_layout.layout_of(arrays, path.name)
         kept = kept_of(layout.names, ids, path)
-        hdf5.copy_arrays(arrays, new, lambda name, array: layout.kept_rows(name, array, kept, cuts))
-        for name in arrays:
-            layout.cut_stacked(name, new[name], kept, cuts)
-        for name, values in layout.new_arrays(arrays, kept, cuts, path.name, False).items():
+        hdf5.copy_arrays(arrays, new, lambda name, array: layout.kept_rows(array, kept))
+        for name, values in layout.new_arrays(arrays, kept, path.name, False).items():
             if name in arrays:
                 new[name][...] = values
             else:
@@ -68,10 +65,10 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         return layout.read(path, options)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """What the layout that fits keeps; errors are those of `_fitting`."""
     with _fitting(path) as layout:
-        layout.keep(path, output, ids, options, cuts)
+        layout.keep(path, output, ids, options)
 
 
 @contextmanager

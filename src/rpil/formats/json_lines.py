@@ -22,7 +22,6 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.damage import damaged_lines, parts_in_words
 from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
-from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.store import has_tables
 
 if TYPE_CHECKING:
@@ -149,18 +148,18 @@ def _steps(table: pa.Table) -> pa.Table:
     return flat.rename_columns(short) if len({*short}) == len(short) else flat
 
 
-def check_output(path: Path, output: Path, trim: bool = False) -> None:
+def check_output(path: Path, output: Path) -> None:
     """A `DataError` where the data are a folder, which is not given back, or `output` is no file of their kind."""
     if path.is_dir():
         first = f"first run rpil convert {path} -o ALL.parquet"
         raise DataError(f"{path}: keep writes no folder of JSON lines; {first}, then keep from that table.")
-    check_same_kind(path, output, trim)
+    check_same_kind(path, output)
 
 
-def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts) -> set[str]:
+def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Copy the lines of the demonstrations `ids`; return the ids found.
 
-    Where steps are cut, or a line holds steps of several demonstrations, an object for each step is written.
+    Where a line holds steps of several demonstrations, an object for each step is written.
     """
     import pyarrow as pa
 
@@ -169,18 +168,15 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions, 
     episode = from_arrow(table, options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
-    own_cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
     is_kept = np.isin(owners, [*wanted])
     copied = {*line_of[is_kept].tolist()}
-    if not own_cuts and copied.isdisjoint(line_of[~is_kept].tolist()):
+    if copied.isdisjoint(line_of[~is_kept].tolist()):
         with held_bytes(path) as source, output.open("wb") as file:
             lines = source.read().splitlines(keepends=True)
             file.writelines(line for number, line in enumerate(lines, 1) if number in copied)
         return {*wanted.values()}
-    rows = {name: pa.array(kept_rows(owners, [*wanted], own_cuts, name)) for name in table.column_names}
-    kept = pa.table({name: table[name].take(rows[name]) for name in rows})
     with output.open("w", encoding="utf-8") as file:
-        file.writelines(f"{json.dumps(row, default=str)}\n" for row in kept.to_pylist())
+        file.writelines(f"{json.dumps(row, default=str)}\n" for row in table.filter(pa.array(is_kept)).to_pylist())
     return {*wanted.values()}
 
 

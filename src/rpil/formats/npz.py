@@ -20,7 +20,6 @@ from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats import array_layout as layouts
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import Closed, read_once
 from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
@@ -93,7 +92,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         write_npz(temporary, {**truth, **arrays})
 
 
-def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts) -> set[str]:
+def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
 
     An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
@@ -106,11 +105,9 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     arrays |= (swapped := _turned(arrays, shape))
     layout = replace(layout, by_demonstration=layout.by_demonstration or layout.column in arrays)
     kept = [name for name in layout.names if str(name) in ids]
-    added = layout.new_arrays(arrays, kept, cuts, path.name, shape is not None)
-    rows = {name: layout.kept_rows(name, array, kept, cuts) for name, array in arrays.items() if name != _OPTIONAL}
+    added = layout.new_arrays(arrays, kept, path.name, shape is not None)
+    rows = {name: layout.kept_rows(array, kept) for name, array in arrays.items() if name != _OPTIONAL}
     arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
-    for name, array in arrays.items():
-        layout.cut_stacked(name, array, kept, cuts)
     write_npz(output, {**arrays, **{name: np.swapaxes(arrays[name], 0, 1) for name in swapped}, **added})
     return {*map(str, kept)}
 

@@ -15,14 +15,14 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, MARK, plain_name
+from rpil.data.names import EPISODE
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.made_columns import with_facts
 from rpil.formats.parquet_file import check_sizes, read_table
-from rpil.formats.places import Cuts, UnsortedError, kept_rows
+from rpil.formats.places import UnsortedError
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.store import columns_of_file, open_rows, opened
 from rpil.formats.table_facts import Origin
@@ -128,13 +128,13 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
 
 def keep_rows(
-    path: Path, output: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, change: Change = lambda table: table
+    path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
     import pyarrow.parquet as pq
 
     found: set[str] = set()
-    tables = _kept_tables(path, ids, options, cuts, found)
+    tables = _kept_tables(path, ids, options, found)
     schema = next(tables).schema
     with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
         for table in tables:
@@ -142,7 +142,7 @@ def keep_rows(
     return found
 
 
-def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, found: set[str]) -> Iterator[pa.Table]:
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
     """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
     import pyarrow as pa
     from pyarrow import fs
@@ -157,19 +157,11 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, cuts: Cuts, 
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
         wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
         found |= {*wanted.values()}
-        cuts = {str(k): cuts[name] for k, name in wanted.items() if name in cuts}
-        rows = kept_rows(owners, [*wanted], cuts)
-        marks = [name for name in schema.names if cuts and MARK.fullmatch(plain_name(name))]
-        columns = [
-            file.read([name], use_threads=False).column(0).take(kept_rows(owners, [*wanted], cuts, name))
-            for name in marks
-        ]
+        rows = np.flatnonzero(np.isin(owners, [*wanted]))
         first = 0
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS, use_threads=False):
             a, b = np.searchsorted(rows, [first, first + len(batch)])
             table = pa.Table.from_batches([batch]).take(rows[a:b] - first)
-            for place, column in zip(map(schema.names.index, marks), columns, strict=True):
-                table = table.set_column(place, table.field(place), column.slice(a, b - a))
             first += len(batch)
             if a < b:
                 yield table

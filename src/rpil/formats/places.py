@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, repeat
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ import numpy as np
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import MARK, is_order, is_outcome, plain_name
+from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.rows import Rows, TableRows, read_columns
@@ -20,9 +20,6 @@ from rpil.numerics.types import Array, Int
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-Trims = Mapping[Id, tuple[int, int]]
-"""The first step to keep of some demonstrations, and the one after the last."""
 
 _FILE_ORDER = "steps in the order of the file"
 
@@ -69,40 +66,6 @@ class Places:
         return np.asarray(self.offsets[first:last] - row)
 
 
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """The steps ``first:end`` of the T of a demonstration, which alone are kept."""
-
-    first: int
-    end: int
-    places: Int[Array, " T"]
-    """The place of each step among the rows that the demonstration has in its file."""
-
-    @property
-    def n_steps(self) -> int:
-        return self.end - self.first
-
-    def rows(self, name: str = "", n_after: int = 0) -> Array:
-        """The rows of the demonstration that are kept of the array or column `name`, and `n_after` after these.
-
-        What marks the first or the last step is that of the old one.
-        """
-        rows = np.append(self.places, len(self.places))[self.first : self.end + n_after]
-        if found := MARK.fullmatch(plain_name(name.rpartition("/")[2])):
-            place = 0 if found["start"] else -1
-            rows[: self.n_steps][place] = self.places[place]
-        return rows
-
-    def rows_of(self, name: str, shape: Sequence[int]) -> Array | None:
-        """The same of an array of T rows, or of T + 1, of this shape; None of any other."""
-        n_after = shape[0] - len(self.places) if shape else -1
-        return self.rows(name, n_after) if n_after in (0, 1) else None
-
-
-Cuts = Mapping[str, Cut]
-"""By ids as text."""
-
-
 def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows]:
     """The places, and the rows with those of each demonstration together and in order.
 
@@ -144,35 +107,6 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
     by = f"rows are not in the order of {order.column!r}"
     raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
-
-
-def kept_rows(owners: Array, ids: Sequence[Id], cuts: Cuts, name: str = "") -> Array:
-    """The rows that are kept of the demonstrations `ids`, where `owners` (N,) says whose each is; see `Cut.rows`."""
-    rows, kept = np.arange(len(owners)), np.isin(owners, ids)
-    for m in ids if cuts else ():
-        if cut := cuts.get(str(m)):
-            own = np.flatnonzero(owners == m)
-            n_after = len(own) - len(cut.places)  # 1 where one row comes after the last step of all
-            kept[own], kept[own[cut.rows("", n_after)]] = False, True
-            rows[own[cut.rows("", n_after)]] = own[cut.rows(name, n_after)]
-    return np.asarray(rows[kept])
-
-
-def find_cuts(trims: Trims, rows: Rows, places: Places, source: str) -> dict[str, Cut]:
-    """What the trims cut; a `DataError` where a demonstration has no such steps."""
-    cuts, ends_of = {}, {str(name): ends for name, ends in trims.items()}
-    for m, name in enumerate(places.ids):
-        if str(name) in ends_of:
-            begin, after = places.offsets[m : m + 2].tolist()
-            (first, end), n_steps = map(int, ends_of[str(name)]), after - begin
-            if not 0 <= first < end <= n_steps:
-                fault = f"it has {n_steps:,} steps, so that {first} to {end - 1} cannot be kept"
-                raise DataError(f"{source}, demonstration {name!r}: {fault}; correct trims.")
-            moved = rows.numbers(slice(begin, after))
-            of_step = np.arange(n_steps) if moved is None else np.argsort(np.argsort(moved["row"].to_numpy()))
-            if end - first < n_steps:
-                cuts[str(name)] = Cut(first, end, of_step)
-    return cuts
 
 
 def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:

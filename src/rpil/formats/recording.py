@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
 from rpil.formats.damage import left_out_lines
@@ -24,7 +22,7 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
-from rpil.formats.places import Cuts, Trims, find_cuts, find_places
+from rpil.formats.places import find_places
 from rpil.formats.rows import Rows, TableRows, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.spool import spool
@@ -54,7 +52,7 @@ class Recording:
         Of all demonstrations in the file, also of those that the options leave out.
     options : ColumnOptions
         Those with which it was opened.
-    write_some : function of ids, a path and cuts, optional
+    write_some : function of ids and a path, optional
         Writes some of the demonstrations to a new file of the same format; None where no file was opened.
     set_aside : tuple of ids
         The demonstrations that were left out because a value is missing or infinite.
@@ -70,7 +68,7 @@ class Recording:
     clock: Clock | None
     ids: tuple[Id, ...]
     options: ColumnOptions = ColumnOptions()
-    write_some: Callable[[Sequence[Id], StrPath, Cuts], None] | None = None
+    write_some: Callable[[Sequence[Id], StrPath], None] | None = None
     set_aside: tuple[Id, ...] = ()
     find_defects: Callable[[bool], list[Defect]] | None = None
 
@@ -81,7 +79,7 @@ class Recording:
         """Counts, columns and their roles, as ``rpil info`` prints them."""
         return self.description
 
-    def keep(self, ids: Sequence[Id], output: StrPath, trims: Trims = MappingProxyType({})) -> None:
+    def keep(self, ids: Sequence[Id], output: StrPath) -> None:
         """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
 
         Parameters
@@ -90,24 +88,18 @@ class Recording:
             Those to write, in the order of the file.
         output : path
             A file there is replaced whole; a folder must not be there yet. The data themselves are never changed.
-        trims : mapping of id to (int, int), optional
-            The first step to keep of a demonstration, and the first after those to keep; of others all are kept.
-            ``rpil.check(recording).trims`` has those of idle ends.
 
         Raises
         ------
         DataError
-            Where an id is unknown, a demonstration has no such steps, the output cannot be written or is in the data,
-            the format cannot be given back, or the demonstrations were not opened from a file.
+            Where an id is unknown, the output cannot be written or is in the data, the format cannot be given back, or
+            the demonstrations were not opened from a file.
         """
         if self.write_some is None:
             raise DataError(f"{self.description.source}: it was not opened from a file; write it with rpil.write.")
         if isinstance(ids, str):
             raise DataError(f"The ids are one text, {ids!r}; give a sequence of ids, and then the new path.")
-        check_ids(trims, self.ids, self.description.source, "trims")
-        wanted = {*map(str, ids)}
-        own = {m: ends for m, ends in trims.items() if str(m) in wanted}
-        self.write_some(ids, output, find_cuts(own, self.rows, self.found.places, self.origin.source))
+        self.write_some(ids, output)
 
     @property
     def left_out(self) -> tuple[str, ...]:

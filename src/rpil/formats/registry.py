@@ -11,7 +11,6 @@ from fnmatch import fnmatch
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from types import MappingProxyType
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError, optional
@@ -25,7 +24,7 @@ from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, not_a_folder
 from rpil.formats.made_columns import made
-from rpil.formats.places import Cuts, UnsortedError
+from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.store import may_be_many_files
 
@@ -102,7 +101,7 @@ class ClaimedPath:
                 recording,
                 description=replace(recording.description, source=self.name or recording.description.source),
                 options=options,
-                write_some=lambda ids, new, cuts: self.keep(new, ids, options, cuts),
+                write_some=lambda ids, new: self.keep(new, ids, options),
                 find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
             )
 
@@ -121,19 +120,13 @@ class ClaimedPath:
     def _tables(self) -> str:
         return self.format.tables(self.path)
 
-    def keep(
-        self,
-        output: StrPath,
-        ids: Sequence[Id],
-        options: ColumnOptions = ColumnOptions(),
-        cuts: Cuts = MappingProxyType({}),
-    ) -> None:
-        """Write some demonstrations as `Recording.keep` does; `cuts` are of what is read."""
+    def keep(self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
+        """Write some demonstrations as `Recording.keep` does."""
         with holding(), guarded(str(self.path)):
-            new, path = self.check_output(output, bool(cuts), options), Path(self.path)
+            new, path = self.check_output(output, options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            self.format.keep(path, new, ids, options, cuts)
+            self.format.keep(path, new, ids, options)
 
     def annotate(self, output: StrPath, columns: Mapping[str, Mapping[str, object]]) -> None:
         """Write a copy of the folder that says more of each demonstration, which `columns` hold by name and id."""
@@ -149,8 +142,8 @@ class ClaimedPath:
             )
         return self.check_output(output), self.format.annotate
 
-    def check_output(self, output: StrPath, trim: bool = False, options: ColumnOptions = ColumnOptions()) -> Path:
-        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write, or cut, there."""
+    def check_output(self, output: StrPath, options: ColumnOptions = ColumnOptions()) -> Path:
+        """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there."""
         if "://" in str(self.path):
             raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
         times = (("--split-gap", options.split_gap), ("--segment", options.segment))
@@ -168,7 +161,7 @@ class ClaimedPath:
         with guarded(str(path)):
             if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
                 raise not_a_folder(new)
-            self.format.check_output(path, new, trim)
+            self.format.check_output(path, new)
         return check_writable(new)
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:

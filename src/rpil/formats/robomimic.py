@@ -17,7 +17,6 @@ from rpil.formats.array_layout import ACTIONS, first, n_actions
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables, kept_of
-from rpil.formats.places import Cuts
 from rpil.formats.step_arrays import NOT_IN_FIRST, Closed, Part, StoredArray, from_parts
 from rpil.formats.table_facts import Metadata
 
@@ -85,21 +84,19 @@ def _stated_lengths(found: Mapping[str, hdf5.Arrays]) -> dict[Id, int]:
     return {name: int(number) for name, number in numbers.items() if isinstance(number, int | np.integer)}
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     with hdf5.copying(path, output) as (source, new):
         parent, found = _parent(source), {name: n_actions(arrays) for name, arrays in _with_actions(source)}
         names = kept_of(found, ids, path)
-        dropped = found.keys() - names | cuts.keys()
+        dropped = found.keys() - names
         for name, member in hdf5.members(source).items():
             if member == parent:
                 _copy_without(dropped, parent, new.create_group(name))
             elif parent != source or name not in dropped:
                 source.copy(member, new, name)
-        for name, cut in cuts.items():
-            hdf5.copy_cut(parent[name], _parent(new).create_group(name), cut)
         if "total" in parent.attrs:
-            _parent(new).attrs["total"] = sum(cuts[name].n_steps if name in cuts else found[name] for name in names)
+            _parent(new).attrs["total"] = sum(found[name] for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key in list(mask):
             listed_names = hdf5.Arrays(mask).get(key)

@@ -18,7 +18,6 @@ from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect, without_suffix
 from rpil.formats.format import Format, StepTables, check_found
-from rpil.formats.places import Cuts
 from rpil.formats.store import find_files, tables_of
 
 if TYPE_CHECKING:
@@ -92,7 +91,7 @@ def refuse_others(path: StrPath, names: Iterable[str]) -> None:
             raise DataError(f"{path}: a {what} ({name}) is never opened; {way}.")
 
 
-def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
     """Write the demonstrations `ids` of a folder to the new folder `output`, in files of the same names.
 
     Files of other demonstrations are left out, and so is all that is not read.
@@ -109,9 +108,9 @@ def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions
             target = folder / file.relative_to(os.path.abspath(path))
             target.parent.mkdir(parents=True, exist_ok=True)
             if parquet_files:
-                in_file = parquet.keep_rows(file, target, wanted, options, cuts)
+                in_file = parquet.keep_rows(file, target, wanted, options)
             else:
-                in_file = csv.keep_text(file, target, wanted, options, cuts, without_suffix(name))
+                in_file = csv.keep_text(file, target, wanted, options, without_suffix(name))
             if not in_file:
                 target.unlink(missing_ok=True)
             found |= in_file

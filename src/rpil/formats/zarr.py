@@ -21,7 +21,6 @@ from rpil.data.names import is_outcome
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, StepTables, kept_of
-from rpil.formats.places import Cuts, kept_rows
 from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
 from rpil.formats.zarr_array import HEADERS, ZIP, ArrayHeader, Store, ZarrArray, is_zip, opened
 from rpil.numerics.types import Array
@@ -107,7 +106,7 @@ def _turn(now: Array, then: Array) -> Array:
     return turn.astype(now.dtype)
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write some demonstrations, in the chunks and codecs of the file, to a new folder, or to a ZIP file for one.
 
     An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
@@ -117,15 +116,15 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
         old_ends, ends = _ends(store, headers)
         chosen = kept_of(range(len(ends)), ids, path)
         lengths = np.diff(ends, prepend=0)
-        owners = np.repeat(np.arange(len(ends)), lengths)
-        new_ends = np.cumsum([cuts[str(m)].n_steps if str(m) in cuts else lengths[m] for m in chosen])
+        steps = np.flatnonzero(np.isin(np.repeat(np.arange(len(ends)), lengths), chosen))
+        new_ends = np.cumsum(lengths[chosen])
         arrays = _data(store, headers, ends, options, is_outcome)  # zarr leaves out chunks of zeros, as rewards have
         others = [name for name in headers if name.startswith("meta/") and name != _ENDS]
         about = [array for name in others if (array := ZarrArray(store, name, headers[name], fills=True)).shape]
         with _new_store(path, output) as new:
             for old in (*arrays, *about):
                 every = np.array(chosen) if old.shape[:1] == ends.shape else np.arange(old.shape[0])
-                rows = every if old in about else kept_rows(owners, chosen, cuts, old.name)
+                rows = every if old in about else steps
                 created = _create(store, old, new, len(rows))
                 if old.stored.shards is None and old.chunks[0] == 1:
                     _copy_chunks(store, old, new, rows)

@@ -69,58 +69,6 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, drive):
         assert sum(n_frames) <= 2 * (sum(LENGTHS[m] for m in (1, 2, 4, 6)) + 4)
 
 
-def test_idle_ends_are_cut_with_their_frames(tmp_path, drive):
-    version, _, root, old = drive
-    trims = {1: (3, 9), 2: (0, 5), 4: (5, 8)}
-    rpil.open(root).keep([0, 1, 2, 4, 5], tmp_path / "kept", trims)
-    new = folders.read(tmp_path / "kept")
-    for one, m in zip(new, [0, 1, 2, 4, 5], strict=True):
-        assert_same(one, old[m], *trims.get(m, (0, None)))
-    if version == "v3.0":
-        assert [one["rows"]["timestamp"][0].as_py() for one in new] == [0] * 5
-        row = pq.read_table(tmp_path / "kept" / "meta" / "episodes").to_pylist()[1]
-        found = {name: row[f"stats/action/{name}"] for name in folders.STATISTICS}
-    else:
-        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
-        found = json.loads(lines[1])["stats"]["action"]
-    for name, value in folders.statistics(new[1]["rows"]["action"].to_pylist()).items():
-        np.testing.assert_allclose(found[name], value)
-
-
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_what_was_trimmed_is_trimmed_again(tmp_path, version):
-    codec, options = CODED["one key frame"]  # so that version 2 keeps frames that belong to no row
-    old = folders.read(folders.write(tmp_path / "drive", LENGTHS, version, ("front",), codec, options))
-    rpil.open(tmp_path / "drive").keep([0, 1], tmp_path / "once", {1: (3, 11)})
-    rpil.open(tmp_path / "once").keep([0, 1], tmp_path / "twice", {1: (2, 6)})
-    for one, other, steps in zip(folders.read(tmp_path / "twice"), old, ((0, None), (5, 9)), strict=False):
-        assert_same(one, other, *steps)
-
-
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-@pytest.mark.parametrize("as_list", [False, True])
-def test_what_the_last_row_says_of_the_end_is_not_cut(tmp_path, monkeypatch, version, as_list):
-    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # the old and the new last row are not read together
-    root = folders.write(tmp_path / "drive", LENGTHS, version, ())
-    for file in (root / "data").rglob("*.parquet"):
-        table = pq.read_table(file)
-        m, frame = (table[name].to_numpy() for name in ("episode_index", "frame_index"))
-        ends = frame == np.array(LENGTHS)[m] - 1
-        columns = {"next.done": ends, "next.success": ends & (m != 2), "next.reward": np.where(ends & (m == 1), 1.0, 0)}
-        for name, values in columns.items():
-            own = values[:, None].tolist() if as_list and name == "next.done" else values
-            table = table.append_column(name, folders.pa.array(own))
-        pq.write_table(table, file)
-    with pytest.warns(UserWarning, match=r"'next\.reward' of rows that are cut .* demonstrations 1\.") as told:
-        rpil.open(root).keep([0, 1, 2, 4], tmp_path / "kept", {1: (3, 9), 2: (1, 3), 4: (2, 8)})
-    assert len(told) == 1
-    table = pq.read_table(tmp_path / "kept" / "data").to_pydict()
-    last = np.cumsum([9, 6, 2, 6]) - 1
-    assert np.flatnonzero(table["next.done"]).tolist() == last.tolist()
-    assert np.flatnonzero(table["next.success"]).tolist() == last[[0, 1, 3]].tolist()
-    assert not any(table["next.reward"])
-
-
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
 def test_statistics_are_those_of_the_kept(tmp_path, version):
     root, ids = folders.write(tmp_path / "drive", LENGTHS, version), [1, 3, 6]
@@ -243,10 +191,10 @@ def test_a_partial_download_of_version_2(tmp_path):
             assert new_bytes == (REAL / "lerobot_v21_video" / place.format(old)).read_bytes()
 
 
-def test_frames_are_counted_beside_those_that_are_trimmed(tmp_path):
+def test_frames_of_the_kept_are_counted(tmp_path):
     root = folders.write(tmp_path / "drive", (9, 30), per_file=1)
     file = sorted((root / "videos").rglob("*.mp4"))[1]
     folders.write_video(file, folders.pictures(1, (9, 30)[1] - 4), "libx264", {"g": "2"})
     with pytest.warns(UserWarning, match="kept, video frames of 1: .* has 26 frames for 30 rows") as told:
-        rpil.open(root).keep([0, 1], tmp_path / "kept", {0: (2, 8)})
+        rpil.open(root).keep([0, 1], tmp_path / "kept")
     assert len(told) == 1

@@ -27,7 +27,6 @@ from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_
 from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
-from rpil.formats.places import Cuts
 from rpil.formats.store import tables_of
 
 read = table_folder.read
@@ -46,13 +45,11 @@ def claims(path: Path) -> bool:
     return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()
 
 
-def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Parsed]:
+def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if output.suffix.lower() == ".json":
-        if trim:
-            raise DataError(f"{output}: a list of episodes cannot be trimmed; name a folder.")
         return info
     if version not in PATHS:
         raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
@@ -65,14 +62,14 @@ def check_output(path: Path, output: Path, trim: bool = False) -> dict[str, Pars
             raise ValueError(f"{wrong[0]!r} is no name of a camera")
         if info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
-    if seen and (trim or version == "v3.0") and (path / "videos").is_dir():
+    if seen and version == "v3.0" and (path / "videos").is_dir():
         load_av()
     return info
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cuts: Cuts) -> None:
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
     """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
-    info, old, wanted = check_output(path, output, bool(cuts)), CheckedFolder(path), {*map(str, ids)}
+    info, old, wanted = check_output(path, output), CheckedFolder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
     if output.suffix.lower() == ".json":
         with replacing(output) as temporary:
@@ -80,11 +77,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions, cu
         where, found = path, [*in_times(old, wanted)]
     else:
         with new_folder(output) as new:
-            _write(Kept(old, new, info, wanted, cuts))
-            counted = not cuts or info["codebase_version"] == "v3.0"  # others keep frames that no row has
+            _write(Kept(old, new, info, wanted))
             with guarded(path / "meta"):
                 written = CheckedFolder(new)
-                where, found = output, [*in_times(written), *(in_videos(written, False) if counted else ())]
+                where, found = output, [*in_times(written), *in_videos(written, False)]
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
@@ -116,8 +112,6 @@ def _write(kept: Kept) -> None:
     lost = [shot.path for own in seen.values() for shot in own.values() if not shot.path.is_file()]
     if lost:
         raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
-    if not kept.is_v3:
-        kept.find_heads(seen)
     kept.copy_data()
     with guarded(old.path / "meta" / "episodes"):
         by_episode = kept.write_episodes(seen, gone)

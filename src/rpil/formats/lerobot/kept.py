@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,21 +18,16 @@ from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import commas
 from rpil.formats.format import Shot
 from rpil.formats.lerobot import stats, video
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, CheckedFolder
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
-from rpil.formats.places import Cuts
-from rpil.formats.table import numbers_or_missing
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-REWARD = "next.reward"
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
@@ -49,11 +43,9 @@ class Kept:
     new: Path
     info: dict[str, Parsed]  # what meta/info.json says
     wanted: set[str]
-    cuts: Cuts  # by the old numbers
     numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
     places: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file of the data, by the new number
     lengths: Counter[int] = field(default_factory=Counter)
-    skipped: dict[int, float] = field(default_factory=dict)  # seconds that rows lose at their head, by the old number
     n_steps: int = 0
     place: tuple[int, int] = (0, 0)  # of the data file that is written
 
@@ -76,70 +68,25 @@ class Kept:
         place.parent.mkdir(parents=True, exist_ok=True)
         return place
 
-    def find_heads(self, videos: Videos) -> None:
-        """Find where trimmed videos of version 2 can begin: with a frame, the same in all cameras, that needs no other.
-
-        Version 2 cannot say that an episode begins within its video, so that the times of its rows begin there.
-        """
-        for name, cut in self.cuts.items():
-            shots = [shots[int(name)] for shots in videos.values() if int(name) in shots]
-            common = set(range(cut.first + round(shots[0].start * self.fps if shots else 0) + 1))
-            for shot in shots:
-                packets = video.Packets.of(shot.path)
-                common &= set(np.rint(packets.times[packets.is_key] * self.fps).astype(int).tolist())
-            self.skipped[int(name)] = max(common, default=0) / self.fps
-
-    def span(self, shot: Shot) -> tuple[float, float]:
-        """The seconds of a video that are kept of an episode."""
-        cut = self.cuts.get(str(shot.episode))
-        first, end = (cut.first, cut.end) if cut else (0, shot.n_rows)
-        last = shot.start + end / self.fps
-        if not self.is_v3:
-            return self.skipped.get(shot.episode, 0.0), last
-        return shot.start + first / self.fps, shot.end if end >= shot.n_rows else min(shot.end, last)
-
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
         n_files, files = 0, self.old.files(self.wanted)
-        rewarded = [name for file in files if self.cuts for name in self._rewarded(file)]
-        if rewarded:
-            message = (
-                f"{self.old.path}: {REWARD!r} of rows that are cut is not in the new folder, of the demonstrations "
-            )
-            warnings.warn(f"{message}{commas(rewarded, 5)}.", stacklevel=1)
         for file in files:
             self.place = self.place_of(n_files)
             target = self.target(0, *self.place)
             options = ColumnOptions(id="episode_index")
-            if keep_rows(file, target, self.wanted, options, self.cuts, self.renumbered):
+            if keep_rows(file, target, self.wanted, options, self.renumbered):
                 n_files += 1
             else:
                 target.unlink()
             if not self.is_v3 and len(self.numbers) != n_files:
                 raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
 
-    def _rewarded(self, file: Path) -> list[str]:
-        """The episodes in a file that lose a reward where steps are cut."""
-        table = read_table(file, ["episode_index", REWARD])
-        rewards = numbers_or_missing(table[REWARD]) if REWARD in table.column_names else None
-        if rewards is None:
-            return []
-        old = table["episode_index"].to_numpy()
-        own = {name: rewards[old == int(name)] for name in sorted(self.cuts, key=int)}
-        lost = {name: np.delete(own[name], self.cuts[name].rows(), axis=0) for name in own if len(own[name])}
-        return [name for name, values in lost.items() if np.nan_to_num(values).any()]
-
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step."""
         rows = group_rows(table["episode_index"].to_numpy())[2]
         table = table if rows is None else table.take(rows)
         old = table["episode_index"].to_numpy()
-        for name in self.cuts.keys() & set(map(str, np.unique(old).tolist())):
-            first, own = self.cuts[name].first, old == int(name)
-            before = {"frame_index": first, "timestamp": self.skipped.get(int(name), first / self.fps)}
-            for column in before.keys() & {*table.column_names}:
-                values = table[column].to_numpy()
-                table = with_column(table, column, np.where(own, np.maximum(values - before[column], 0), values))
         last, (episodes, offsets, _) = len(self.numbers) - 1, group_rows(old)
         numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in episodes.tolist()]
         if np.any(np.diff([last, *numbers]) < 0):
@@ -186,17 +133,12 @@ class Kept:
         return found
 
     def _renewed(self, m: int, start: int, own: stats.ByFeature) -> stats.ByFeature:
-        """Statistics of an episode that begins at step `start`: shifted where numbers are counted again, or new."""
-        import pyarrow.compute as pc
-
+        """Statistics of an episode that begins at step `start`: shifted, as numbers are counted again."""
         new = self.numbers[m]
         for feature, number in (("episode_index", new), ("index", start)):
             if feature in own:
                 own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
-        if str(m) not in self.cuts:
-            return own
-        rows = read_table(self.target(0, *self.places[new]))
-        return own | stats.of_table(rows.filter(pc.equal(rows["episode_index"], new)), own)
+        return own
 
     def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
         """Write the videos of a camera; by the old number of each episode, where in them it lies.
@@ -211,12 +153,11 @@ class Kept:
             chunk, file = self.place_of(number)
             target = self.target(1, chunk, file, camera)
             spans = [(shot.start, shot.end) for shot in own]
-            if len(own) == n_episodes[source] and not any(str(shot.episode) in self.cuts for shot in own):
+            if len(own) == n_episodes[source]:
                 shutil.copyfile(source, target)
             else:
-                parts = [self.span(shot) for shot in own]
-                starts = video.cut(source, target, parts, self.fps)
-                spans = [(start, start + b - a) for start, (a, b) in zip(starts, parts, strict=True)]
+                starts = video.cut(source, target, spans, self.fps)
+                spans = [(start, start + b - a) for start, (a, b) in zip(starts, spans, strict=True)]
             for shot, (start, end) in zip(own, spans, strict=True):
                 where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}
                 said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
