@@ -117,11 +117,12 @@ def write_zeros(path: Path, n: int, says: int) -> None:
     _say(path, n, says)
 
 
-def keep_number_0(path: str) -> None:
-    """Write the demonstration 0 beside the file."""
-    from rpil.formats.registry import find
+def read_operator(path: str) -> None:
+    """Read data with the operator of each step."""
+    from rpil import formats
+    from rpil.formats.columns import ColumnOptions
 
-    find(path).keep(f"{path}.kept", [0])
+    formats.read_recording(path, ColumnOptions(operator="operator"))
 
 
 def varint(number: int) -> bytes:

@@ -93,9 +93,7 @@ def main() -> int:
             for pattern in DISGUISES:
                 path = str(work / pattern.format(place))
                 disguise(store, Path(path))
-                keep = (
-                    f"from rpil.formats.registry import find; find({path!r}).keep({path.replace(place, 'kept')!r}, [0])"
-                )
+                keep = f"from rpil.formats.registry import find; find({path!r}).keep({str(work / 'ids.json')!r}, [0])"
                 calls = {command: [rpil, command, path] for command in ("info", "check", "audit")}
                 calls |= {"read": [python, "-c", f"import rpil; rpil.read({path!r})"], "keep": [python, "-c", keep]}
                 for what, call in calls.items():

@@ -1,9 +1,9 @@
 """Whether LeRobot and robomimic open what ``rpil keep`` and ``rpil audit --annotate`` write.
 
 ``python tools/real_readers.py`` makes an environment for each of them, lets it write a data set (of robomimic, the
-tests do), keeps two of its three demonstrations here, whole and without some first and last steps, and has the tool
-read the new files: demonstrations, steps and actions must be those that rpil says. LeRobot also opens what ``rpil
-audit --annotate`` writes, by an ``episode_filter``. ``--files`` names more data to keep.
+tests do), keeps two of its three demonstrations here, and has the tool read the new files: demonstrations, steps and
+actions must be those that rpil says. LeRobot also opens what ``rpil audit --annotate`` writes, by an
+``episode_filter``. ``--files`` names more data to keep.
 
 The environments are in a temporary folder, or stay in the one that ``--environments`` names and are used again. LeRobot
 0.6.1 needs Python 3.12, from PATH, pyenv or ``--python312``. On Linux its torch (below 2.12) is a CUDA build on PyPI,

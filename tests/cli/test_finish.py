@@ -38,3 +38,15 @@ def test_what_is_finished_is_carried_out_by_one_command(tmp_path):
     assert f"Kept {len(kept['episodes'])} of 24 demonstrations" in out
     assert "Rejected: 3 by your labels" in out
     assert set(pq.read_table(new)["episode_index"].to_pylist()) == {*kept["episodes"]}
+
+
+@pytest.mark.slow
+def test_what_keep_does_not_write_is_finished_with_a_list(tmp_path):
+    (tmp_path / "drives").mkdir()
+    write(tmp_path / "drives" / "a.parquet")
+    with reviewing(tmp_path / "drives", "--observations", "x,v") as (_, client):
+        assert client.post("/api/answer", version=0, demonstrations=[3, 5], key="b")[0] == 200
+        found = client.post("/api/finish", version=1, write=True)[1]
+    words = shlex.split(found["command"])
+    assert words[-2:] == ["-o", "drives-kept.json"]
+    assert "These ids are kept; to write a table of them: rpil convert" in ok(*words[1:]).stdout

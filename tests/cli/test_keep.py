@@ -3,6 +3,9 @@
 import csv
 import json
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ import pytest
 
 import lerobot_folders as folders
 import rpil
+import samples
 from command_line import call, ok, refused
 from rpil import formats, load
 
@@ -125,6 +129,40 @@ def test_labels_choose_episodes_of_lerobot_too(tmp_path):
         refused(f"{output}: .* folder", "keep", robot, "-o", output, "--verdicts", "labels.csv")
     Path("labels.csv").write_text("id,label\n2,expert\n7,good\n")
     refused("labels.csv: no demonstration is called '7'", "keep", robot, "-o", "k.json", "--verdicts", "labels.csv")
+
+
+@pytest.mark.parametrize("sample", ["folder of CSV", "NPZ, stacked"])
+def test_a_list_of_ids_is_kept_of_what_is_not_written_and_a_table_by_the_next_command(tmp_path, sample):
+    data = samples.SAMPLES[sample](tmp_path)
+    Path("labels.csv").write_text("id,label\n1,bad\n")
+    call_of = ["keep", data, "--verdicts", "labels.csv", "--action-kind", "continuous", "-o"]
+    refused(
+        f"{data}: keep writes no .*; write the list with -o ids.json, or a table with rpil convert", *call_of, "new"
+    )
+    for output in ("ids.json", "ids.txt"):
+        printed = ok(*call_of, output).stdout.splitlines()
+        assert printed[0] == f"Kept 2 of 3 demonstrations: {output}"
+        said, command = printed[-1].split(": ", 1)
+        assert said == "These ids are kept; to write a table of them"
+        words = shlex.split(command)
+        assert words[-5:] == ["continuous", "--only", "0,2", "-o", "kept.parquet"]
+        ok(*words[1:])
+        assert [*map(str, rpil.read("kept.parquet").ids)] == ["0", "2"]
+    assert json.loads(Path("ids.json").read_text()) == {"episodes": [*rpil.read(data).ids[::2]]}
+    assert Path("ids.txt").read_text() == "0\n2\n"
+    assert ok(*call_of, "ids.json", "-q").stdout.splitlines()[0] == "Kept 2 of 3 demonstrations: ids.json"
+
+
+@pytest.mark.parametrize("output", ["ids.json", "ids.txt"])
+def test_the_shell_reads_many_ids_from_the_list(tmp_path, output):
+    values = {"observation.x": np.arange(360.0) % 11, "action": np.arange(360.0) % 7}
+    steps = pa.table({"episode": np.repeat(np.arange(120), 3), **values})
+    pq.write_table(steps, "many.parquet")
+    Path("labels.csv").write_text("id,label\n7,bad\n")
+    last = ok("keep", "many.parquet", "-o", output, "--verdicts", "labels.csv").stdout.splitlines()[-1]
+    ids = re.search(r"--only (.*) -o kept\.parquet$", last)[1]
+    printed = subprocess.check_output(["sh", "-c", f"printf %s {ids.replace('python', sys.executable)}"], text=True)
+    assert printed.split(",") == [str(m) for m in range(120) if m != 7]
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):

@@ -185,17 +185,6 @@ def no_chunk_of_many_rows(path):
     (path / "data/state/0.0").unlink()
 
 
-def wide_images(path):
-    zarr_store(action=bytes(960))(path)
-    (path / "data/img").mkdir()
-    about = json.loads((path / "data/action/.zarray").read_text())
-    about |= {"shape": [40, 10**8], "chunks": [20, 10**8], "dtype": "|u1", "compressor": {"id": "zstd"}}
-    (path / "data/img/.zarray").write_text(json.dumps(about))
-    content = numcodecs.Zstd().encode(bytes(10**7)) * 200
-    for k in range(2):
-        (path / f"data/img/{k}.0").write_bytes(content)
-
-
 def wide_texts(path):
     zarr_store(action=bytes(960))(path)
     (path / "data/task").mkdir()
@@ -261,9 +250,3 @@ def test_it_is_refused_in_one_sentence_and_soon(ends, name):
 
 def test_no_file_takes_more_than_one_gib(ends):
     assert ends[1] < MAX_BYTES
-
-
-def test_keeping_wide_images_takes_no_more_memory_than_it_may(tmp_path):
-    ends, peak = read_all(tmp_path, {"wide.zarr": (wide_images, "hostile:keep_number_0")}, memory="300MB")
-    assert_refused(ends["wide.zarr"], "wide.zarr")
-    assert peak < MAX_BYTES

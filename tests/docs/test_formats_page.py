@@ -29,7 +29,11 @@ def row(one: Format) -> str:
 
 
 def test_the_table_is_that_of_the_registry():
-    found = re.findall(r"^\| \[(.+?)\]\((formats/[\w-]+\.md)\) (\|.*\|)$", TEXT, re.MULTILINE)
+    lines = re.findall(r"^\| \[(.+?)\]\((formats/[\w-]+\.md)\) \|(.*)\|(.*)\|(.*)\|$", TEXT, re.MULTILINE)
+    assert {name for name, _, _, kept, _ in lines if kept.strip() == "the list"} == {
+        one.name for one in FORMATS if one.keep is None
+    }
+    found = [(name, place, f"|{suffixes}|{more}|") for name, place, suffixes, _, more in lines]
     wanted = [(one.name, row(one)) for one in FORMATS]
     assert [(name, " ".join(rest.split())) for name, _, rest in found] == [
         (name, " ".join(rest.split())) for name, rest in wanted

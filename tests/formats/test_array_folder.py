@@ -1,7 +1,6 @@
 """A folder with a file for each demonstration, of HDF5 or NPZ."""
 
 import json
-import os
 import shutil
 
 import numpy as np
@@ -12,7 +11,6 @@ import samples
 from hdf5_files import aloha, d4rl, h5py
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.registry import find
 
 
 def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
@@ -39,28 +37,10 @@ def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
     assert formats.read(tmp_path).ids == ("walker",)
 
 
-def test_kept_files_are_numbered_from_zero(tmp_path, monkeypatch):
-    folder, output = aloha(tmp_path / "cube", 11), tmp_path / "kept"
-    find(folder).keep(output, ["episode_10", "episode_2"])
-    assert (
-        output / "kept.csv"
-    ).read_text() == "link,file\nepisode_0.hdf5,episode_2.hdf5\nepisode_1.hdf5,episode_10.hdf5\n"
-    assert (output / "episode_1.hdf5").samefile(folder / "episode_10.hdf5")  # which takes no room
-    assert not (output / "episode_1.hdf5").is_symlink()
-    again, first = formats.read(output), formats.read(folder).select([2, 10])
-    assert again.ids == ("episode_0", "episode_1")
-    np.testing.assert_array_equal(again.observations, first.observations)
-    monkeypatch.setattr("pathlib.Path.hardlink_to", lambda *_: os.link("no", "where"))  # as to another disk
-    find(folder).keep(tmp_path / "copied", ["episode_2"])
-    assert (tmp_path / "copied" / "episode_0.hdf5").read_bytes() == (folder / "episode_2.hdf5").read_bytes()
-
-
-def test_other_names_stay(tmp_path):
+def test_a_folder_of_tables_is_read_as_tables(tmp_path):
     folder = aloha(tmp_path / "cube")
-    for file in list(folder.iterdir()):
-        file.rename(folder / f"take_{file.name}")
-    find(folder).keep(tmp_path / "kept", ["take_episode_2"])
-    assert {file.name for file in (tmp_path / "kept").iterdir()} == {"take_episode_2.hdf5", "kept.csv"}
+    (folder / "steps.csv").write_text("episode,x,action\n1,0.5,0\n2,0.25,1\n")
+    assert formats.read(folder).ids == (1, 2)
 
 
 @pytest.fixture
@@ -84,20 +64,6 @@ def test_files_may_lie_in_the_folder_itself_in_the_order_of_their_numbers(tmp_pa
     for old, new in (("0", "run_2"), ("1", "run_10"), ("2", "run_1")):
         shutil.copyfile(folder / old / "trajectory.npz", flat / f"{new}.npz")
     assert rpil.read(flat).ids == ("run_1", "run_2", "run_10")
-    find(flat).keep(tmp_path / "kept", ["run_10"])
-    assert [file.name for file in (tmp_path / "kept").iterdir()] == ["run_10.npz"]
-    assert (tmp_path / "kept" / "run_10.npz").read_bytes() == (flat / "run_10.npz").read_bytes()
-
-
-def test_all_that_lies_beside_a_kept_file_is_kept(tmp_path, folder):
-    (folder / "1" / "camera.mp4").write_bytes(b"video")
-    find(folder).keep(tmp_path / "kept", ["1"])
-    assert sorted(file.name for file in (tmp_path / "kept" / "1").iterdir()) == [
-        "camera.mp4",
-        "meta.json",
-        "trajectory.npz",
-    ]
-    assert [file.name for file in (tmp_path / "kept").iterdir()] == ["1"]
 
 
 @pytest.mark.parametrize(

@@ -89,19 +89,6 @@ def test_the_first_index_may_be_the_time(said, tmp_path):
         np.testing.assert_array_equal(moves, SAID[said]["actions"][: LONGER[m], m])
 
 
-@pytest.mark.parametrize("said", ["mask False", "lengths"])
-def test_what_is_kept_of_arrays_with_the_time_first_has_it_first(said, tmp_path):
-    np.savez(tmp_path / "time.npz", **SAID[said])
-    rpil.open(tmp_path / "time.npz").keep([2, 5, 6], tmp_path / "kept.npz")
-    with np.load(tmp_path / "kept.npz") as kept:
-        assert kept["observations"].shape == (30, 3, 2)
-    found, whole = rpil.read(tmp_path / "kept.npz"), rpil.read(tmp_path / "time.npz")
-    assert found.lengths.tolist() == [30, LONGER[5], 12]
-    np.testing.assert_array_equal(found.observations[30:-12], whole.select([5]).observations)
-    rpil.open(tmp_path / "time.npz").keep([0, 2], tmp_path / "full.npz")
-    assert rpil.read(tmp_path / "full.npz").lengths.tolist() == [30, 30]
-
-
 def test_one_observation_more_in_the_first_index_says_that_it_is_the_time(tmp_path):
     arrays = {"observations": np.arange(72.0).reshape(6, 4, 3), "actions": np.ones((5, 4, 2)) * np.arange(2)}
     np.savez(tmp_path / "time.npz", **arrays)
@@ -162,6 +149,9 @@ def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path)
         np.testing.assert_array_equal(found.actions, MOVES)
         assert any("emonstration" in note for note in recording.describe().notes)
     output = tmp_path / f"kept{path.suffix}"
+    if layout := find(path).unkept():
+        assert layout in ("HDF5 of this layout", "stacked arrays")
+        return
     find(path).keep(output, [2, 0])
     kept = rpil.read(output)
     np.testing.assert_array_equal(kept.observations, STATES[OWNERS != 1])
@@ -219,6 +209,8 @@ def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
             for key, values in arrays.items():
                 file[key] = values
     for use in (rpil.read, lambda path: find(path).keep(tmp_path / f"kept-{name}", [0])):
+        if use is not rpil.read and name == "a.hdf5":  # of which nothing is written
+            continue
         with pytest.raises(DataError, match=re.escape(said)) as caught:
             use(tmp_path / name)
         assert "damaged" not in str(caught.value)
@@ -245,20 +237,21 @@ def test_ids_of_text_and_values_of_demonstrations_are_kept(written, tmp_path):
     if path.suffix == ".hdf5":  # where timeouts alone would make it one demonstration
         assert rpil.read(path).ids == ("a", "b", "c")
     path = written(rows | {"lengths": np.array(LENGTHS), "success": np.array([1, 0, 1])})
-    output = tmp_path / f"kept{path.suffix}"
-    find(path).keep(output, [0, 1])
-    with np.load(output) if path.suffix == ".npz" else h5py.File(output) as kept:
+    if path.suffix == ".hdf5":
+        return
+    find(path).keep(tmp_path / "kept.npz", [0, 1])
+    with np.load(tmp_path / "kept.npz") as kept:
         assert kept["success"][:].tolist() == [1, 0]
         assert kept["lengths"][:].tolist() == list(LENGTHS[:2])
 
 
-def test_no_timeouts_are_added_where_a_demonstration_terminates(written, tmp_path):
+def test_no_timeouts_are_added_where_a_demonstration_terminates(tmp_path):
     ends = np.zeros(sum(LENGTHS))
     ends[np.cumsum(LENGTHS) - 1] = 1
-    path = written({"actions": MOVES, "observations": STATES, "terminations": ends})
-    output = tmp_path / f"kept{path.suffix}"
+    path, output = tmp_path / "a.npz", tmp_path / "kept.npz"
+    np.savez(path, actions=MOVES, observations=STATES, terminations=ends)
     find(path).keep(output, [0, 2])
-    with np.load(output) if path.suffix == ".npz" else h5py.File(output) as kept:
+    with np.load(output) as kept:
         assert not kept["timeouts"][:].any()
     assert rpil.read(output).lengths.tolist() == [LENGTHS[0], LENGTHS[2]]
 

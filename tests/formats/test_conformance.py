@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import re
 import shutil
@@ -27,8 +28,9 @@ from samples import SAMPLES, assert_same, assert_same_on_disk
 BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
 """Formats that say too little to be the first: they claim what others claim before them."""
 
-NUMBERED_ANEW = {"LeRobot", "Zarr"}
-"""Formats whose demonstrations are called by their places in the file."""
+LISTED = {*("NPZ, stacked", "folder of CSV", "folder of Parquet", "folder of NPZ", "d4rl", "aloha")}
+LISTED |= {name for name in SAMPLES if name.startswith("Zarr")}
+"""Samples of which `keep` writes the list of ids alone."""
 
 TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
 RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
@@ -47,7 +49,9 @@ def path(name) -> Path:
 
 
 def output_for(path: Path, stem: str = "kept") -> Path:
-    """An output of the kind of the data."""
+    """An output of the kind of the data, or a list where none is written."""
+    if find(path).unkept():
+        return Path(f"{stem}.json")
     return Path(stem + "".join(path.suffixes)) if path.is_file() else Path(stem)
 
 
@@ -93,6 +97,7 @@ def test_what_is_in_no_format_is_refused(tmp_path, content):
         assert is_sentence(caught.value)
 
 
+@pytest.mark.parametrize("name", [name for name in SAMPLES if name not in LISTED], indirect=True)
 def test_what_is_kept_is_read_as_it_was(name, path):
     before, output = rpil.open(path, on_disk=False), output_for(path)
     contents = everything()
@@ -107,8 +112,7 @@ def test_what_is_kept_is_read_as_it_was(name, path):
     np.testing.assert_array_equal(found.observations, expected.observations)
     np.testing.assert_array_equal(found.actions, expected.actions)
     np.testing.assert_array_equal(found.offsets, expected.offsets)
-    renumbered = find(path).format.name in NUMBERED_ANEW or name in ("aloha", "d4rl", "NPZ, stacked")
-    assert [*map(str, found.ids)] == [str(m).replace("2", "1") if renumbered else str(m) for m in expected.ids]
+    assert [*map(str, found.ids)] == [str(m).replace("2", "1") if name == "LeRobot" else str(m) for m in expected.ids]
     for what in ("observations", "actions", "action_kind", "task_column", "operator_column", "order"):
         assert getattr(after.describe(), what) == getattr(before.describe(), what), what
     said, still = ([said.tasks.get(str(m), "") for m in of.ids] for said, of in ((before, expected), (after, found)))
@@ -118,6 +122,24 @@ def test_what_is_kept_is_read_as_it_was(name, path):
     if before.times().timestamps is not None:
         times = np.split(before.times().timestamps, np.cumsum(before.demonstrations.lengths)[:-1])
         np.testing.assert_allclose(after.times().timestamps, np.concatenate([times[0], times[2]]))
+
+
+def test_the_list_of_ids_is_written_of_every_format(name, path):
+    recording, contents = rpil.open(path, on_disk=False), everything()
+    ids = recording.ids
+    for output in ("ids.json", "ids.txt"):
+        recording.keep([ids[2], str(ids[0])], output)  # in any order, and as text
+    assert {**everything(), **contents} == everything()  # the data are as they were
+    assert json.loads(Path("ids.json").read_text()) == {"episodes": [ids[0], ids[2]]}
+    assert Path("ids.txt").read_text() == f"{ids[0]}\n{ids[2]}\n"
+    if name in LISTED:
+        for output in ("kept", f"kept{path.suffix}", "kept.csv"):
+            with pytest.raises(
+                DataError, match=r"keep writes no .*; write the list with -o ids\.json, or a tab"
+            ) as caught:
+                recording.keep([ids[0]], output)
+            assert is_sentence(caught.value)
+    assert bool(find(path).unkept()) == (name in LISTED)
 
 
 def test_what_stays_on_disk_is_what_is_in_memory(path, monkeypatch):
@@ -166,7 +188,7 @@ def test_a_truncated_file_is_one_sentence(name, path):
         error = error_of(lambda: rpil.read(path))
         assert is_sentence(error) if error else is_text or np.array_equal(rpil.read(path).actions, whole.actions)
         error = error_of(lambda: find(path).keep(output, [0]))
-        assert is_sentence(error) if error else rpil.read(output).ids  # of the files of others
+        assert is_sentence(error) if error else output.suffix == ".json" or rpil.read(output).ids  # of other files
         assert not [file for file in Path().iterdir() if file.name not in ("data", output.name)]
         shutil.rmtree(output, ignore_errors=True)
         output.unlink(missing_ok=True)

@@ -4,7 +4,6 @@ import pytest
 from hdf5_files import d4rl, h5py
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats.registry import find
 
 
 def change(path, **arrays):
@@ -57,48 +56,11 @@ def test_files_that_do_not_say_where_demonstrations_begin(tmp_path, arrays, mess
         formats.read(path)
 
 
-@pytest.mark.parametrize("form", [{}, {"timeouts": False, "following": True}, {"timeouts": False, "terminal": (0, 1)}])
-def test_kept_steps_are_as_they_were_and_end_where_they_did(tmp_path, form):
-    path, output = d4rl(tmp_path / "all.hdf5", **form), tmp_path / "kept.hdf5"
-    find(path).keep(output, [2, 0])
-    again, first = formats.read(output), formats.read(path).select([0, 2])
-    assert again.ids == (0, 1)
-    assert again.lengths.tolist() == [10, 14]
-    np.testing.assert_array_equal(again.observations, first.observations)
-    with h5py.File(output) as new, h5py.File(path) as old:
-        rows = np.r_[0:10, 22:36]
-        assert {*new} == {*old, "timeouts"}
-        assert new["observations"].compression == "gzip"
-        for name in ("rewards", "terminals", "infos/qpos"):
-            np.testing.assert_array_equal(new[name][:], old[name][:][rows])
-        assert new["metadata/algorithm"][()] == b"SAC"
-        np.testing.assert_array_equal(new["metadata/weights"], old["metadata/weights"])
-
-
-def test_kept_arrays_have_what_comes_after_the_last_step_and_the_attributes_of_groups(tmp_path):
-    path, output = d4rl(tmp_path / "all.hdf5"), tmp_path / "kept.hdf5"
-    with h5py.File(path, "r+") as file:
-        observations = np.append(file["observations"], [np.full(4, 9.0)], axis=0)
-        del file["observations"]
-        file["observations"] = observations
-        file.create_group("made/by").attrs["name"] = "us"
-    find(path).keep(output, [0, 1])
-    with h5py.File(output) as new:
-        np.testing.assert_array_equal(new["observations"], observations[:22])
-        assert new["made/by"].attrs["name"] == "us"
-    find(path).keep(tmp_path / "last.hdf5", [2])
-    with h5py.File(tmp_path / "last.hdf5") as new:
-        np.testing.assert_array_equal(new["observations"], observations[22:])
-    assert formats.read(output).lengths.tolist() == [10, 12]
-
-
 @pytest.mark.parametrize("ids", [np.array(["a", "b"], object), np.array([3.0, 4.0])])
 def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
     with h5py.File(tmp_path / "two.hdf5", "w") as file:
         file["observations"], file["actions"], file["episode_id"] = np.ones((5, 2)), np.eye(5), np.repeat(ids, [2, 3])
     assert formats.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
-    find(tmp_path / "two.hdf5").keep(tmp_path / "kept.hdf5", [formats.read(tmp_path / "two.hdf5").ids[1]])
-    assert formats.read(tmp_path / "kept.hdf5").ids == (ids[1],)
 
 
 def test_one_step_and_the_next_observation_are_a_demonstration(tmp_path):

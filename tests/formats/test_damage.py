@@ -177,8 +177,8 @@ def test_a_damaged_file_of_a_folder_is_skipped_and_named(make):
     refused(name.replace(".", r"\."), "info", "runs")
     assert f"Skipped, because damaged: {name}." in ok("info", "runs", "--skip-bad").stdout
     assert name in ok("check", "runs", "--skip-bad").stderr
-    ok("keep", "runs", "-o", "kept", "--skip-bad", "--share", "1")
-    assert read("kept").demonstrations == 4
+    ok("keep", "runs", "-o", "kept.json", "--skip-bad", "--share", "1")
+    assert len(json.loads(Path("kept.json").read_text())["episodes"]) == 4
 
 
 @pytest.mark.parametrize(("version", "left"), [("v3.0", 0.5), ("v2.1", 0.0)])

@@ -15,15 +15,17 @@ from samples import SAMPLES
 def test_what_is_left_out_cannot_be_done(tmp_path):
     path = tmp_path / "a.toy"
     path.write_text("x")
-    bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None, lambda *_: None))
+    bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None))
     assert bare.commands_to_keep([0, 1], [1]) == []
     assert bare.format.notes_on_weights == ()
     assert bare.format.tables(path) == "others"
+    with pytest.raises(DataError, match=r"a\.toy: keep writes no toy; write the list"):
+        bare.keep(tmp_path / "b.toy", [0])
 
 
-@pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip", "out.json"])
+@pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
 def test_a_folder_is_no_file(tmp_path, name):
-    data = SAMPLES["folder of CSV"](tmp_path)
+    data = SAMPLES["LeRobot"](tmp_path)
     with pytest.raises(DataError, match="the data are a folder, so name a folder"):
         find(data).keep(tmp_path / name, ["0"])
 

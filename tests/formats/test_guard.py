@@ -75,7 +75,17 @@ def test_archives_with_a_damaged_directory(name, damage):
     for command in ("info", "audit", "check"):
         refused(f"{re.escape(path.name)}.*damaged", command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):
-        find(path).keep(f"kept{path.suffix}", [0])
+        find(path).keep("kept.json", [0])
+
+
+def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OverflowError("never seen before")
+
+    path = sample("CSV")
+    monkeypatch.setattr(registry, "FORMATS", (Format("broken", fail, fail, keep=fail), *registry.FORMATS))
+    assert registry.find(path).format.name == "CSV"
+    assert len(rpil.read(path)) == 3
 
 
 @pytest.mark.parametrize("tables", ["text", "others"])
@@ -84,7 +94,7 @@ def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, tab
         raise OverflowError("never seen before")
 
     Path("mine").write_text("x")
-    own = Format("mine", lambda path: path.name == "mine", fail, fail, tables=lambda _: tables)
+    own = Format("mine", lambda path: path.name == "mine", fail, keep=fail, tables=lambda _: tables)
     monkeypatch.setattr(registry, "FORMATS", (own,))
     for use in (lambda: find("mine").keep("out", [0]), lambda: rpil.read("mine")):
         with pytest.raises(DataError, match=r"^mine: .*OverflowError: never seen before.*;.*[.]$"):

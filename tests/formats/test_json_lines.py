@@ -74,9 +74,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)
     assert rpil.read("runs").ids == ("more/run_0", "run_0", "run_1", "run_10")
-    refused(
-        "keep writes no folder of JSON lines; first run rpil convert runs -o ALL.parquet", "keep", "runs", "-o", "new"
-    )
+    refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
 @pytest.mark.parametrize(

@@ -68,8 +68,6 @@ def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
         ignored = recording.description.ignored
         assert ignored["LICENSE.txt"] == "not read beside text tables"
         assert ("intrinsics.npz" in ignored) == (folder == "csv")
-        formats.find(tmp_path / folder).keep(tmp_path / f"{folder}-kept", ["a"])
-        assert [file.stem for file in (tmp_path / f"{folder}-kept").iterdir()] == ["a"]
     (tmp_path / "csv" / "notes.txt").write_text("")
     (tmp_path / "csv" / "labels.csv").write_text("id,label\na,good\n")
     assert len(formats.read_recording(tmp_path / "csv").demonstrations) == 3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +23,7 @@ from rpil.cli.options import (
     COLUMN_OPTIONS,
     JUDGE_OPTIONS,
     RunOptions,
+    command_words,
     pop_columns,
     quiet_option,
     with_options,
@@ -33,14 +36,20 @@ from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
+    from rpil.data.arrays import Id
     from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice, Table
     from rpil.results.record import Audit
 
+_MOST_IDS = 100
+"""Ids in a command; of more, the shell reads them from the list."""
+
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file, or folder.")
+@click.option(
+    "-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file or folder; or a list: ids.json."
+)
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
 @click.option(
     "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
@@ -61,7 +70,7 @@ def keep(
     verdicts: str | None,
     **options: Any,
 ) -> None:
-    """Write demonstrations to a new file of the same format, without those that are bad.
+    """Write demonstrations to a new file of the same format, without those that are bad; or, to ids.json, their list.
 
     Those are bad that a label, or an outcome of 0, calls so; and those that an audit calls bad, after two answers, of
     which one is good or better and one bad or worse. All others are kept, unless --share or --at-least says otherwise.
@@ -94,7 +103,20 @@ def keep(
     print_lines(choice.lines())
     if not given.quiet:
         look_at = () if audit is None else look_lines(audit, choice, faults)
-        print_lines([*look_at, *lost, *source.commands_to_keep(read.ids, choice.kept, output)])
+        lines = source.commands_to_keep(read.ids, choice.kept, output)
+        more = [_command_of_table(choice.kept, output)] if source.is_list(output) and not lines else []
+        print_lines([*look_at, *lost, *lines, *more])
+
+
+def _command_of_table(kept: Sequence[Id], output: str) -> str:
+    """The sentence with the command that writes a table of the ids in a list."""
+    ctx = click.get_current_context()
+    own = {one.name for one in convert.params} - {"output", "quiet", "only", "without"}
+    words = command_words(ctx, "convert", {str(one.name) for one in ctx.command.params if one.name not in own})
+    program = 'import json, sys; print(*json.load(open(sys.argv[1]))["episodes"], sep=",")'
+    read = ["paste", "-sd,", output] if output.lower().endswith(".txt") else ["python", "-c", program, output]
+    ids = shlex.quote(",".join(map(str, kept))) if len(kept) <= _MOST_IDS else f'"$({shlex.join(read)})"'
+    return f"These ids are kept; to write a table of them: {shlex.join(words)} --only {ids} -o kept.parquet"
 
 
 def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:

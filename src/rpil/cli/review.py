@@ -105,6 +105,7 @@ def _finish(
     "replace" where a user agrees.
     """
     from rpil.data.text import listed
+    from rpil.formats.registry import find
     from rpil.results.provenance import digest
 
     run = replace(run, audit=session.audit, asked=_asked(run, given))
@@ -123,7 +124,8 @@ def _finish(
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         write_outputs({title: beside.get(title) for title in OUTPUTS}, run, 0.0, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
-    new = f"{Path(run.source).stem}-kept{Path(run.source).suffix}"
+    suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
+    new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import re
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,11 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import Id
-from rpil.data.cells import to_cell
 from rpil.data.errors import DataError
-from rpil.data.files import new_folder, replacing
-from rpil.data.folders import copy_folder, is_hidden
+from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import ACTION_COLUMNS, OWN_TABLES, TASK, may_be_outcome, natural_key, plain_name
@@ -27,15 +21,15 @@ from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.damage import without_damaged
-from rpil.formats.format import Format, StepTables, kept_of
+from rpil.formats.format import Format, StepTables
 from rpil.formats.npz import arrays_of
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts
 
 if TYPE_CHECKING:
     import h5py
 
-LINK_TABLE = "kept.csv"
-"""The table in the kept folder of HDF5 files that says what each was called."""
+_LINK_TABLE = "kept.csv"
+"""The table of names that rpil 0.2 wrote into a folder of HDF5 files that it kept."""
 
 _FILE_NAME = "name of the file"
 _TEXT_BESIDE = "meta.json"
@@ -47,7 +41,7 @@ def claims(path: Path) -> bool:
     """Whether `path` is a folder of such files and of no tables."""
     if not path.is_dir():
         return False
-    names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {LINK_TABLE, *OWN_TABLES}
+    names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - {_LINK_TABLE, *OWN_TABLES}
     return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
 
 
@@ -65,46 +59,6 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     parts = [part for part, _ in read.values()]
     found = from_parts(parts, _FILE_NAME, path.name, format_name, options, notes=notes)
     return replace(found, origin=replace(found.origin, skipped=tuple(files[name].name for name in damaged)))
-
-
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-    """Make a new folder of the files called `ids`: links to HDF5 files with a table of their names, or NPZ files.
-
-    An NPZ file in a folder of its own is copied with all that is beside it, and a single file is copied to a file.
-    ``episode_*.hdf5`` are numbered again from 0, because ACT reads as many files as it is told, by number.
-    """
-    files = _files(path)
-    kept = {name: files[name] for name in kept_of(files, ids, path)}
-    if path.is_file():
-        with replacing(output) as temporary:
-            _copy(path, temporary)
-        return
-    are_numbered = all(re.fullmatch(r"episode_\d+", name) for name in files) and not _are_npz(files)
-    rows: list[list[object]] = [["link", "file"]]
-    with new_folder(output) as folder:
-        for k, file in enumerate(kept.values()):
-            target = folder / (f"episode_{k}{file.suffix}" if are_numbered else file.relative_to(path))
-            rows.append([to_cell(target.name), to_cell(file.name)])
-            if file.parent != path:
-                copy_folder(file.parent, target.parent, without=(file.name,))
-            _copy(file, target, is_link=not _are_npz(files))
-        if not _are_npz(files):
-            with (folder / LINK_TABLE).open("w", newline="", encoding="utf-8") as text:
-                csv.writer(text, lineterminator="\n").writerows(rows)
-
-
-def _copy(file: Path, target: Path, is_link: bool = False) -> None:
-    """Copy a file, or give it a second name (a hard link), which takes no room.
-
-    On another disk it is copied.
-    """
-    if is_link:
-        try:
-            target.hardlink_to(file.resolve())
-        except OSError:  # on another disk, of another user, or where files have one name only
-            shutil.copyfile(file, target)
-    else:
-        shutil.copyfile(file, target)
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -203,4 +157,4 @@ def _text_beside(path: Path) -> dict[str, str | float]:
     return {**tasks, **{name: float(value) for name, value in ends.items()}}
 
 
-FORMAT = Format(name="a file of arrays for each demonstration", claims=claims, read=read, keep=keep, has_own_ids=True)
+FORMAT = Format(name="a file of arrays for each demonstration", claims=claims, read=read)

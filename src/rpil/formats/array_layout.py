@@ -78,23 +78,17 @@ class ArrayLayout:
         return {name: steps(one) for name, one in whole.items() if name in named or may_be_outcome(name)}
 
     def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
-        """The rows of an array of the demonstrations `ids`; None where it has none for steps or demonstrations."""
+        """The rows of an array that the demonstrations `ids` have; None where it has none for either."""
         n, n_rows = len(self.ids), array.shape[0] if array.shape else 0
-        if n_rows == n or (n_rows == n + 1 and self.is_step is None):  # one more comes after the last action
+        if n_rows in (n, n + 1):  # one more comes after the last action
             owners = self.ids[np.minimum(np.arange(n_rows), n - 1)]
             return np.flatnonzero(np.isin(owners, ids))
         each = self.by_demonstration and array.shape[:1] == (len(self.names),)
         return np.flatnonzero(np.isin(self.names, ids)) if each else None
 
-    def new_arrays(self, arrays: Tree, ids: Sequence[Id], source: str, swaps: bool) -> dict[str, Array]:
-        """What tells the demonstrations `ids` apart where their arrays do not: lengths where the time comes
-        first, or timeouts where no array marks those that were cut short."""
-        if self.is_step is not None or self.by_demonstration:
-            if self.is_step is None or not swaps:
-                return {}
-            lengths = self.is_step.sum(axis=1)[np.isin(self.ids, ids)]
-            return {first(arrays, _LENGTHS) or _LENGTHS[1]: lengths}
-        if first(arrays, (_STARTS, *_CUTS)):
+    def new_arrays(self, arrays: Tree, ids: Sequence[Id], source: str) -> dict[str, Array]:
+        """Timeouts that tell the demonstrations `ids` apart, where no array marks those that were cut short."""
+        if self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
             return {}
         is_last = np.append(self.ids[1:] != self.ids[:-1], True)
         is_terminal = np.any([_flags(arrays, name, len(self.ids), source) for name in _TERMINALS], axis=0)

@@ -6,7 +6,6 @@ import csv
 import gzip
 import itertools
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from pathlib import Path
@@ -275,25 +274,16 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
                 raise
 
 
-def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions, name: str | None = None) -> set[str]:
-    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found.
-
-    A file of a folder is the demonstration `name` where no column names the demonstration.
-    """
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
     file = find_dialect(path, options)
-    episode = find_text_columns(file, options, None if name is None else FILE).episode
-    is_one = name is not None and episode == FILE
-    if is_one and not file.skipped:
-        if name in ids:
-            shutil.copyfile(path, output)
-        return {str(name)} & ids
-    column, found = file.names.index(episode) if not is_one else None, set[str]()
+    column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
     opener = gzip.open if path.suffix.lower() == ".gz" else open
     with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
         for _, _, lines, values, fault in text_rows(file):
             if fault:
                 file.check()
-            demonstration = str(name) if column is None else from_cell(values[column].strip()) if values else ""
+            demonstration = from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
             if not fault and (not values or demonstration in ids):
                 target.writelines(lines)

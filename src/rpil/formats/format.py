@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-K = TypeVar("K", int, str)
+K = TypeVar("K", bound=Id)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +65,12 @@ def called(*suffixes: str) -> Callable[[Path], bool]:
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
 
 
-def check_same_kind(path: Path, output: Path) -> None:
-    """A `DataError` where the data are a file and `output` has another extension, or a folder and it is a list."""
-    if path.is_dir() and output.suffix.lower() == ".json":
-        raise not_a_folder(output)
-    if path.is_file() and output.suffix.lower() != path.suffix.lower():
-        raise DataError(f"{output}: give it the extension {path.suffix}, or write another format with rpil convert.")
-
-
-def not_a_folder(output: Path) -> DataError:
-    """The error that the name of the `output` is that of a file, where the data are a folder."""
-    return DataError(f"{output}: the data are a folder, so name a folder, or write a table with rpil convert.")
+def write_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write ids as JSON, ``{"episodes": [...]}``, where the `output` is called so, or else as text, one a line."""
+    is_json = output.suffix.lower() == ".json"
+    text = json.dumps({"episodes": [*ids]}, indent=1) if is_json else "\n".join(map(str, ids))
+    with replacing(output) as temporary:
+        temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -111,8 +107,12 @@ class Format:
         search.
     read : function of a path and the options for columns
         Its `StepTables`; a `DataError` where it cannot be read.
-    keep : Keep
+    keep : Keep, optional
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
+    unkept : function of a path and the options for columns
+        What `keep` writes no new file of, in words; empty where it writes one.
+    keep_list : function of a path, that of the output, and ids
+        Writes the list of these ids, which `read` gives, in the order of the file.
     has_own_ids : bool
         Whether demonstrations are kept by ids of their own, and not by those of a column.
     suffixes : tuple of str
@@ -120,7 +120,7 @@ class Format:
     write : function of a path, demonstrations and arrays (M,) by name, optional
         Writes demonstrations, and true values for each, which `read` ignores.
     check_output : function of the path of the data, and that of the output
-        A `DataError` where `keep` cannot write to the output, before any work.
+        A `DataError` where `keep` cannot write there, before any work; extensions are compared before.
     find_defects : function of a path, optional
         What beside the demonstrations does not agree with them; with True, in videos too.
     annotate : function of a path, that of a new folder and columns, optional
@@ -141,11 +141,13 @@ class Format:
     name: str
     claims: Callable[[Path], bool]
     read: Callable[[Path, ColumnOptions], StepTables]
-    keep: Keep
+    keep: Keep | None = None
+    unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
+    keep_list: Callable[[Path, Path, Sequence[Id]], None] = write_list
     has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
-    check_output: Callable[[Path, Path], object] = check_same_kind
+    check_output: Callable[[Path, Path], object] = lambda *_: None
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None
@@ -169,12 +171,8 @@ def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]
     def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
         wanted = {*map(str, ids)}
         with replacing(output) as temporary:
-            check_found(wanted, keep(path, temporary, wanted, options), path)
+            if missing := sorted(wanted - keep(path, temporary, wanted, options), key=natural_key):
+                fault = f"no demonstration is called {quoted(missing, 5)}; give ids that rpil.read gives"
+                raise DataError(f"{path}: {fault}.")
 
     return checked
-
-
-def check_found(wanted: Set[str], found: Set[str], path: Path) -> None:
-    """A `DataError` where some of the ids `wanted` were not `found` at `path`."""
-    if missing := sorted(wanted - found, key=natural_key):
-        raise DataError(f"{path}: no demonstration is called {quoted(missing, 5)}; give ids that rpil.read gives.")

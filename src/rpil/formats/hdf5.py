@@ -22,16 +22,14 @@ from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import held, held_bytes
 from rpil.data.memory import check_free
-from rpil.data.names import is_outcome, natural_key
+from rpil.data.names import natural_key
 from rpil.formats.description import commas
-from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import h5py
 
 SUFFIXES = (".hdf5", ".h5")
 
-_ROWS_AT_ONCE = 65_536
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -80,32 +78,6 @@ def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:
     """Copy the attributes of a group."""
     for name, value in source.attrs.items():
         new.attrs[name] = value
-
-
-def copy_arrays(found: Arrays, new: h5py.Group, rows_of: Callable[[str, h5py.Dataset], Array | None]) -> None:
-    """Copy what is `found` in a group, of its arrays only the rows that `rows_of` gives; where it gives None, all."""
-    for name, group in found.groups().items():
-        copy_attributes(group, new.create_group(name))
-    for name, array in found.items():
-        if (rows := rows_of(name, array)) is not None:
-            # Rewards may be left out as zeros.
-            _copy_rows(found.group[name] if is_outcome(name) else array, new, name, rows)
-        else:
-            found.group.copy(array, new, name)
-
-
-def _copy_rows(array: h5py.Dataset, new: h5py.Group, name: str, rows: Array) -> None:
-    """Write the `rows` of an array to a new one with the same compression, some at a time."""
-    shape = (len(rows), *array.shape[1:])
-    packed = array.chunks is not None and math.prod(shape) > 0
-    how = {"compression": array.compression, "compression_opts": array.compression_opts, "shuffle": array.shuffle}
-    chunks = {"chunks": tuple(map(min, array.chunks, shape)), **how} if packed else {}
-    copy = new.create_dataset(name, shape, array.dtype, **chunks)
-    copy_attributes(array, copy)
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) != 1) + 1):
-        for first in range(0, len(run), _ROWS_AT_ONCE):
-            block = run[first : first + _ROWS_AT_ONCE]
-            copy[block[0] : block[-1] + 1] = array[rows[block[0]] : rows[block[-1]] + 1]
 
 
 def member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
@@ -193,12 +165,6 @@ class Arrays(Mapping[str, Any]):
         """The paths of all that is no group with something in it; nothing is opened."""
         return {*self._links} - {path.rpartition("/")[0] for path in self._links}
 
-    def groups(self) -> dict[str, h5py.Group]:
-        """The groups in the group, by path."""
-        import h5py
-
-        return {path: one for path in self._links if isinstance(one := self._opened(path), h5py.Group)}
-
     @property
     def notes(self) -> tuple[str, ...]:
         """That what lies in other files, or behind a link, is not read, in words."""
@@ -269,12 +235,4 @@ def _check_chunks(array: h5py.Dataset) -> None:
         raise DataError(
             f"{os.path.basename(array.file.filename)}: the chunks of {str(array.name).strip('/')} hold more than they "
             "declare; copy or write it again."
-        )
-
-
-def check_output(path: Path, output: Path) -> None:
-    """A `DataError` where the name of the `output` is not that of an HDF5 file, nor like that of the data."""
-    if output.suffix.lower() not in (*SUFFIXES, path.suffix.lower()):
-        raise DataError(
-            f"{output}: give it the extension {path.suffix or SUFFIXES[0]}, or write another format with rpil convert."
         )

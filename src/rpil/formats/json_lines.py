@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
@@ -21,7 +20,7 @@ from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.damage import damaged_lines, parts_in_words
-from rpil.formats.format import Format, StepTables, check_same_kind, keep_one_file
+from rpil.formats.format import Format, StepTables, keep_one_file
 from rpil.formats.store import has_tables
 
 if TYPE_CHECKING:
@@ -148,14 +147,6 @@ def _steps(table: pa.Table) -> pa.Table:
     return flat.rename_columns(short) if len({*short}) == len(short) else flat
 
 
-def check_output(path: Path, output: Path) -> None:
-    """A `DataError` where the data are a folder, which is not given back, or `output` is no file of their kind."""
-    if path.is_dir():
-        first = f"first run rpil convert {path} -o ALL.parquet"
-        raise DataError(f"{path}: keep writes no folder of JSON lines; {first}, then keep from that table.")
-    check_same_kind(path, output)
-
-
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Copy the lines of the demonstrations `ids`; return the ids found.
 
@@ -186,5 +177,5 @@ FORMAT = Format(
     read=read,
     keep=keep_one_file(keep_lines),
     suffixes=JSON_SUFFIXES,
-    check_output=check_output,
+    unkept=lambda path, _: "folder of JSON lines" if path.is_dir() else "",
 )

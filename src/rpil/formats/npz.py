@@ -52,9 +52,7 @@ def arrays_of(stored: Npz) -> dict[str, Closed]:
     return found
 
 
-def _by_role(
-    arrays: Mapping[str, Closed], options: ColumnOptions, source: str
-) -> tuple[dict[str, Closed], ColumnOptions]:
+def _by_role(arrays: layouts.Tree, options: ColumnOptions, source: str) -> tuple[dict[str, Any], ColumnOptions]:
     """The arrays, with the names "observation" and "action" for those that the user names, or that are called so; and
     the options but for these."""
     found = dict(arrays)
@@ -74,7 +72,7 @@ def _by_role(
     return found, options
 
 
-def _turned(arrays: Mapping[str, Closed | Array], shape: tuple[int, ...] | None) -> dict[str, Any]:
+def _turned(arrays: layouts.Tree, shape: tuple[int, ...] | None) -> dict[str, Any]:
     """The arrays that are (T, M, ...) or (T + 1, M, ...) by the `shape` T and M, as (M, T, ...) or (M, T + 1, ...)."""
     own = [name for name in arrays if shape and arrays[name].shape[:2] in (shape, (shape[0] + 1, shape[1]))]
     return {name: np.swapaxes(np.asarray(arrays[name][:]), 0, 1) for name in own}
@@ -99,19 +97,28 @@ def _keep_arrays(path: Path, output: Path, ids: Set[str], options: ColumnOptions
     """
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
-        roles = _by_role(arrays_of(stored), options, path.name)[0]
-        shape = layouts.time_first(roles, path.name)
-        layout = layouts.layout_of({**roles, **_turned(roles, shape)}, path.name, options.id)
-    arrays |= (swapped := _turned(arrays, shape))
+    layout = layouts.layout_of(_by_role(arrays, options, path.name)[0], path.name, options.id)
     layout = replace(layout, by_demonstration=layout.by_demonstration or layout.column in arrays)
     kept = [name for name in layout.names if str(name) in ids]
-    added = layout.new_arrays(arrays, kept, path.name, shape is not None)
+    added = layout.new_arrays(arrays, kept, path.name)
     rows = {name: layout.kept_rows(array, kept) for name, array in arrays.items() if name != _OPTIONAL}
     arrays |= {name: arrays[name][kept_rows] for name, kept_rows in rows.items() if kept_rows is not None}
-    write_npz(output, {**arrays, **{name: np.swapaxes(arrays[name], 0, 1) for name in swapped}, **added})
+    write_npz(output, {**arrays, **added})
     return {*map(str, kept)}
 
 
+def _unkept(path: Path, options: ColumnOptions) -> str:
+    """What `keep` writes no new file of, in words: stacked arrays."""
+    with opened_npz(path) as stored:
+        return "stacked arrays" if layouts.is_stacked(_by_role(arrays_of(stored), options, path.name)[0]) else ""
+
+
 FORMAT = Format(
-    name="NPZ", claims=called(".npz"), read=read, keep=keep_one_file(_keep_arrays), suffixes=(".npz",), write=write
+    name="NPZ",
+    claims=called(".npz"),
+    read=read,
+    keep=keep_one_file(_keep_arrays),
+    unkept=_unkept,
+    suffixes=(".npz",),
+    write=write,
 )

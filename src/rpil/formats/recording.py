@@ -80,19 +80,21 @@ class Recording:
         return self.description
 
     def keep(self, ids: Sequence[Id], output: StrPath) -> None:
-        """Write some demonstrations, with all that the file says of them, to a new file or folder of the same format.
+        """Write some demonstrations, with all that the file says of them, to a new file or folder; or a list of them.
 
         Parameters
         ----------
         ids : sequence of ids
             Those to write, in the order of the file.
         output : path
-            A file there is replaced whole; a folder must not be there yet. The data themselves are never changed.
+            A file there is replaced whole; a folder must not be there yet. The data themselves are never changed. Where
+            it ends in ``.json`` or ``.txt``, the list of the ids is written, of any format: ``{"episodes": [...]}``, or
+            one id a line.
 
         Raises
         ------
         DataError
-            Where an id is unknown, the output cannot be written or is in the data, the format cannot be given back, or
+            Where an id is unknown, the output cannot be written or is in the data, the format is not written, or
             the demonstrations were not opened from a file.
         """
         if self.write_some is None:

@@ -22,7 +22,7 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, not_a_folder
+from rpil.formats.format import Format, kept_of
 from rpil.formats.made_columns import made
 from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording, from_tables
@@ -31,6 +31,9 @@ from rpil.formats.store import may_be_many_files
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
 """What is downloaded of a data set."""
+
+_LISTS = (".json", ".txt")
+"""Extensions of lists of ids."""
 
 _HUB_FAILURES = {
     "GatedRepoError": "the Hub gives it only with a token; accept its terms there, then run hf auth login",
@@ -101,7 +104,7 @@ class ClaimedPath:
                 recording,
                 description=replace(recording.description, source=self.name or recording.description.source),
                 options=options,
-                write_some=lambda ids, new: self.keep(new, ids, options),
+                write_some=lambda ids, new: self.keep(new, ids, options, recording.ids),
                 find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
             )
 
@@ -120,13 +123,30 @@ class ClaimedPath:
     def _tables(self) -> str:
         return self.format.tables(self.path)
 
-    def keep(self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions()) -> None:
-        """Write some demonstrations as `Recording.keep` does."""
+    def keep(
+        self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()
+    ) -> None:
+        """Write some demonstrations as `Recording.keep` does; `there` are the ids of all, where they are known."""
         with holding(), guarded(str(self.path)):
             new, path = self.check_output(output, options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            self.format.keep(path, new, ids, options)
+            if self.is_list(new):
+                self.format.keep_list(path, new, kept_of(there or self.read(options).ids, ids, path))
+            else:
+                assert self.format.keep is not None, "check_output refuses what is not written"
+                self.format.keep(path, new, ids, options)
+
+    def is_list(self, output: StrPath) -> bool:
+        """Whether `keep` writes the list of the ids to an output of this name."""
+        suffix = Path(output).suffix.lower()
+        return suffix in _LISTS and suffix != Path(self.path).suffix.lower()
+
+    def unkept(self, options: ColumnOptions = ColumnOptions()) -> str:
+        """What `keep` writes no new file of, in words; empty where it writes one."""
+        if self.format.keep is None:
+            return self.format.name.removeprefix("a ")
+        return self.format.unkept(Path(self.path), options)
 
     def annotate(self, output: StrPath, columns: Mapping[str, Mapping[str, object]]) -> None:
         """Write a copy of the folder that says more of each demonstration, which `columns` hold by name and id."""
@@ -159,10 +179,22 @@ class ClaimedPath:
         if new.is_dir():
             raise DataError(f"{new}: it is there already; give the path of a new folder.")
         with guarded(str(path)):
-            if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
-                raise not_a_folder(new)
-            self.format.check_output(path, new)
+            if not self.is_list(new):
+                self._check_written(path, new, options)
         return check_writable(new)
+
+    def _check_written(self, path: Path, new: Path, options: ColumnOptions) -> None:
+        """A `DataError` where `keep` writes no new file of what is at the path, or none of such a name."""
+        if layout := self.unkept(options):
+            ways = "write the list with -o ids.json, or a table with rpil convert"
+            raise DataError(f"{self.path}: keep writes no {layout}; {ways}.")
+        if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
+            raise DataError(f"{new}: the data are a folder, so name a folder, or write a table with rpil convert.")
+        if path.is_file() and new.suffix.lower() != (
+            extension := path.suffix.lower() or "".join(self.format.suffixes[:1])
+        ):
+            raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
+        self.format.check_output(path, new)
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.

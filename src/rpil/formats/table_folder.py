@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, new_folder
+from rpil.data.files import StrPath
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import find_dialect, without_suffix
-from rpil.formats.format import Format, StepTables, check_found
+from rpil.formats.dialect import find_dialect
+from rpil.formats.format import Format, StepTables
 from rpil.formats.store import find_files, tables_of
 
 if TYPE_CHECKING:
@@ -91,32 +91,4 @@ def refuse_others(path: StrPath, names: Iterable[str]) -> None:
             raise DataError(f"{path}: a {what} ({name}) is never opened; {way}.")
 
 
-def keep(path: Path, output: Path, ids: Sequence[object], options: ColumnOptions) -> None:
-    """Write the demonstrations `ids` of a folder to the new folder `output`, in files of the same names.
-
-    Files of other demonstrations are left out, and so is all that is not read.
-    """
-    filesystem, parquet_files, text_files, _ = _found(path, options)
-    if options.skip_bad and parquet_files:
-        parquet_files, _ = parquet.readable(filesystem, parquet_files, path.name)
-    files = [Path(file) for file in parquet_files or text_files]
-    wanted, found = set(map(str, ids)), set()
-    with new_folder(output) as folder:
-        names = csv.names_in_folder(files)
-        for name in names if parquet_files else csv.readable(names, options)[0]:
-            file = names[name]
-            target = folder / file.relative_to(os.path.abspath(path))
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if parquet_files:
-                in_file = parquet.keep_rows(file, target, wanted, options)
-            else:
-                in_file = csv.keep_text(file, target, wanted, options, without_suffix(name))
-            if not in_file:
-                target.unlink(missing_ok=True)
-            found |= in_file
-        check_found(wanted, found, path)
-
-
-FORMAT = Format(
-    name="a folder of tables", claims=Path.is_dir, read=read, keep=keep, read_address=read, tables=tables_of
-)
+FORMAT = Format(name="a folder of tables", claims=Path.is_dir, read=read, read_address=read, tables=tables_of)

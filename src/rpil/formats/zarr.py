@@ -1,57 +1,83 @@
-"""Zarr replay buffers, as diffusion policy and UMI write them: ``data/*`` end to end, and ``meta/episode_ends``."""
+"""Zarr replay buffers, as diffusion policy writes them: ``data/*`` end to end, and ``meta/episode_ends``.
+
+The library zarr decodes them. A header, of format 2 or 3, names the codecs that the library is to call with the
+contents of the file, and some of these run code. Codecs and types that are not on the lists here are refused before the
+library sees them. Chunks that are not there are never made up.
+"""
 
 from __future__ import annotations
 
-import itertools
-import json
 import math
 import re
+import stat
+import threading
+import warnings
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rpil.data.arrays import Id
-from rpil.data.errors import DataError
-from rpil.data.files import beside, check_extension, new_folder, replacing
-from rpil.data.memory import MIB
-from rpil.data.names import is_outcome
+from rpil.data.errors import DataError, optional
+from rpil.data.guard import guarded
+from rpil.data.held import held
+from rpil.data.json_files import Parsed, parse
+from rpil.data.memory import check_free
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
-from rpil.formats.format import Format, StepTables, kept_of
-from rpil.formats.step_arrays import NUMBERED, Part, StoredArray, from_parts, without_steps
-from rpil.formats.zarr_array import HEADERS, ZIP, ArrayHeader, Store, ZarrArray, is_zip, opened
+from rpil.formats.format import Format, StepTables
+from rpil.formats.step_arrays import NUMBERED, Closed, Part, from_parts, without_steps
 from rpil.numerics.types import Array
 
+ZIP = ".zip"
+"""The extension of stores in a ZIP file; a file of another name is never taken for one."""
+
+ArrayHeader = Mapping[str, Parsed]
+"""The header of an array."""
+
 _ENDS = "meta/episode_ends"
-_ATTRIBUTES = ".zattrs"
-_COPIED_BYTES = 64 * MIB  # at a time
-
-
-_NOTE = "There is no array action: an action is the move of pose and gripper to the next step, none at the last step."
-_WHOLE = re.compile(r"robot\d+_demo_(?:start|end)_pose")
-"""Arrays that describe a demonstration as a whole."""
-
-_POSE = re.compile(r"robot\d+_(?:eef_pos|eef_rot_axis_angle|gripper_width)")
+_HEADERS = (".zarray", "zarr.json")
+_IMAGE_CODECS = "imagecodecs_"
+_CODECS = {
+    *("bytes", "transpose", "sharding_indexed", "zlib", "gzip", "bz2", "zstd", "blosc", "lz4", "shuffle", "delta"),
+    *("fixedscaleoffset", "quantize", "crc32", "crc32c", "adler32", "fletcher32"),
+}
+_TEXT_CODECS = {"vlen-utf8"}
+_TYPE = re.compile(
+    r"[<>|]?(?:[biufSU]\d{1,6}|[mM]8(?:\[\d{0,9}[a-zA-Z]{1,2}\])?)|bool|u?int(?:8|16|32|64)|float(?:16|32|64)|"
+    r"numpy\.(?:datetime|timedelta)64|fixed_length_utf32|null_terminated_bytes"
+)
+_TEXT = re.compile(r"\|O|string")
+_DAMAGED_HEADER = "its header is damaged, or of an unknown format", "copy or write it again"
+_DAMAGED_CHUNK = "a chunk of it is damaged, or does not hold what the header declares", "copy or write it again"
 
 
 def claims(path: Path) -> bool:
-    """Whether there is a ``meta/episode_ends`` in the folder, or in the file, whose name says that it is a ZIP file.
-
-    A `DataError` where the ZIP file is damaged, or has none at its top.
-    """
-    if not path.is_dir() and not is_zip(path):
+    """Whether there is a ``meta/episode_ends`` in the folder, or in the file, whose name says that it is a ZIP file."""
+    if not path.is_dir() and not (path.suffix.lower() == ZIP and path.is_file()):
         return False
-    with opened(path) as store:
-        found = store.header_file(_ENDS) is not None
-        names = store.root.root.namelist() if isinstance(store.root, zipfile.Path) and not found else []
+    with _opened(path) as top:
+        found = _header_file(top, _ENDS) is not None
     if not found and not path.is_dir():
-        inside = f"it holds {names[0]!r:.40} and no {_ENDS}" if names else f"it holds no {_ENDS}"
-        remedy = "unpack it, or pack what is in the folder of Zarr, not the folder itself"
-        raise DataError(f"{path.name}: {inside} at its top, as a ZIP file of Zarr does; {remedy}.")
+        raise DataError(
+            f"{path.name}: there is no {_ENDS} at the top of this ZIP file, as Zarr has; pack what is in the folder of "
+            "Zarr, not the folder itself, or unpack the file where it holds no Zarr."
+        )
     return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Path | zipfile.Path]:
+    """The top of a store: the folder, or what is in the ZIP file; a `DataError` where this is damaged."""
+    if path.is_dir():
+        yield path
+        return
+    fault = "no ZIP file, or a damaged one", "copy or write it again"
+    with guarded(path.name, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
+        yield zipfile.Path(archive)
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -59,179 +85,178 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
     A `DataError` where there are none, or where they do not end where the demonstrations do.
     """
-    with opened(path) as store:
-        headers = _headers(store, "data")
-        ends = _ends(store, headers)[1]
-        arrays = {array.name.removeprefix("data/"): array for array in _data(store, headers, ends, options)}
-        closed = [name for name, array in arrays.items() if array.is_closed]
-        if len(closed) == len(arrays):
-            raise DataError(
-                f"{path.name}: {_ENDS} tells of {len(ends):,} demonstrations and {ends[-1]:,} steps, but no array that "
-                f"can be read is in data ({commas(closed) or 'nothing is there'}); copy the data as well."
-            )
-        whole = {name: "describes a demonstration as a whole" for name in arrays if _WHOLE.fullmatch(name)}
-        steps: dict[str, StoredArray] = {name: arrays[name] for name in arrays if name not in (*whole, *closed)}
-        actions = _moves(steps, ends) if "action" not in steps and not options.action else {}
-        lengths = np.diff(ends, prepend=0)
-        notes = (*([_NOTE] if actions else []), *without_steps(np.flatnonzero(lengths == 0).tolist()))
-        numbers = np.repeat(np.arange(len(ends)), lengths)
-        parts = [Part(len(numbers), {NUMBERED: numbers, **steps, **actions})]
-        tables = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
-    return tables.with_ignored({**whole, **dict.fromkeys(closed, "images of the package imagecodecs")})
+    with _opened(path) as top:
+        headers = dict(_headers(top, "data", path.name))
+        ends = _ends(top, path)
+        closed = [name for name, header in headers.items() if has_images(header)]
+        arrays = {name: _array(top, path, f"data/{name}", headers[name]) for name in headers if name not in closed}
+    if not arrays:
+        raise DataError(
+            f"{path.name}: {_ENDS} tells of {len(ends):,} demonstrations and {ends[-1]:,} steps, but no array that "
+            f"can be read is in data ({commas(closed) or 'nothing is there'}); copy the data as well."
+        )
+    for name, array in arrays.items():
+        if array.shape[:1] != (ends[-1],):
+            fault = f"has the shape {array.shape}, but {_ENDS} ends at {ends[-1]:,} steps"
+            raise DataError(f"{path.name}: data/{name} {fault}; write it again.")
+    lengths = np.diff(ends, prepend=0)
+    notes = without_steps(np.flatnonzero(lengths == 0).tolist())
+    numbers = np.repeat(np.arange(len(ends)), lengths)
+    parts = [Part(len(numbers), {NUMBERED: numbers, **arrays})]
+    tables = from_parts(parts, NUMBERED, path.name, "Zarr replay buffer", options, notes=notes)
+    return tables.with_ignored(dict.fromkeys(closed, "images of the package imagecodecs"))
 
 
-def _moves(arrays: Mapping[str, StoredArray], ends: Array) -> dict[str, Array]:
-    """The action (N, K) by name, of each array (N, K) of poses, as those of UMI's gripper are.
+def _header_file(top: Path | zipfile.Path, name: str) -> Path | zipfile.Path | None:
+    """The file that describes the array or group `name`; None where there is none."""
+    return next((file for header in _HEADERS if (file := top / name / header).is_file()), None)
 
-    ``ends`` (M,) are where demonstrations end. A position and a width move by their difference, in the units of the
-    file; an orientation, as a rotation vector, by the rotation from one to the next in radians, in the axes of the
-    gripper. Where there are no poses there is nothing.
+
+def _headers(top: Path | zipfile.Path, group: str, source: str, within: str = "") -> Iterator[tuple[str, ArrayHeader]]:
+    """The checked headers of the arrays in a group, and in the groups in it, by their names there."""
+    folder = top / group
+    entries = [entry.name for entry in folder.iterdir() if entry.is_dir()] if folder.is_dir() else []
+    for name in sorted(entry for entry in entries if entry not in ("", ".", "..") and "\\" not in entry):
+        header = _header(top, f"{group}/{name}", source)
+        if header is None:
+            yield from _headers(top, f"{group}/{name}", source, f"{within}{name}/")
+        else:
+            yield f"{within}{name}", header
+
+
+def _header(top: Path | zipfile.Path, name: str, source: str) -> ArrayHeader | None:
+    """The checked header of an array; None of a group, and where there is none."""
+    if (file := _header_file(top, name)) is None:
+        return None
+    where = f"{source}: {name}"
+    with guarded(where, *_DAMAGED_HEADER):
+        header = parse(file.read_bytes(), where)
+        if header.get("node_type") == "group":
+            return None
+        check_header(header, where)
+        return header  # type: ignore[no-any-return]
+
+
+def _array(top: Path | zipfile.Path, path: Path, name: str, header: ArrayHeader) -> Closed:
+    """An array of a store, whose rows are read when they are asked for."""
+    storage, where = optional("zarr.storage", "To read Zarr", "zarr"), f"{path.name}: {name}"
+    from zarr import Array, AsyncArray
+
+    with guarded(where, *_DAMAGED_HEADER), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what in format 3 other libraries may not read
+        if isinstance(top, zipfile.Path):
+            store = storage.ZipStore(path)  # which would open the file a second time
+            store._lock, store._zf, store._is_open = threading.RLock(), top.root, True
+        else:
+            store = storage.LocalStore(path)
+        if header["zarr_format"] == 2 and header["dtype"] == "|O":  # the fill value of texts was 0 before zarr 3.1
+            header = {**header, "fill_value": None}
+        array = Array(AsyncArray(dict(header), storage.StorePath(store, name)))  # by the header that was checked
+        shape, dtype, chunks = array.shape, array.dtype, array.shards or array.chunks
+        grid = tuple(-(-size // step) for size, step in zip(shape, chunks, strict=True))
+    check = cache(lambda: _check_chunks(array, grid, _files(top, name), where))
+
+    def rows_of(rows: slice) -> object:
+        first, stop, _ = rows.indices(shape[0])
+        with guarded(where):
+            check_free(dtype.itemsize * max(math.prod(chunks), (stop - first) * math.prod(shape[1:])))
+        check()
+        with guarded(where, *_DAMAGED_CHUNK):
+            return np.asarray(array[first:stop])
+
+    return Closed(shape, np.dtypes.StringDType() if dtype.kind == "O" else dtype, rows_of)
+
+
+def _files(top: Path | zipfile.Path, name: str) -> list[tuple[str, int]]:
+    """The files in a folder and in the folders in it: names without that of the folder, and bytes."""
+    if isinstance(top, zipfile.Path):
+        infos = (info for info in top.root.infolist() if info.filename.startswith(f"{name}/"))
+        return [(info.filename.removeprefix(f"{name}/"), info.file_size) for info in infos]
+    files = ((file, file.stat()) for file in (top / name).rglob("*"))
+    return [(file.relative_to(top / name).as_posix(), at.st_size) for file, at in files if stat.S_ISREG(at.st_mode)]
+
+
+def _check_chunks(array: Any, grid: tuple[int, ...], files: Iterable[tuple[str, int]], where: str) -> None:
+    """A `DataError` where chunks are missing, or a file holds more than filters make of a chunk: 8 bytes of one."""
+    pattern = re.escape(array.metadata.encode_chunk_key((0,) * len(grid))).replace("0", "([0-9]+)")
+    found = [(match, n_bytes) for file, n_bytes in files if (match := re.fullmatch(pattern, file))]
+    chunks = math.prod(array.shards or array.chunks)
+    most = 8 * array.dtype.itemsize * chunks + 4096 * (chunks // math.prod(array.chunks))
+    if array.dtype.kind not in "OT" and max((n_bytes for _, n_bytes in found), default=0) > most:
+        raise DataError(f"{where}: {'; '.join(_DAMAGED_CHUNK)}.")
+    n_there = sum(all(int(k) < n for k, n in zip(match.groups(), grid, strict=True)) for match, _ in found)
+    if (n_files := math.prod(grid)) > n_there:
+        raise DataError(
+            f"{where}: {n_files - n_there:,} of its {n_files:,} chunks are not there; copy it again, or write it with "
+            "zarr.config.set({'array.write_empty_chunks': True})."
+        )
+
+
+def _ends(top: Path | zipfile.Path, path: Path) -> Array:
+    """Where each demonstration ends (M,), rising."""
+    header = _header(top, _ENDS, path.name)
+    if header is not None and not has_images(header):
+        array = _array(top, path, _ENDS, header)
+        if len(array.shape) == 1 and array.dtype.kind in "iu":
+            ends: Array = np.asarray(array[:]).astype(np.int64)
+            if len(ends) and np.all(np.diff(ends, prepend=0) >= 0):
+                return ends
+    raise DataError(f"{path.name}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it.")
+
+
+def check_header(header: ArrayHeader, where: str) -> None:
+    """A `DataError` where a codec or type in a header is not on the lists.
+
+    Where the header is damaged, an error of another type may be raised.
     """
-    poses = {name: array for name, array in arrays.items() if _POSE.fullmatch(name) and len(array.shape) == 2}
-    found = {}
-    for name, array in poses.items():
-        now = np.asarray(array[: int(ends[-1])])
-        now = now if now.dtype.kind == "f" else now.astype(np.float64)  # differences of whole numbers may not be whole
-        then = np.concatenate([now[1:], now[-1:]])
-        then[ends[ends > 0] - 1] = now[ends[ends > 0] - 1]
-        found[f"action.{name}"] = _turn(now, then) if name.endswith("axis_angle") else then - now
-    return found
+    is_2, codecs = header["zarr_format"] == 2, [*_codecs(header)]
+    names = {name for name, _ in codecs}
+    for name in names:
+        if name not in _CODECS | _TEXT_CODECS and not name.startswith(_IMAGE_CODECS):
+            raise _refusal(f"the codec {name[:60]!r}", where)
+    stored = header["dtype"] if is_2 else _name(header["data_type"])
+    known = _TEXT if names & _TEXT_CODECS else _TYPE
+    types = [(known, stored), *((_TYPE, given[m]) for _, given in codecs for m in ("dtype", "astype") if m in given)]
+    for pattern, one in types:
+        if not isinstance(one, str) or not pattern.fullmatch(one):
+            raise _refusal(f"the type {str(one)[:60]!r}", where)
 
 
-def _turn(now: Array, then: Array) -> Array:
-    """The rotation from one orientation (N, 3) to another as a rotation vector."""
-    from scipy.spatial.transform import Rotation
-
-    turn: Array = (Rotation.from_rotvec(now).inv() * Rotation.from_rotvec(then)).as_rotvec()
-    return turn.astype(now.dtype)
+def has_images(header: ArrayHeader) -> bool:
+    """Whether the values are images of the package imagecodecs, which are not decoded."""
+    return any(name.startswith(_IMAGE_CODECS) for name, _ in _codecs(header))
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-    """Write some demonstrations, in the chunks and codecs of the file, to a new folder, or to a ZIP file for one.
-
-    An array with a chunk for each step is copied chunk by chunk; images that are not decoded must have that.
-    """
-    with opened(path) as store:
-        headers = _headers(store, "data", "meta")
-        old_ends, ends = _ends(store, headers)
-        chosen = kept_of(range(len(ends)), ids, path)
-        lengths = np.diff(ends, prepend=0)
-        steps = np.flatnonzero(np.isin(np.repeat(np.arange(len(ends)), lengths), chosen))
-        new_ends = np.cumsum(lengths[chosen])
-        arrays = _data(store, headers, ends, options, is_outcome)  # zarr leaves out chunks of zeros, as rewards have
-        others = [name for name in headers if name.startswith("meta/") and name != _ENDS]
-        about = [array for name in others if (array := ZarrArray(store, name, headers[name], fills=True)).shape]
-        with _new_store(path, output) as new:
-            for old in (*arrays, *about):
-                every = np.array(chosen) if old.shape[:1] == ends.shape else np.arange(old.shape[0])
-                rows = every if old in about else steps
-                created = _create(store, old, new, len(rows))
-                if old.stored.shards is None and old.chunks[0] == 1:
-                    _copy_chunks(store, old, new, rows)
-                else:
-                    _copy(old, created, rows)
-            _create(store, old_ends, new, len(new_ends)).stored[:] = new_ends.astype(old_ends.dtype)
+def _codecs(header: ArrayHeader) -> Iterator[tuple[str, ArrayHeader]]:
+    """The names of all codecs, with their options."""
+    if header["zarr_format"] == 3:
+        yield from _codecs_3(header["codecs"])
+        return
+    for codec in (*(header.get("filters") or ()), header.get("compressor")):
+        if codec is not None:
+            yield str(codec["id"]), codec
 
 
-def _headers(store: Store, *groups: str) -> dict[str, ArrayHeader]:
-    """The headers of the ends and of all arrays in `groups` by name, which are checked before any array is opened."""
-    headers, waiting = store.headers([_ENDS]), [*groups]
-    while waiting:
-        names = [f"{group}/{name}" for group in waiting for name in store.folders(group)]
-        found = store.headers([name for name in names if name != _ENDS])
-        headers, waiting = {**headers, **found}, [name for name in names if name not in (*found, _ENDS)]
-    return headers
+def _codecs_3(codecs: Iterable[Parsed]) -> Iterator[tuple[str, ArrayHeader]]:
+    """The names of codecs of format 3, and of those within shards, with their options."""
+    for codec in codecs:
+        options = {} if isinstance(codec, str) else codec.get("configuration") or {}
+        yield _name(codec).removeprefix("numcodecs."), options
+        if "id" in options:
+            yield str(options["id"]), options
+        yield from _codecs_3([*options.get("codecs", ()), *options.get("index_codecs", ())])
 
 
-def _ends(store: Store, headers: Mapping[str, ArrayHeader]) -> tuple[ZarrArray, Array]:
-    """The array of where each demonstration ends, and its values (M,), rising."""
-    array = ZarrArray(store, _ENDS, headers[_ENDS]) if _ENDS in headers else None
-    if array is not None and not array.is_closed and len(array.shape) == 1 and array.dtype.kind in "iu":
-        ends = array[:].astype(np.int64)
-        if len(ends) and np.all(np.diff(ends, prepend=0) >= 0):
-            return array, ends
-    raise DataError(
-        f"{store.path.name}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it."
+def _name(named: Parsed) -> str:
+    """The name of a codec or type of format 3, which may stand alone or with a configuration."""
+    return named if isinstance(named, str) else str(named["name"])
+
+
+def _refusal(what: str, where: str) -> DataError:
+    return DataError(
+        f"{where} is stored with {what}, which is not read, because what a file names may run code; store numbers or "
+        "text with a codec such as blosc, zstd or gzip, or take the array out."
     )
 
 
-def _data(
-    store: Store,
-    headers: Mapping[str, ArrayHeader],
-    ends: Array,
-    options: ColumnOptions,
-    is_filled: Callable[[str], bool] = lambda _: False,
-) -> list[ZarrArray]:
-    """The arrays in ``data``; a `DataError` where one has another number of rows than there are steps."""
-    arrays = [
-        ZarrArray(store, name, header, ends, is_filled(name.rpartition("/")[2]))
-        for name, header in headers.items()
-        if name.startswith("data/")
-    ]
-    for array in arrays:
-        if array.shape[:1] != (ends[-1],):
-            raise DataError(
-                f"{array.where} has the shape {array.shape}, but {_ENDS} ends at {ends[-1]:,} steps; write it again."
-            )
-    return arrays
-
-
-@contextmanager
-def _new_store(path: Path, output: Path) -> Iterator[Store]:
-    """A folder to fill, which becomes `output`: as it is, or a ZIP file where `path` is one."""
-    if path.is_dir():
-        with new_folder(output) as folder:
-            yield Store(folder, folder)
-        return
-    with replacing(check_extension(output, [ZIP])) as temporary, beside(output) as folder:
-        folder.mkdir()
-        yield Store(folder, folder)
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:  # chunks are compressed already
-            for file in sorted(file for file in folder.rglob("*") if file.is_file()):
-                archive.write(file, file.relative_to(folder))
-
-
-def _create(store: Store, old: ZarrArray, new: Store, n_rows: int) -> ZarrArray:
-    """A new array of a new store that is stored as an `old` one is, in the groups that hold it."""
-    header = {**old.header, "shape": [n_rows, *old.shape[1:]]}
-    is_2 = header["zarr_format"] == 2
-    folder = new.path / old.name
-    folder.mkdir(parents=True)
-    (folder / HEADERS[not is_2]).write_text(json.dumps(header))
-    for place in (folder, *folder.parents[: old.name.count("/") + 1]):
-        name, file = place.relative_to(new.path).as_posix(), place / (".zgroup" if is_2 else HEADERS[1])
-        if place != folder and file.exists():
-            break  # with all groups above, of an array before
-        if place != folder:
-            about = {} if is_2 else {"node_type": "group", "attributes": store.attributes_3(name)}
-            file.write_text(json.dumps({"zarr_format": header["zarr_format"], **about}))
-        if (attributes := store.root / name / _ATTRIBUTES).is_file():
-            (place / _ATTRIBUTES).write_bytes(attributes.read_bytes())
-    return ZarrArray(new, old.name, header)
-
-
-def _copy(old: ZarrArray, new: ZarrArray, rows: Array) -> None:
-    """Write the `rows` of an array to a new one, some at a time, also chunks that hold the fill value only."""
-    if old.is_closed:
-        raise DataError(
-            f"{old.where} holds images of the package imagecodecs, several steps in a chunk, which cannot be "
-            "parted here; write it again with a chunk for each step, or take the array out."
-        )
-    row_bytes = max(old.dtype.itemsize * math.prod(old.shape[1:]), 1)
-    step = max(_COPIED_BYTES // (row_bytes * old.chunks[0]), 1) * old.chunks[0]
-    for first in range(0, len(rows), step):
-        new.stored[first : first + step] = old.take(rows[first : first + step])
-
-
-def _copy_chunks(store: Store, old: ZarrArray, new: Store, rows: Array) -> None:
-    """Copy the chunks of an array with one for each step, as they are: ``17.0.0`` holds step 17."""
-    for row, old_row in enumerate(rows.tolist()):
-        for place in itertools.product(*map(range, old.grid[1:])):
-            chunk = store.root / old.chunk_file((old_row, *place))
-            if chunk.is_file():  # a chunk that is left out stays so
-                target = new.path / old.chunk_file((row, *place))
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(chunk.read_bytes())
-
-
-FORMAT = Format(name="Zarr", claims=claims, read=read, keep=keep, has_own_ids=True, suffixes=(ZIP,))
+FORMAT = Format(name="Zarr", claims=claims, read=read, suffixes=(ZIP,))

@@ -64,6 +64,14 @@ def test_metadata_that_cannot_be_opened_are_refused(dataset):
             formats.read_recording(dataset, on_disk=on_disk)
 
 
+@pytest.mark.parametrize("output", ["k", "k.json"])
+@pytest.mark.parametrize("ids", [["99"], [0, 99]])
+def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
+    with pytest.raises(DataError, match=r"called '99'; the ids are '0', '1', '2', '3'; correct the"):
+        find(dataset).keep(dataset.with_name(output), ids)
+    assert not dataset.with_name(output).exists()
+
+
 def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
     with pytest.raises(DataError, match="it is given back by its own ids; leave id= out"):
         find(dataset).keep(dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"))
@@ -167,7 +175,19 @@ def test_lines_of_json_of_version_2(dataset):
         find(dataset).keep(dataset.with_name("kept"), [1])
 
 
-@pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet", "data"])
+@pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])
+def test_what_a_link_leads_to_is_not_published(dataset, place):
+    secret = dataset.with_name("home")
+    secret.mkdir()
+    (secret / "id_rsa").write_text("key")
+    (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
+    for use in (rpil.read, rpil.open, lambda path: find(path).keep(path.with_name("kept"), [1])):
+        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
+            use(dataset)
+    assert not dataset.with_name("kept").exists()
+
+
+@pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet"])
 def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
     dataset = folders.write(tmp_path / "drive", (2000,) * 4, cameras=(), per_file=2)
     output = dataset.with_name(f"kept{(dataset / path).suffix}")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, new_folder, replacing
+from rpil.data.files import StrPath, new_folder
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
@@ -20,7 +20,7 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, Shot
+from rpil.formats.format import Defect, Format, Shot, write_list
 from rpil.formats.lerobot import stats
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
@@ -49,8 +49,6 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
-    if output.suffix.lower() == ".json":
-        return info
     if version not in PATHS:
         raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
     with guarded(path / INFO):
@@ -68,19 +66,25 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-    """Write ``{"episodes": [...]}`` where `output` ends in .json, else a new folder in the layout of its version."""
+    """Write a new folder in the layout of its version."""
     info, old, wanted = check_output(path, output), CheckedFolder(path), {*map(str, ids)}
     check_ids(ids, old.data, str(path), "them")
-    if output.suffix.lower() == ".json":
-        with replacing(output) as temporary:
-            temporary.write_text(json.dumps({"episodes": sorted(map(int, ids))}, indent=1) + "\n")
-        where, found = path, [*in_times(old, wanted)]
-    else:
-        with new_folder(output) as new:
-            _write(Kept(old, new, info, wanted))
-            with guarded(path / "meta"):
-                written = CheckedFolder(new)
-                where, found = output, [*in_times(written), *in_videos(written, False)]
+    with new_folder(output) as new:
+        _write(Kept(old, new, info, wanted))
+        with guarded(path / "meta"):
+            written = CheckedFolder(new)
+            found = [*in_times(written), *in_videos(written, False)]
+    _tell_of(output, found)
+
+
+def keep_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write the list of the episodes, sorted."""
+    write_list(path, output, sorted(map(int, ids)))
+    _tell_of(path, [*in_times(CheckedFolder(path), {*map(str, ids)})])
+
+
+def _tell_of(where: Path, found: Sequence[Defect]) -> None:
+    """Warn of the first of the defects of each kind."""
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
@@ -186,6 +190,7 @@ FORMAT = Format(
     read=read,
     tables=tables_of,
     keep=keep,
+    keep_list=keep_list,
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
