@@ -78,7 +78,7 @@ def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None, d
     n = len(audit.step_weight)
     return Review(
         session=Session(replace(audit, fps=10.0), labels, None, None),
-        about=About("Review of d.parquet", "d.parquet", command="rpil audit d.parquet"),
+        about=About("Review of d.parquet", "d.parquet"),
         videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
         data=data or Demonstrations(np.zeros((n, 1)), np.zeros(n), audit.offsets, ids=audit.ids),
         finish=finish or (lambda given: {"kept": len(audit.ids), "rejected": {}, "reason": ""}),

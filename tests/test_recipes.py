@@ -26,7 +26,7 @@ from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.numerics.types import Array, Float
-from rpil.results.html.page import Article, render_page
+from rpil.results.html.page import render_page
 from rpil.results.judged import of_demonstration
 from rpil.results.record import Audit
 from rpil.results.soundness import check_sound
@@ -260,13 +260,7 @@ def test_audit_column_recipe():
 
 
 def test_report_section_recipe():
-    page = render_page(
-        [
-            Article(
-                make_view(make_audit(), About("Audit", "toy.csv")),
-                sections=[("Who recorded this", "Five people & a robot.")],
-            )
-        ]
-    )
+    view = make_view(make_audit(), About("Audit", "toy.csv"))
+    page = render_page(view, [("Who recorded this", "Five people & a robot.")])
     assert "Who recorded this" in page
     assert "Five people &amp; a robot." in page

@@ -15,7 +15,7 @@ from problems import make
 from rpil import RPIL, Audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
-from rpil.results.html.page import Article, render_page
+from rpil.results.html.page import render_page
 from rpil.results.judged import Judged, table_fields
 from rpil.results.provenance import Provenance
 from rpil.results.record import Demonstrator, Interval
@@ -210,7 +210,7 @@ def test_an_edited_field_is_refused_or_makes_an_audit_that_can_be_used(path, nam
         except DataError:
             refused(path, "its parts do not belong together; fit and save it again")
             continue
-        render_page([Article(make_view(audit, ABOUT))])
+        render_page(make_view(audit, ABOUT))
         assert len(audit.to_frame("pyarrow")) == len(audit.reasons) == 10
 
 

@@ -16,7 +16,7 @@ from rpil.data.files import StrPath
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Float, Shaped
-from rpil.results.html.page import Article, write_page
+from rpil.results.html.page import write_page
 from rpil.results.record import Audit
 from rpil.results.view import About, make_view
 from rpil.results.vocabulary import SIDES
@@ -75,18 +75,10 @@ class DemoResult:
         ]
 
     def write_report(self, path: StrPath) -> None:
-        """Write both audits and their comparison with the truth to `path` as one self-contained HTML file."""
+        """Write the audit of the people, and both comparisons with the truth, to `path` as one HTML file."""
         people, lander, flown = self.sentences()
-        of_people = make_view(self.people, About("Overcooked: real people", "cramped_room"))
-        of_lander = make_view(self.lander, About("LunarLander: half of the demonstrations corrupted", LANDER_ENV))
-        write_page(
-            path,
-            [Article(of_people, people), Article(of_lander, lander, [("Returns of the policies", flown)])],
-            title="rpil demo",
-            headline="Which demonstrations can be trusted?",
-            introduction="Two sets of demonstrations of unknown quality. R-PIL sees only observations and actions: no "
-            "rewards, no scores and no labels. Then its rankings and verdicts are compared with the truth.",
-        )
+        sections = ("Compared with the truth", people), ("A second set", lander), ("Returns of the policies", flown)
+        write_page(path, make_view(self.people, About("Overcooked: real people", "cramped_room")), sections)
 
 
 def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> DemoResult:

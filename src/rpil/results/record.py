@@ -176,10 +176,10 @@ class Audit(AuditResult):
         DataError
             If the path cannot be written.
         """
-        from rpil.results.html.page import Article, write_page
+        from rpil.results.html.page import write_page
         from rpil.results.view import About, make_view
 
-        write_page(path, [Article(make_view(self, About(title, IN_MEMORY)))])
+        write_page(path, make_view(self, About(title, IN_MEMORY)))
 
     def __repr__(self) -> str:
         return overview_text(self)

@@ -47,8 +47,6 @@ faults
     files and videos), not_checked (of each reason, rules), usual (sentences).
 fps, lerobot, hub
     Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
-command
-    The whole command without ``--labels``, or "".
 provenance
     Version, settings, columns and so on, by name, where they are known; see `rpil.results.provenance`.
 drawings
@@ -110,7 +108,6 @@ class About:
     demonstrators: Mapping[str, str] = field(default_factory=dict)
     lerobot: bool = False
     hub: str = ""
-    command: str = ""
     seconds: float | None = None
 
 
@@ -148,7 +145,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: i
         "fps": audit.fps,
         "lerobot": about.lerobot,
         "hub": about.hub,
-        "command": about.command,
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
         "drawings": drawings(audit, order[:drawn]),
     }

@@ -20,7 +20,7 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
 from rpil.results.answering import NEXT_STEPS
-from rpil.results.html.page import Article, format_percent, render_page, write_page
+from rpil.results.html.page import format_percent, render_page, write_page
 from rpil.results.overview import headline
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator, Interval
@@ -31,9 +31,8 @@ from rpil.results.vocabulary import VOCABULARIES
 ADDRESSES = (
     "https://github.com/leeoniya/uPlot",
     "https://huggingface.co/spaces/lerobot/visualize_dataset",
-    "http://www.w3.org/2000/svg",
 )
-"""The only ones in the script: of a comment, of a link, and a name."""
+"""The only ones in the script: of a comment, and of a link."""
 
 
 def view_of(audit: Audit, **about: object) -> View:
@@ -41,7 +40,7 @@ def view_of(audit: Audit, **about: object) -> View:
 
 
 def render(audit: Audit, sections=(), **about: object) -> str:
-    return render_page([Article(view_of(audit, **about), sections=sections)])
+    return render_page(view_of(audit, **about), sections)
 
 
 def data_of(text: str) -> list[str]:
@@ -55,7 +54,7 @@ def audit() -> Audit:
 
 @pytest.fixture(scope="module")
 def page(audit: Audit) -> Page:
-    return Page(render(audit, seconds=1.25, command="rpil audit demos.parquet"))
+    return Page(render(audit, seconds=1.25))
 
 
 def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
@@ -66,7 +65,6 @@ def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert "Compared with uniform" in page.text
     assert "Time 1.25 s" in page.text
     assert f"{VOCABULARIES['none'].explanation} {VOCABULARIES['none'].experience}" in page.text
-    assert "rpil audit demos.parquet --labels labels.csv" in page.text
     assert "need JavaScript" in page.text
 
 
@@ -93,9 +91,7 @@ def test_thresholds_of_verdicts_are_those_of_the_audit(anchor: str, settings: Au
     assert "at least 60 %" in text
     assert "at most 40 %" in text
     assert "90 %" not in text
-    both = Page(render_page([Article(view_of(one)), Article(view_of(other))])).text
-    assert "at least 60 %" in both
-    assert "at least 90 %" in both
+    assert "at least 90 %" in Page(render(other)).text
 
 
 def test_nobody_is_called_an_adversary_unless_one_was_named() -> None:
@@ -131,13 +127,12 @@ def test_the_drawing_library_is_there_with_its_licence(audit: Audit) -> None:
 
 
 def test_every_link_and_label_has_a_target(audit: Audit) -> None:
-    one = Page(render_page([Article(view_of(audit)), Article(view_of(make_audit(seed=1)))]))
+    one = Page(render(audit))
     ids = [attributes["id"] for _, attributes in one.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     used = [attributes["href"][1:] for _, attributes in one.tags if "href" in attributes]
     used += [attributes["aria-labelledby"] for _, attributes in one.tags if "aria-labelledby" in attributes]
     assert set(used) <= set(ids)
-    assert {"part-1", "part-2"} <= set(used)
 
 
 def test_two_groups_are_told_with_the_question() -> None:
@@ -194,7 +189,7 @@ def test_text_from_the_data_is_never_html() -> None:
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("similar", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
     audit = replace(audit, provenance=Provenance(evil, evil, 0, {evil: [evil]}, ()))
-    about = {"title": evil, "source": evil, "read": (evil,), "command": evil, "hub": evil}
+    about = {"title": evil, "source": evil, "read": (evil,), "hub": evil}
     text = render(audit, sections=[(evil, evil)], tasks={evil: evil}, **about)
     assert evil not in text
     assert "<!--" not in text
@@ -247,20 +242,20 @@ def test_sections_follow_the_table_and_only_markup_is_html(audit: Audit) -> None
 @pytest.mark.slow
 def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Path, audit: Audit) -> None:
     path = tmp_path / "report.html"
-    part = Article(view_of(audit, title="Été"))
-    write_page(path, [Article(view_of(audit, source="\udcff.csv"))])  # a file whose name is not Unicode
+    part = view_of(audit, title="Été")
+    write_page(path, view_of(audit, source="\udcff.csv"))  # a file whose name is not Unicode
     assert "\\udcff.csv" in path.read_text()
-    write_page(path, [part])
+    write_page(path, part)
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     with pytest.raises(TypeError):
-        write_page(path, [replace(part, sections=[None])])
+        write_page(path, part, [None])
     assert path.read_text(encoding="utf-8") == render(audit, title="Été")
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_write_page_names_a_missing_folder(tmp_path: Path, audit: Audit) -> None:
     with pytest.raises(DataError, match="nowhere"):
-        write_page(tmp_path / "nowhere" / "report.html", [Article(view_of(audit))])
+        write_page(tmp_path / "nowhere" / "report.html", view_of(audit))
 
 
 def test_pages_stay_small(audit: Audit) -> None:

@@ -1,25 +1,13 @@
 // What is kept, and why the others are not, before any file is written; then the files, and one command.
 const makeFinish = ({ ask, part }) => {
-  const KEY = "rpil-finish";
   const WORDS = { labels: "by you", faults: "with odd recordings" }, BY_MODEL = "by inference";
-  const read = () => {
-    try {
-      return JSON.parse(sessionStorage.getItem(KEY)) ?? {};
-    } catch {
-      return {};
-    }
-  };
-  const kept = read(), spared = new Set(kept.spared), rules = new Set(kept.rules);
+  const store = makeStore("rpil-finish", "sessionStorage");
+  const kept = store.read(), spared = new Set(kept.spared), rules = new Set(kept.rules);
   let dialog = null, body = null, isWriting = false, isLess = false;
-  const store = () => {
-    try {
-      sessionStorage.setItem(KEY, JSON.stringify({ spared: [...spared], rules: [...rules] }));
-    } catch { /* it lasts until the page is loaded again */ }
-  };
   const asked = () => ({ spared: [...spared], rules: [...rules] });
   const change = (set, value) => {
     if (!set.delete(value)) set.add(value);
-    store();
+    store.write(asked());
     return show();
   };
   const why = (m, word) => {

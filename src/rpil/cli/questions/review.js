@@ -23,19 +23,18 @@ const live = (() => {
   // The article as the server draws it now, in the place of this one; what was chosen stays.
   const refresh = async () => {
     const text = await ask("/"), made = new DOMParser().parseFromString(text, "text/html").querySelector("main > article");
-    const kept = parts[0].kept(), focus = document.activeElement?.dataset?.role;
+    const kept = report.kept(), focus = document.activeElement?.dataset?.role;
     const wasAsked = asked.includes(kept.chosen), stageOf = (box) => box.querySelector('[data-role="stage"]');
     seen.clear();
     const next = JSON.parse(made.querySelector('[data-role="ask"]').dataset.asked);
     if (String(asked) !== String(next)) release(panel()); // else its films play on
     if (next.length) stageOf(made).style.minHeight = `${stageOf(panel()).offsetHeight}px`; // until it is drawn: no button moves
     leave();
-    articles[0].replaceWith(made);
-    articles[0] = made;
+    document.querySelector("main > article").replaceWith(made);
     begin();
     const chosen = wasAsked && asked.length ? asked[0] : kept.chosen;
-    parts[0] = start(made, "", { ...kept, chosen, step: chosen === kept.chosen ? kept.step : 0 });
-    parts[0].show();
+    report = start(made, { ...kept, chosen, step: chosen === kept.chosen ? kept.step : 0 });
+    report.show();
     sweep.refresh();
     if (focus) made.querySelector(`[data-role="${focus}"]`)?.focus({ preventScroll: true });
   };
@@ -71,15 +70,15 @@ const live = (() => {
     place.addEventListener("click", ({ target }) => {
       const button = target.closest("button");
       if (button?.dataset.key) press(button.dataset.key, asked[0]);
-      if (button?.dataset.role === "changed") parts[0].showChanged();
-      if (button?.dataset.role === "keys") showKeys(parts[0].keys);
+      if (button?.dataset.role === "changed") report.showChanged();
+      if (button?.dataset.role === "keys") showKeys(report.keys);
       if (button?.dataset.role === "take-back") undo();
       if (button?.dataset.role === "finish") finish.open().catch((error) => say(error.message));
       if (button?.dataset.role === "sweep") glance();
     });
   };
 
-  const notes = makeNotes(), part = () => parts[0];
+  const notes = makeNotes(), part = () => report;
   const sweep = makeSweep({ ask, part, answer, undo, why: notes.put }), finish = makeFinish({ ask, part });
   const glance = () => sweep.open().catch((error) => say(error.message));
 

@@ -20,7 +20,7 @@ from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.json_files import Parsed
-from rpil.results.html.page import Article, html_environment, render_page
+from rpil.results.html.page import html_environment, render_page
 from rpil.results.view import About, View, drawings, make_view
 
 if TYPE_CHECKING:
@@ -235,7 +235,7 @@ def page_of(state: View, view: View) -> str:
     """The page of the report with the question of a `state` above its table."""
     question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
     scripts = [files("rpil.cli.questions").joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
-    return render_page([Article(view, top=Markup(question))], live="\n".join(scripts))
+    return render_page(view, top=Markup(question), live="\n".join(scripts))
 
 
 def load_server() -> None:

@@ -1,3 +1,4 @@
+const SVG = "http://www.w3.org/2000/svg";
 // All demonstrations at a glance: last frames, or one column as a small curve; some are chosen and answered at once.
 const makeSweep = ({ ask, part, answer, undo, why }) => {
   const PER_PAGE = 60, WHEN = { last: (n) => n - 1, middle: (n) => n >> 1, first: () => 0 };

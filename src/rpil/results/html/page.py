@@ -1,4 +1,4 @@
-"""The report: views of audits as one HTML file that needs no network and no server."""
+"""The report: the view of an audit as one HTML file that needs no network and no server."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -19,16 +18,6 @@ from rpil.results.view import View
 from rpil.results.vocabulary import numbered
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
-
-
-@dataclass(frozen=True, eq=False)
-class Article:
-    """One audit on a page; below its table, `sections` of a heading and a body, which is `Markup` or is escaped."""
-
-    view: View
-    summary: str = ""  # one sentence for the list of articles at the top of a page
-    sections: Sequence[tuple[str, str | Markup]] = ()
-    top: Markup = Markup("")  # before all of it
 
 
 @cache
@@ -79,36 +68,19 @@ def _plain(value: object) -> str:
 
 
 def render_page(
-    articles: Sequence[Article], *, title: str = "", headline: str = "", introduction: str = "", live: str = ""
+    view: View, sections: Sequence[tuple[str, str | Markup]] = (), top: Markup = Markup(""), live: str = ""
 ) -> str:
-    """Audits as one self-contained HTML page, whose title is by default that of the first article.
+    """The view of an audit as one self-contained HTML page.
 
-    `headline` and `introduction` are a sentence, and a paragraph below it, for the top of a page of several articles.
+    Below its table stand `sections` of a heading and a body, which is `Markup` or is escaped; below its heading `top`.
     `live` is the script of a page that asks its server; without one a page asks nobody.
     """
-    environment = html_environment("rpil.results", "html")
-    template = environment.get_template("article.html")
-    rendered = []
-    for k, article in enumerate(articles, start=1):
-        # No two ids on a page are the same.
-        level, prefix = (1, "") if len(articles) == 1 else (2, f"part-{k}-")
-        html = template.render(
-            view=article.view, top=article.top, sections=article.sections, prefix=prefix, level=level
-        )
-        rendered.append({"title": str(article.view["title"]), "summary": article.summary, "html": Markup(html)})
-    return environment.get_template("page.html").render(
-        title=title or str(articles[0].view["title"]),
-        headline=headline,
-        introduction=introduction,
-        live=Markup(live),
-        articles=rendered,
-        # Each vocabulary once.
-        vocabularies=list({json.dumps(one.view["vocabulary"]): one.view["vocabulary"] for one in articles}.values()),
-    )
+    template = html_environment("rpil.results", "html").get_template("page.html")
+    return template.render(view=view, sections=sections, top=top, live=Markup(live))
 
 
-def write_page(path: str | os.PathLike[str], articles: Sequence[Article], **texts: str) -> None:
+def write_page(path: str | os.PathLike[str], view: View, sections: Sequence[tuple[str, str | Markup]] = ()) -> None:
     """Write the page of `render_page` to `path`, which is replaced only once the new page is complete."""
-    page = render_page(articles, **texts)
+    page = render_page(view, sections)
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", errors="backslashreplace") as stream:
         stream.write(page)

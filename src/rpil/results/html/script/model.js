@@ -2,29 +2,19 @@
 const MARKS = ["good", "bad"];
 const collator = new Intl.Collator("en", { numeric: true });
 
-// Marks outlive a reload where the browser lets a page keep something.
-const makeStore = (key) => {
-  try {
-    localStorage.setItem(`${key}?`, "");
-    localStorage.removeItem(`${key}?`);
-  } catch {
-    return { lasts: false, read: () => ({}), write: () => {} };
-  }
-  const read = () => {
+// What outlives a reload where the browser lets a page keep something; else it stays in memory.
+const makeStore = (key, place = "localStorage") => {
+  const attempt = (act) => {
     try {
-      return JSON.parse(localStorage.getItem(key)) ?? {};
+      return act();
     } catch {
-      return {};
+      return null;
     }
   };
   return {
-    lasts: true,
-    read,
-    write: (marks) => {
-      try {
-        localStorage.setItem(key, JSON.stringify(marks));
-      } catch { /* the store is full: the marks stay in memory, and can be downloaded */ }
-    },
+    lasts: attempt(() => window[place].length) !== null,
+    read: () => attempt(() => JSON.parse(window[place].getItem(key))) ?? {},
+    write: (kept) => attempt(() => window[place].setItem(key, JSON.stringify(kept))),
   };
 };
 

@@ -1,4 +1,4 @@
-// Drawings: curves of steps, the order of recording, and how two groups are spread.
+// Drawings: curves of steps, and the order of recording.
 const MAX_NAMED = 12;
 const POWERS = [-1e5, -1e4, -1e3, -100, -10, -3, 0, 3, 10, 100, 1e3, 1e4, 1e5];
 const palette = () => {
@@ -132,17 +132,4 @@ const orderChart = (model, box, chosen, choose) => {
   }, [row.map((_, k) => k + 1), row.map((m) => d.log_odds[m])], box);
   made.over.addEventListener("click", () => { if (made.cursor.idx !== null) choose(row[made.cursor.idx]); });
   return made;
-};
-
-// Two groups as bars of shares, A above the line and B below it.
-const groupChart = (title, values, isFirst) => {
-  const bins = 24, low = Math.min(...values), wide = (Math.max(...values) - low) / bins || 1, shares = [new Array(bins).fill(0), new Array(bins).fill(0)];
-  const sizes = [isFirst.filter(Boolean).length || 1, isFirst.filter((one) => !one).length || 1];
-  values.forEach((value, k) => { const own = isFirst[k] ? 0 : 1; shares[own][Math.min(bins - 1, Math.floor((value - low) / wide))] += 1 / sizes[own]; });
-  const most = Math.max(...shares.flat());
-  const bars = shares.flatMap((own, side) => own.map((share, k) => el("rect", { svg: true, x: 24 + k * 10, width: 9, height: (46 * share) / most,
-    y: side ? 51 : 49 - (46 * share) / most, fill: side ? "var(--muted)" : "var(--ink)" })));
-  const label = (text, x, y, anchor = "start") => el("text", { svg: true, x, y, "text-anchor": anchor, "font-size": 11, fill: "var(--muted)" }, text);
-  return el("figure", {}, el("figcaption", {}, title), el("svg", { svg: true, viewBox: "0 0 270 116", role: "img", "aria-label": `${title} of group A above and of group B below` },
-    bars, label("A", 4, 40), label("B", 4, 70), label(short(low), 24, 112), label(short(low + bins * wide), 264, 112, "end")));
 };

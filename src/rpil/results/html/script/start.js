@@ -1,5 +1,5 @@
-// Each audit of the page comes to life; where there are several, one is shown at a time.
-const start = (article, prefix, before = null) => {
+// The audit of the page comes to life.
+const start = (article, before = null) => {
   const view = JSON.parse(article.querySelector('script[type="application/json"]').textContent);
   if (before) { // the order of looking stays while one works
     view.demonstrations.look = before.look;
@@ -26,7 +26,7 @@ const start = (article, prefix, before = null) => {
     timer = setTimeout(() => link(m, at), 300);
   };
   const link = (m, at) => {
-    if (articles.length > 1 || !article.isConnected) return;
+    if (!article.isConnected) return;
     const place = view.fps ? { t: (at / view.fps).toFixed(1) } : { step: at };
     history.replaceState(null, "", `#${new URLSearchParams({ episode: view.demonstrations.id[m], ...(at ? place : {}) })}`);
   };
@@ -77,7 +77,7 @@ const start = (article, prefix, before = null) => {
   };
   const turn = (by) => { if (table.shown().length) choose(table.step(by)); };
 
-  const table = makeTable(model, part("box"), prefix, choose);
+  const table = makeTable(model, part("box"), choose);
   const detail = makeDetail(model, part("detail"), { mark, turn, moved, step: () => step });
   const filters = makeFilters(model, part("filters"), changed);
   const review = part("review"), search = part("search");
@@ -101,7 +101,6 @@ const start = (article, prefix, before = null) => {
   part("keep").addEventListener("click", () => download("keep.json", "application/json", model.keep()));
   part("undo").addEventListener("click", undo);
   part("help").addEventListener("click", () => showKeys(keys));
-  part("copy")?.addEventListener("click", (event) => copyText(`${view.command} --labels labels.csv`, event.target));
   for (const button of article.querySelectorAll("[data-rule]")) {
     button.disabled = false;
     button.addEventListener("click", () => {
@@ -120,17 +119,6 @@ const start = (article, prefix, before = null) => {
     });
   }
 
-  const groups = part("groups");
-  if (groups && view.demonstrations.group.some(Boolean)) {
-    const d = view.demonstrations, inside = d.id.map((_, m) => m).filter((m) => d.group[m]), isFirst = inside.map((m) => d.group[m] === "A");
-    const apart = ([, values]) => {
-      const mean = (first) => inside.reduce((sum, m, k) => sum + (isFirst[k] === first ? values[m] : 0), 0) / (isFirst.filter((one) => one === first).length || 1);
-      return Math.abs(mean(true) - mean(false));
-    };
-    const fact = Object.entries(d.facts).filter(([name]) => name !== "length" && name in RANK_WORDS).sort((a, b) => apart(b) - apart(a))[0];
-    groups.append(groupChart("Steps", inside.map((m) => d.n_steps[m]), isFirst));
-    if (fact) groups.append(groupChart(`Rank by ${RANK_WORDS[fact[0]]}`, inside.map((m) => fact[1][m]), isFirst));
-  }
   const drawAxis = () => {
     axis?.destroy();
     const by = colouring(model);
@@ -168,7 +156,7 @@ const start = (article, prefix, before = null) => {
     ["?", "these keys", () => showKeys(keys)],
   ];
   const showChanged = () => filters.only("changed", "changed");
-  return { show, choose, follow, showChanged, keys, model, shown: () => table.shown(), kept: () => ({ chosen, step, state, look: view.demonstrations.look, n_review: view.n_review }), print: table.print };
+  return { show, choose, follow, showChanged, keys, model, shown: () => table.shown(), kept: () => ({ chosen, step, state, look: view.demonstrations.look, n_review: view.n_review }) };
 };
 
 // The list of keys, over the page.
@@ -180,40 +168,20 @@ const showKeys = (keys) => {
   box.showModal();
 };
 
-const articles = [...document.querySelectorAll("main > article")];
-const parts = articles.map((article, k) => start(article, articles.length > 1 ? `part-${k + 1}-` : ""));
-const links = [...document.querySelectorAll(".articles a")];
-let current = 0;
-const turnTo = (k) => {
-  current = k;
-  articles.forEach((article, other) => article.classList.toggle("away", other !== k));
-  links.forEach((link, other) => (other === k ? link.setAttribute("aria-current", "true") : link.removeAttribute("aria-current")));
-  parts[k].show();
-};
-const partOf = (address) => Math.max(0, articles.findIndex((article) => `#${article.id}` === address));
+let report = start(document.querySelector("main > article"));
 // The address of the event: that of the page may have been replaced by what is shown since.
-addEventListener("hashchange", ({ newURL }) => {
-  const hash = newURL.match(/#.*/)?.[0] ?? "";
-  if (!parts[current].follow(hash)) turnTo(partOf(hash));
-});
+addEventListener("hashchange", ({ newURL }) => report.follow(newURL.match(/#.*/)?.[0] ?? ""));
 addEventListener("keydown", (event) => {
   const { target } = event, typing = target.matches?.("input:not([type=range]), select, textarea");
   const own = event.key === " " && target.matches?.("button:focus-visible, summary:focus-visible, a:focus-visible"); // pressed by the keyboard
-  const found = parts[current].keys.find(([key]) => key === event.key);
+  const found = report.keys.find(([key]) => key === event.key);
   if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape") || own || !found || document.querySelector("dialog[open]")) return;
   event.preventDefault();
   if (event.key === " ") target.blur?.();
   found[2]();
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  parts[current].show();
+  report.show();
   live?.redraw();
 });
-const print = (on) => {
-  document.documentElement.classList.toggle("printing", on);
-  for (const one of parts) one.print(on);
-  parts[current].show();
-};
-addEventListener("beforeprint", () => print(true));
-addEventListener("afterprint", () => print(false));
-turnTo(partOf(location.hash));
+report.show();

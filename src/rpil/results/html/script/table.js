@@ -1,5 +1,5 @@
 // The table: only the rows that can be seen are in the page, all of one height, so that thousands are as fast as ten.
-const ROW = 34, SPARE = 12, MAX_PRINTED = 500;
+const ROW = 34, SPARE = 12;
 
 const columnsOf = (model) => {
   const { d, names, view } = model;
@@ -34,10 +34,10 @@ const columnsOf = (model) => {
   return all.filter(({ varies = true }) => varies);
 };
 
-const makeTable = (model, box, prefix, choose) => {
+const makeTable = (model, box, choose) => {
   const columns = columnsOf(model), { state } = model;
-  let shown = [], chosen = null, drawn = "", printing = false;
-  const rowId = (m) => `${prefix}row-${m}`;
+  let shown = [], chosen = null, drawn = "";
+  const rowId = (m) => `row-${m}`;
   const heads = columns.map((column) => el("th", { scope: "col", class: column.right ? "right" : null },
     column.fixed ? el("div", { class: "plain" }, column.title)
       : el("button", { type: "button", onclick: () => sort(column.key) }, column.title)));
@@ -55,14 +55,14 @@ const makeTable = (model, box, prefix, choose) => {
     title: column.head || column.key === "task" ? model.names[m] && String(column.cell(m)) : null }, column.cell(m))));
   const spacer = (rows) => (rows ? [el("tr", { style: `height:${rows * ROW}px` }, el("td", { colspan: columns.length }))] : []);
   const draw = (force = false) => {
-    const seen = printing ? MAX_PRINTED : Math.ceil((box.clientHeight || 600) / ROW);
-    const first = printing ? 0 : Math.max(0, Math.floor(box.scrollTop / ROW) - SPARE);
+    const seen = Math.ceil((box.clientHeight || 600) / ROW);
+    const first = Math.max(0, Math.floor(box.scrollTop / ROW) - SPARE);
     const end = Math.min(shown.length, first + seen + 2 * SPARE), now = `${first} ${end}`;
     if (now === drawn && !force) return;
     drawn = now;
     above.replaceChildren(...spacer(first));
     body.replaceChildren(...shown.slice(first, end).map((m, k) => row(m, first + k)));
-    below.replaceChildren(...spacer(printing ? 0 : shown.length - end));
+    below.replaceChildren(...spacer(shown.length - end));
   };
   const update = () => {
     shown = model.rows();
@@ -107,9 +107,5 @@ const makeTable = (model, box, prefix, choose) => {
     event.preventDefault();
     choose(step(by));
   });
-  const print = (on) => {
-    printing = on;
-    draw(true);
-  };
-  return { update, draw, select, step, print, sort, shown: () => shown, focus: () => table.focus({ preventScroll: true }) };
+  return { update, draw, select, step, shown: () => shown, focus: () => table.focus({ preventScroll: true }) };
 };

@@ -20,12 +20,10 @@ const escaped = (one) => {
 const printable = (text) => text.replace(/\p{C}/gu, escaped);
 
 // An element with attributes and children; whatever is text becomes a text node, never HTML.
-const SVG = "http://www.w3.org/2000/svg";
 const el = (tag, attributes = {}, ...children) => {
-  const made = ["svg", "rect", "line", "text", "title"].includes(tag) && attributes.svg
-    ? document.createElementNS(SVG, tag) : document.createElement(tag);
+  const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
-    if (name === "svg" || value === null || value === undefined || value === false) continue;
+    if (value === null || value === undefined || value === false) continue;
     if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
     else made.setAttribute(name, value === true ? "" : value);
   }
