@@ -223,7 +223,7 @@ def test_an_audit_names_the_faults_beside_the_trust():
     outputs = ["--report", "report.html", "--verdicts", "verdicts.json"]
     printed = ok("audit", "data.parquet", *outputs).stdout
     assert "\n1 recording is odd: 4: " in printed
-    assert "\n  All: rpil check data.parquet\n" in printed
+    assert "\n  All: rpil check.\n" in printed
     with open("verdicts.json") as file:
         assert {row["id"]: row["faults"] for row in json.load(file)}[4] == "spike"
     with open("report.html") as file:

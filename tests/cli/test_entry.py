@@ -28,20 +28,6 @@ sys.meta_path.insert(0, AtImport())
 """
 
 
-CALLED_BY_C = """
-import ctypes, signal, time, rpil.cli.main
-
-called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
-
-def command(prog_name):
-    called()
-    for _ in range(600):
-        time.sleep(0.1)
-
-rpil.cli.main.main = command
-"""
-
-
 def interrupt(name, what="raise KeyboardInterrupt"):
     return AT_IMPORT.format(name=name, what=what)
 
@@ -51,8 +37,7 @@ READY = interrupt("rpil.cli.main", "print('ready', flush=True)") + RUN
 
 
 def long_audit():
-    """Data whose audit computes for seconds: an interruption waits while modules are imported, and those of a small
-    audit may all be imported when it is sent again and again."""
+    """Data whose audit computes for seconds."""
     rng = np.random.default_rng(0)
     observations = rng.normal(size=(100_000, 8))
     actions = (observations[:, :3] + rng.normal(size=(100_000, 3))).argmax(axis=1)
@@ -64,8 +49,7 @@ def check(code: int, stdout: str, stderr: str) -> None:
     assert stdout == ""
     lines = [line for line in stderr.splitlines() if line]
     assert len(lines) == 1, stderr
-    assert lines[0].startswith("rpil: interrupted; ")
-    assert lines[0].endswith(".")
+    assert lines[0] == "rpil: interrupted."
 
 
 @pytest.mark.parametrize("run", [RUN, AS_MODULE], ids=["rpil", "python -m rpil"])
@@ -83,20 +67,6 @@ def test_an_interruption_of_a_later_import_is_one_sentence(name):
     npz("data.npz")
     command = [sys.executable, "-c", interrupt(name) + RUN, "audit", "data.npz", "--report", "r.html", "-q"]
     done = subprocess.run(command, capture_output=True, text=True)
-    check(done.returncode, done.stdout, done.stderr)
-
-
-def test_an_import_that_hides_errors_does_not_hide_an_interruption(interruptible):
-    npz("data.npz")
-    hides = "import contextlib, signal\n            with contextlib.suppress(BaseException):\n"
-    hides += "                signal.raise_signal(signal.SIGINT)"
-    command = [sys.executable, "-c", interrupt("pyarrow", hides) + RUN, "audit", "data.npz", "-q"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    check(done.returncode, done.stdout, done.stderr)
-
-
-def test_a_function_that_c_calls_does_not_hide_an_interruption(interruptible):
-    done = subprocess.run([sys.executable, "-c", CALLED_BY_C + RUN], capture_output=True, text=True)
     check(done.returncode, done.stdout, done.stderr)
 
 
@@ -118,10 +88,9 @@ def interrupted(seconds):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
-def test_a_signal_at_any_moment_is_one_sentence(seconds, interruptible):
+def test_a_signal_is_one_sentence(interruptible):
     long_audit()
-    check(*interrupted(seconds))
+    check(*interrupted(2.0))
 
 
 @pytest.mark.slow

@@ -122,7 +122,7 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
     monkeypatch.setattr("rpil.cli.label.sys", type("Sys", (), {"stdin": lines, "stdout": sys.stdout}))
     result = invoked.invoke(main, ["label", data, "--observations", "x,v"], obj=FAST)
     assert result.exit_code == 130
-    assert result.stderr.endswith("rpil: interrupted; the answers so far are in labels.csv.\n")
+    assert result.stderr.endswith("rpil: interrupted.\n")
     assert len(rows()) == 3
 
 

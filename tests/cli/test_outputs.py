@@ -66,11 +66,9 @@ def test_secrets_of_an_address_are_in_no_report():
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_tables(from_demonstrations(data, "CSV"))
     given = AuditRun(audit, recording.description.source, recording, {})
-    with click.Context(click.Command("audit", params=[click.Argument(["file"])])) as ctx:
-        ctx.params["file"] = given.source
-        shown = outputs.about(given)
+    shown = outputs.about(given)
     assert "HIDDEN" not in repr(shown)
-    assert shown.command == "rpil audit 's3://***@bucket/x.csv?token=***'"
+    assert shown.source == "s3://***@bucket/x.csv?token=***"
 
 
 def test_secrets_of_an_address_are_in_no_error(monkeypatch):
@@ -162,23 +160,7 @@ def test_outputs_do_not_join_the_data(folder, data):
     assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
 
 
-def test_interruption_says_what_is_kept(folder, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    arguments = ["audit", folder / "good.parquet", "--weights", "w.csv", "--keep", "k.json"]
-    monkeypatch.setattr("rpil.results.verdict_table.write_kept", interrupt)
-    result = call(*arguments)
-    assert (result.exit_code, result.stdout) == (130, "")
-    assert result.stderr == "rpil: interrupted; w.csv is written.\n"
-    monkeypatch.setattr("rpil.estimators.pipeline.FitOptions.check", interrupt)
-    result = call(*arguments)
-    assert (result.exit_code, result.stdout) == (130, "")
-    assert result.stderr == "rpil: interrupted; nothing was written.\n"
-
-
-def test_every_output_has_a_writer(tmp_path, monkeypatch):
-    monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
+def test_every_output_has_a_writer(tmp_path):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert (*paths, "annotate") == outputs.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []
@@ -197,7 +179,7 @@ def test_every_output_has_a_writer(tmp_path, monkeypatch):
 def test_the_command_to_run_then_reads_the_same_data(folder):
     given = ["--exclude", "is_good", "--exclude", "episode_return", "--memory", "2GB", "--no-stream", "--all"]
     result = ok("audit", folder / "good.parquet", *given)
-    words = shlex.split(result.stdout.partition("Then run: rpil ")[2].replace("\\\n", ""))
+    words = shlex.split(result.stdout.partition("Then run: rpil ")[2])
     Path("labels.csv").write_text("id,label\n0,expert\n")
     assert words.count("--exclude") == 2
     assert {"--no-stream", "--all"} < set(words)

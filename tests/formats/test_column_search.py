@@ -10,9 +10,8 @@ import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import call, ok
+from command_line import ok
 from rpil.data.errors import DataError
-from rpil.formats.column_search import find_columns
 
 
 def drives(n=12, steps=25, **changes):
@@ -52,27 +51,6 @@ def test_a_column_of_two_roles_is_refused(action, observations, said, tmp_path):
     pa.csv.write_csv(drives(), tmp_path / "drive.csv")
     with pytest.raises(DataError, match=re.escape(said)):
         rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations)
-
-
-@pytest.mark.parametrize(
-    ("words", "meant"),
-    [
-        (["--action", "steer", "lane"], "write --action steer,lane"),
-        (["--json", "a b.json"], "write --json > 'a b.json'"),
-        (["--id", "trip", "lane"], None),
-    ],
-)
-def test_columns_without_commas_are_joined_in_the_answer(words, meant, tmp_path):
-    (tmp_path / "x.csv").write_text("a\n1\n")
-    said = call("audit", tmp_path / "x.csv", *words).stderr
-    assert "unexpected extra argument" in said
-    assert (re.search("write --", said) is None) if meant is None else meant in said
-
-
-def test_tables_with_very_many_columns_are_refused():
-    names = ["episode", "action", *(f"o{k}" for k in range(49_999))]
-    with pytest.raises(DataError, match=r"t\.parquet: it has 50,001 columns; write 50,000 at most"):
-        find_columns(names, {}, "t.parquet")
 
 
 def test_an_action_of_texts_in_lists_is_refused_with_the_remedy():

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import call, ok, refused
+from command_line import ok, refused
 from rpil.data.errors import DataWarning
 
 RNG = np.random.default_rng(0)
@@ -102,6 +102,26 @@ def test_numbers_in_one_text_are_a_list(text, column, tmp_path):
     given[column] = [f'"{text}"'] * N
     said = f"column '{column}' holds lists that are written as text; write one column for each number"
     refused(said, "audit", table(tmp_path / "a.csv", given))
+
+
+@pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
+def test_other_texts_are_classes(texts, tmp_path):
+    given = {
+        "episode": np.arange(N) // 20,
+        "x": numbers(),
+        "action": [f'"{texts[k]}"' for k in RNG.integers(2, size=N)],
+    }
+    assert "Action: action; discrete: 2 different texts" in ok("info", table(tmp_path / "a.csv", given)).stdout
+
+
+GERMAN = {"trip": "versuch", "time": "zeit", "speed": "geschwindigkeit", "steer": "lenkung", "pedal": "winkel"}
+
+
+def test_headers_in_another_language_are_a_question(tmp_path):
+    path = table(tmp_path / "a.csv", {GERMAN[name]: values for name, values in drive().items()})
+    columns = ", ".join(map(repr, GERMAN.values()))
+    refused(f"no column holds the action: .* name the columns with --action .found {columns}", "info", path)
+    assert "12 demonstrations" in ok("info", path, "--action", "lenkung,winkel").stdout
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "frame"])

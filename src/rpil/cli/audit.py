@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -114,22 +114,13 @@ def audit(
     else:
         within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
-        odd = odd_lines(faults, check_words(ctx))
-        print_audit(result, [*head, *within, ""], odd, closing_lines(ctx, result), all_rows)
+        print_audit(result, [*head, *within, ""], odd_lines(faults), closing_lines(ctx, result), all_rows)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
             if form == "text" and not given.quiet:
                 terminal.print_lines(lines_after_output(title, path, run))
     return tell_if_too_many(result, fail_on)
-
-
-def check_words(ctx: click.Context) -> list[str]:
-    """The command that lists all recording faults of the same data."""
-    from rpil.formats.columns import ColumnOptions
-
-    read = {one.name for one in fields(ColumnOptions)} - {"session", "outcome"}
-    return command_words(ctx, "check", without={str(param.name) for param in ctx.command.params} - read)
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from click.core import ParameterSource
 
-from rpil.cli import INTERRUPTED, tell_of_interruption
+from rpil.cli import INTERRUPTED
 from rpil.cli.options import RunOptions, Value, command_words
 from rpil.cli.progress import LOADING, StageProgress
 from rpil.cli.terminal import print_warnings, to_one_line
@@ -32,24 +31,15 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
 
 
-SEVERAL_COLUMNS = "--action", "--observations", "--exclude", "--only", "--without"
-"""Options that take several names with commas between them."""
-
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
-KEPT = "rpil.kept"
-"""Key of what an interruption leaves, in the `meta` of a click context."""
 
 
 class Commands(click.Group):
     """Commands that end an error of the user with a sentence on stderr and code 2, an interruption with code 130."""
 
     def invoke(self, ctx: click.Context) -> object:
-        try:
-            with print_warnings():
-                return super().invoke(ctx)
-        except KeyboardInterrupt:
-            tell_of_interruption("; ".join(ctx.meta.get(KEPT, ())))
-            raise click.Abort from None
+        with print_warnings():
+            return super().invoke(ctx)
 
     def main(
         self,
@@ -66,14 +56,11 @@ class Commands(click.Group):
                 stream.reconfigure(errors="backslashreplace")
         try:
             code = super().main(args, prog_name, complete_var, False, **extra)
-        except click.Abort as error:
-            if isinstance(error.__cause__, KeyboardInterrupt):  # while options were read
-                tell_of_interruption()
-            sys.exit(INTERRUPTED)
+        except click.Abort:
+            _exit_with_error("interrupted.", INTERRUPTED)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
-            message = _with_commas(error.format_message(), list(args or sys.argv[1:]))
-            message = message.rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
             _exit_with_error(f"{message}; see {command} --help.")
         except DataError as error:
             _exit_with_error(error.in_shell)
@@ -86,27 +73,7 @@ class Commands(click.Group):
         sys.exit(code)
 
 
-def _with_commas(message: str, words: Sequence[str]) -> str:
-    """The message of click, with what was meant where several columns stand after an option, as ``--action x y``, or
-    a file after ``--json``; or where --video is given to what looks at videos where a rule asks for it."""
-    if message.startswith("No such option '--video'"):
-        return "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
-    extra = re.search(r"unexpected extra arguments? \((.*)\)", message)
-    for k, word in enumerate(words):
-        if extra and word == "--json" and words[k + 1 : k + 2] == [extra[1]]:
-            return f"{message}; --json prints JSON, so write --json > {shlex.quote(extra[1])}"
-        values = words[k + 1 : k + 2 + len(extra[1].split())] if extra else []
-        if extra and word in SEVERAL_COLUMNS and " ".join(values[1:]) == extra[1]:
-            return f"{message}; write {word} {shlex.quote(','.join(values))}"
-    return message
-
-
-def tell_if_interrupted(kept: str) -> None:
-    """Name what an interruption of the command leaves."""
-    click.get_current_context().meta.setdefault(KEPT, {})[kept] = None
-
-
-def _exit_with_error(sentence: str) -> NoReturn:
+def _exit_with_error(sentence: str, code: int = 2) -> NoReturn:
     with suppress(OSError):  # of stderr
         click.echo(f"rpil: {to_one_line(sentence)}", err=True)
     for stream in (sys.stdout, sys.stderr):
@@ -114,7 +81,7 @@ def _exit_with_error(sentence: str) -> NoReturn:
             stream.flush()
         except OSError:  # Python would flush it again at its end, and fail
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    sys.exit(2)
+    sys.exit(code)
 
 
 def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_if_interrupted, tell_of_set_aside
+from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_of_set_aside
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.progress import show_stages
@@ -102,8 +102,6 @@ def ask(session: Session) -> None:
         if key == "z" and not session.given:
             click.echo("There is nothing to undo.")
             continue
-        if key not in "us":
-            tell_if_interrupted(f"the answers so far are in {session.path}")
         try:
             lines = session.undo() if key == "z" else session.answer(question, key, note)
         except DataError as error:  # such as two labels that contradict each other: the question comes again

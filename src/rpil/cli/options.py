@@ -124,8 +124,8 @@ session_option = click.option(
 _SAY_SECONDS: Value = {"type": click.FloatRange(0, min_open=True), "metavar": "SECONDS"}
 COLUMN_OPTIONS = (
     click.option("--id", metavar="COLUMN", help="The column that names the demonstration of a step."),
-    click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several."),
-    click.option("--observations", metavar="COLUMNS", multiple=True, help="Observations, as names or 'joint_*'."),
+    click.option("--action", metavar="COLUMNS", multiple=True, help="The column of the action, or several, as a,b."),
+    click.option("--observations", metavar="COLUMNS", multiple=True, help="Observations, as a,b or 'joint_*'."),
     click.option("--exclude", metavar="COLUMNS", multiple=True, help="Columns to leave out."),
     click.option("--order", metavar="COLUMN", help="The column that orders the steps of a demonstration."),
     click.option(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -11,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli.commands import AuditRun, tell_if_interrupted
-from rpil.cli.label import WITHOUT
-from rpil.cli.options import CHOICE_NAMES, RunOptions, command_words
+from rpil.cli.commands import AuditRun
+from rpil.cli.options import RunOptions
 from rpil.cli.progress import StageProgress
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
@@ -33,7 +31,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         return
     from rpil.formats.columns_file import write_weights
     from rpil.formats.registry import find
-    from rpil.results.html.page import Article, write_page
+    from rpil.results.html.page import write_page
     from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
     from rpil.results.view import make_view
 
@@ -63,7 +61,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
             path, audit, verdict_columns(audit, run.demonstrators, findings, run.recording.tasks)
         ),
         "keep": write_keep,
-        "report": lambda path: write_page(path, [Article(make_view(audit, about(run, seconds)))]),
+        "report": lambda path: write_page(path, make_view(audit, about(run, seconds))),
         "annotate": write_annotated,
     }
     for title in OUTPUTS:
@@ -71,15 +69,13 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
         if path is not None:
             progress(f"writing {path}")
             writers[title](path)
-            tell_if_interrupted(f"{path} is written")
 
 
 def about(run: AuditRun, seconds: float | None = None) -> About:
     """What the report shows beside the audit, which the command made in so many `seconds`."""
-    from rpil.data.privacy import for_others, without_secrets
+    from rpil.data.privacy import for_others
     from rpil.results.view import About
 
-    words = command_words(click.get_current_context(), "audit", (*WITHOUT, *OUTPUTS, *CHOICE_NAMES))
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
     return About(
@@ -92,7 +88,6 @@ def about(run: AuditRun, seconds: float | None = None) -> About:
         demonstrators=run.demonstrators,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
-        command=for_others(shlex.join(map(without_secrets, words))),
         seconds=seconds,
     )
 

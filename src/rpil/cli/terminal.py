@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import shutil
 import sys
 import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from unicodedata import east_asian_width
 
 import click
 
@@ -21,6 +19,12 @@ from rpil.data.privacy import without_secrets
 from rpil.data.text import printable
 
 NUMBER = re.compile(r"([-+]?[\d,.]+(e[-+]\d+)?)?")
+
+THEN_RUN = "Then run: "
+"""Begins the line of the command to run next, which a terminal shows as one line, to be pasted."""
+
+MIN_COLUMNS = 3
+"""Columns of a table that a narrow terminal has too, beside the last one."""
 
 PIPE_WIDTH = 80
 """Columns of a line where there is no terminal."""
@@ -56,7 +60,7 @@ def to_json(value: object) -> str:
 def print_lines(lines: Iterable[str]) -> None:
     """Print lines, without control characters; a terminal has long ones in several, but for code to paste."""
     for line in lines:
-        whole = not sys.stdout.isatty() or line.startswith("    ")
+        whole = not sys.stdout.isatty() or line.startswith(("    ", THEN_RUN))
         click.echo(printable(line) if whole else "\n".join(fit(line, line_width())))
 
 
@@ -72,41 +76,34 @@ def fit(text: str, width: int, most: int | None = None) -> list[str]:
     return wrapper.wrap(printable(text)) or [""]
 
 
-def command_lines(before: str, words: Sequence[str], width: int) -> list[str]:
-    """A command after the text `before`, as a shell takes it; one that is too long for a line goes on in the next."""
-    lines, line = list[str](), before
-    for k, word in enumerate(map(shlex.quote, words)):
-        if k and len(line) + len(word) > width - 2:
-            lines.append(f"{line}\\")
-            line = "    "
-        line += f"{word} "
-    return [*lines, line.rstrip()]
-
-
 def table_lines(columns: Mapping[str, Sequence[str]], width: int | None) -> Iterator[str]:
-    """The columns side by side, numbers to the right; cells may be coloured. The last column is cut at the `width`."""
-    rows = [[*columns], *zip(*columns.values(), strict=True)]
-    sizes = [max(map(size_of, cells)) for cells in zip(*rows, strict=True)]
-    is_number = [title != "id" and all(map(NUMBER.fullmatch, cells)) for title, cells in columns.items()]
-    room = None if width is None else max(width - sum(sizes[:-1]) - 2 * (len(sizes) - 1), len("..."))
-    for row in rows:
-        gaps = (" " * (size - size_of(cell)) for cell, size in zip(row, sizes, strict=True))
-        *texts, last = map(
-            "".join,
-            ((gap, cell) if right else (cell, gap) for cell, gap, right in zip(row, gaps, is_number, strict=True)),
-        )
-        yield "  ".join([*texts, cut(last.rstrip(), room)]).rstrip()
+    """The columns side by side, numbers to the right; cells may be coloured. In a `width` the last columns but one are
+    left out where there is no room for them, and the last one is cut."""
+    from rich.cells import cell_len
+
+    def size_of(text: str) -> int:
+        return cell_len(click.unstyle(text))
+
+    *_, last = columns
+    sizes = {title: max(map(size_of, [title, *cells])) for title, cells in columns.items()}
+    others = [title for title in columns if title != last]
+    if width is not None:
+        while len(others) > MIN_COLUMNS and sum(2 + sizes[title] for title in others) + len(last) > width:
+            others.pop()
+    room = None if width is None else max(width - sum(2 + sizes[title] for title in others), len("..."))
+    is_number = {title: title != "id" and all(map(NUMBER.fullmatch, columns[title])) for title in columns}
+    for row in zip(*([title, *columns[title]] for title in (*others, last)), strict=True):
+        cells = []
+        for title, cell in zip((*others, last), row, strict=True):
+            cell = cut(cell, room) if title == last else cell
+            gap = " " * (sizes[title] - size_of(cell))
+            cells.append(gap + cell if is_number[title] else cell + gap)
+        yield "  ".join(cells).rstrip()
 
 
 def cut(text: str, size: int | None) -> str:
     """The text, without its end where it takes more than so many columns of a terminal."""
-    if size is None or size_of(text) <= size:
-        return text
-    while size_of(text) > size - len("..."):
-        text = text[:-1]
-    return f"{text.rstrip()}..."
+    from rich.cells import cell_len, set_cell_size
 
-
-def size_of(text: str) -> int:
-    """The columns that a text takes in a terminal, without its colours."""
-    return sum(1 + (east_asian_width(letter) in "WF") for letter in click.unstyle(text))
+    is_short = size is None or cell_len(text) <= size
+    return text if is_short else f"{set_cell_size(text, size - len('...')).rstrip()}..."
