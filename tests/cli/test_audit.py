@@ -68,21 +68,19 @@ def test_audit_prints_finding_table_and_next_step(folder):
 
 def test_parts_of_the_score_add_up(folder):
     Path("labels.csv").write_text("id,label\n3,good\n9,bad\n")
-    titles, rows = printed_ranking(ok("audit", folder / "good.parquet", "--labels", "labels.csv", "--all"))
-    assert titles[:7] == ["id", "place", "verdict", "score", "from actions", "from label", "P(good)"]
-    assert len(rows) == 12
-    for row in rows:
-        total, actions, label = map(float, row[3:6])
-        assert total == pytest.approx(actions + label, abs=0.11)
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(12))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     told = "audit", folder / "good.parquet", "--demonstrators", "who.csv"
-    titles, rows = printed_ranking(ok(*told, "--labels", "labels.csv", "--all"))
-    assert titles[3:8] == ["score", "from actions", "from demonstrator", "from label", "P(good)"]
-    for row in rows:
-        total, *parts = map(float, row[3:7])
-        assert total == pytest.approx(sum(parts), abs=0.21)
-        assert (parts[1] > 0) == (int(row[0]) < 6) or int(row[0]) in (3, 9)
+    titles, rows = printed_ranking(ok(*told, "--labels", "labels.csv", "--all", "--verdicts", "v.csv"))
+    assert titles == ["id", "place", "verdict", "score", "P(good)", "why"]
+    table = pa.csv.read_csv("v.csv").to_pydict()
+    parts = [np.array(table[f"from_{part}"]) for part in ("actions", "demonstrator", "label")]
+    np.testing.assert_allclose(sum(parts), table["log_odds"], atol=1e-9)
+    of_operator = dict(zip(table["id"], parts[1], strict=True))
+    assert all((of_operator[m] > 0) == (m < 6) for m in range(12) if m not in (3, 9))
+    assert {int(row[0]): float(row[3]) for row in rows} == pytest.approx(
+        dict(zip(table["id"], table["log_odds"], strict=True)), abs=0.06
+    )
     without = ok(*told, "--all").stdout
     assert "\nOutliers by operator: c 3 of 3, d 3 of 3.\n" in without
     assert re.search(r"^c: \d\.\d\d of the median length", without, re.MULTILINE)

@@ -29,10 +29,6 @@ def test_numbers_stand_at_the_right_and_the_last_column_is_cut():
         f"10  {verdict}  +12.0  {'c' * 17}...",
     ]
     assert [*terminal.table_lines(columns, None)][2].endswith("c" * 40)
-    assert [*terminal.table_lines(columns | {"more": ["x" * 30] * 2, "most": ["", "y" * 30]}, 40)][1:] == [
-        f"1   {verdict}   -3.5",
-        f"10  {verdict}  +12.0  {'y' * 17}...",
-    ]
 
 
 def test_a_note_keeps_the_secrets_of_an_address(capsys):

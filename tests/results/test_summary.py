@@ -89,7 +89,7 @@ def test_a_doubt_names_demonstrations():
     assert doubt_sentence(many, IDS) == f"{'a, ' * 10}...."
 
 
-def test_parts_that_rest_are_named_and_a_prefix_of_names_all_of_which_rest_once():
+def test_parts_that_rest_are_named():
     def sentences(judged, names=()):
         actions = np.zeros((10, len(judged)))
         box = Box(actions[0], actions[0] + 1)
@@ -97,7 +97,7 @@ def test_parts_that_rest_are_named_and_a_prefix_of_names_all_of_which_rest_once(
         return parts_not_judged(data)
 
     names = ("actions.left.1", "actions.left.2", "actions.right.1", "actions.right.2", "actions.right.3")
-    said = "3 of 5 parts of the action never move, and do not count: actions.left.*, actions.right.2."
+    said = "3 of 5 parts of the action never move, and do not count: actions.left.1, actions.left.2, actions.right.2."
     assert sentences([False, False, True, False, True], names) == (said,)
     assert sentences([True, False]) == ("1 of 2 parts of the action never move, and do not count: 1.",)
     assert sentences([True]) == ()

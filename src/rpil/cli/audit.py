@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     help="Also write a copy of this folder of LeRobot 3.0, with the verdict and the score of each episode in "
     "meta/episodes, for episode_filter.",
 )
-@click.option("--all", "all_rows", is_flag=True, help="Print everything, a row for each demonstration.")
+@click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
 @json_option
 @format_option
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)

@@ -120,15 +120,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
         n, m, heads = len(report.trims), report.n_demonstrations, sum(first > 0 for first, _ in report.trims.values())
         lines += ["", f"Idle ends of {n:,} of {m:,} may be trimmed ({heads:,} idle heads); steps to keep: {steps}."]
     lines += ["", f"Usual: {'; '.join(report.usual.values())}."] if report.usual else []
-    lines += ["", "Not checked:", *_not_checked_lines(report)] if report.not_checked or report.unknown else []
-    return lines
-
-
-def _not_checked_lines(report: FaultReport) -> list[str]:
-    """One line for each reason."""
-    reasons: dict[str, list[str]] = {}
-    for rule, reason in report.not_checked.items():
-        reasons.setdefault(reason, []).append(rule)
-    lines = [f"  {', '.join(rules)}: {terminal.to_one_line(reason)}" for reason, rules in reasons.items()]
+    reasons = [f"  {', '.join(rules)}: {terminal.to_one_line(reason)}" for reason, rules in report.reasons.items()]
     partly = ", ".join(f"{rule} ({len(names)})" for rule, names in report.unknown.items())
-    return lines + ([f"  in some columns, which hardly move or vary too much: {partly}"] if partly else [])
+    reasons += [f"  in some columns, which hardly move or vary too much: {partly}"] if partly else []
+    return [*lines, "", "Not checked:", *reasons] if reasons else lines

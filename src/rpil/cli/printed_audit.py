@@ -94,36 +94,25 @@ def odd_lines(report: FaultReport) -> list[str]:
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
-    """What is known of some demonstrations, but for columns that say the same of all. Unless `all_rows` are printed, it
-    is the verdict or else the place, the score, where to look and why."""
+    """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
+    probability and the whole reason where `all_rows` are printed."""
     from rpil.results.reasons import at_a_glance
     from rpil.results.vocabulary import SIDES
 
-    is_decided = {*audit.verdicts} != {"open"}
-    verdicts = [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown]
+    proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
+    glances = [at_a_glance(audit, audit.reasons[m], m) for m in shown]
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
-        "place": [f"{audit.ranks[m]:,}" for m in shown] * (all_rows or not is_decided),
-        "verdict": verdicts * (all_rows or is_decided),
+        "place": [f"{audit.ranks[m]:,}" for m in shown],
+        "verdict": [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
         "score": _scores(audit.log_odds[[*shown]]),
+        proba: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
+        "where": [where for where, _ in glances],
+        "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
     }
-    if all_rows:
-        groups = {name: letter for letter, members in audit.groups.items() for name in members}
-        who = {name: printable(one.name) for one in audit.demonstrators for name in one.demonstrations}
-        more = {
-            **{f"from {name}": _scores(part[[*shown]]) for name, part in audit.evidence_columns().items()},
-            audit.vocabulary.probability: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
-            "like the rest": [f"{audit.reliability[m]:.2f}" for m in shown],
-            "operator": [who.get(audit.ids[m], "") for m in shown],
-            "group": [groups.get(audit.ids[m], "") for m in shown],
-            "steps": [f"{audit.lengths[m]:,}" for m in shown],
-            "why": [printable(audit.reasons[m]) for m in shown],
-        }
-    else:
-        glances = zip(*(at_a_glance(audit, audit.reasons[m], m) for m in shown), strict=True)
-        more = {title: [*cells] for title, cells in zip(("where", "why"), glances, strict=True)}
-    columns |= {title: cells for title, cells in more.items() if len({*cells}) > 1 or (len(cells) == 1 and cells[0])}
-    return {title: cells for title, cells in columns.items() if cells}
+    always = ("id", "place", "verdict", "score") if all_rows else ("id", "verdict" if is_decided else "place", "score")
+    others = (proba, "why") if all_rows else ("where", "why")
+    return {name: columns[name] for name in (*always, *others) if name in always or len({*columns[name]}) > 1}
 
 
 def short_id(name: Hashable, most: int = 28) -> str:
@@ -154,17 +143,15 @@ def _operators(audit: Audit, most: int | None) -> Iterator[str]:
     """How many outliers, or bad ones, each of up to `most` operators has, the largest share first."""
     from rpil.results.vocabulary import PLURALS
 
-    lower, people = audit.vocabulary.lower, audit.demonstrators
-    if not people:
-        return
-    sizes = {who: (audit.verdict_counts(who.demonstrations)[lower], len(who.demonstrations)) for who in people}
-    order = sorted(people, key=lambda who: -sizes[who][0] / sizes[who][1])
-    shares = [f"{short_id(who.name)} {sizes[who][0]:,} of {sizes[who][1]:,}" for who in order if sizes[who][0]]
+    lower, sizes = audit.vocabulary.lower, {who: len(who.demonstrations) for who in audit.demonstrators}
+    found = {who: audit.verdict_counts(who.demonstrations)[lower] for who in sizes}
+    order = sorted(sizes, key=lambda who: -found[who] / sizes[who])
+    shares = [f"{short_id(who.name)} {found[who]:,} of {sizes[who]:,}" for who in order if found[who]]
     if shares:
         yield f"{PLURALS.get(lower, lower).capitalize()} by operator: {listed(shares, most or len(shares), ', ')}."
     if most is None:
         yield from (f"{printable(who.name)}: {audit.style(who)}." for who in order)
-    if not any("--session" in doubt for doubt in audit.doubts):
+    if sizes and not any("--session" in doubt for doubt in audit.doubts):
         yield "To judge within each operator: --session operator, their column."
 
 

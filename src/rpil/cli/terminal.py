@@ -23,9 +23,6 @@ NUMBER = re.compile(r"([-+]?[\d,.]+(e[-+]\d+)?)?")
 THEN_RUN = "Then run: "
 """Begins the line of the command to run next, which a terminal shows as one line, to be pasted."""
 
-MIN_COLUMNS = 3
-"""Columns of a table that a narrow terminal has too, beside the last one."""
-
 PIPE_WIDTH = 80
 """Columns of a line where there is no terminal."""
 
@@ -77,28 +74,19 @@ def fit(text: str, width: int, most: int | None = None) -> list[str]:
 
 
 def table_lines(columns: Mapping[str, Sequence[str]], width: int | None) -> Iterator[str]:
-    """The columns side by side, numbers to the right; cells may be coloured. In a `width` the last columns but one are
-    left out where there is no room for them, and the last one is cut."""
+    """The columns side by side, numbers to the right; cells may be coloured. The last column is cut at the `width`."""
     from rich.cells import cell_len
 
-    def size_of(text: str) -> int:
-        return cell_len(click.unstyle(text))
-
-    *_, last = columns
-    sizes = {title: max(map(size_of, [title, *cells])) for title, cells in columns.items()}
-    others = [title for title in columns if title != last]
-    if width is not None:
-        while len(others) > MIN_COLUMNS and sum(2 + sizes[title] for title in others) + len(last) > width:
-            others.pop()
-    room = None if width is None else max(width - sum(2 + sizes[title] for title in others), len("..."))
-    is_number = {title: title != "id" and all(map(NUMBER.fullmatch, columns[title])) for title in columns}
-    for row in zip(*([title, *columns[title]] for title in (*others, last)), strict=True):
-        cells = []
-        for title, cell in zip((*others, last), row, strict=True):
-            cell = cut(cell, room) if title == last else cell
-            gap = " " * (sizes[title] - size_of(cell))
-            cells.append(gap + cell if is_number[title] else cell + gap)
-        yield "  ".join(cells).rstrip()
+    rows = [[*columns], *zip(*columns.values(), strict=True)]
+    sizes = [max(cell_len(click.unstyle(cell)) for cell in cells) for cells in zip(*rows, strict=True)]
+    room = None if width is None else max(width - sum(sizes[:-1]) - 2 * (len(sizes) - 1), len("..."))
+    is_number = [title != "id" and all(map(NUMBER.fullmatch, cells)) for title, cells in columns.items()]
+    for *cells, last in rows:
+        row = []
+        for cell, size, right in zip((*cells, cut(last, room)), sizes, is_number, strict=True):
+            gap = " " * (size - cell_len(click.unstyle(cell)))
+            row.append(gap + cell if right else cell + gap)
+        yield "  ".join(row).rstrip()
 
 
 def cut(text: str, size: int | None) -> str:

@@ -93,6 +93,12 @@ class FaultReport:
         return {rule: counted[rule] for rule in RULES if counted[rule]}
 
     @property
+    def reasons(self) -> dict[str, list[str]]:
+        """The rules that could not be applied, by the reasons."""
+        every = self.not_checked.items()
+        return {reason: [rule for rule, why in every if why == reason] for _, reason in every}
+
+    @property
     def absent(self) -> set[Id]:
         """Ids of the demonstrations that the recording names and does not hold."""
         return {found.id for found in self.findings if found.rule == "frame count" and not found.value}

@@ -166,7 +166,8 @@ class AuditResult(Judged):
         return run_id(self.ids, self.offsets, self.log_odds)
 
     def table(self) -> dict[str, Sequence[object]]:
-        """The columns by which demonstrations are kept, in the order of the data; every table begins with them."""
+        """The columns of numbers and text about each demonstration, in the order of the data: those of every table, of
+        the JSON and of the page; by some of them demonstrations are kept."""
         return {
             "id": self.ids,
             "verdict": self.verdicts,
@@ -176,6 +177,9 @@ class AuditResult(Judged):
             "rank": self.ranks.tolist(),
             "expert_proba": self.expert_proba.tolist(),
             "log_odds": self.log_odds.tolist(),
+            "reliability": self.reliability.tolist(),
+            "n_steps": self.lengths.tolist(),
+            "reason": self.reasons,
         }
 
     def to_dict(self) -> dict[str, object]:
@@ -202,10 +206,7 @@ class AuditResult(Judged):
             "demonstrations": [
                 {
                     **{name: column[m] for name, column in columns.items()},
-                    "n_steps": int(self.lengths[m]),
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "reliability": float(self.reliability[m]),
-                    "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }

@@ -99,18 +99,8 @@ def parts_not_judged(data: FitData) -> tuple[str, ...]:
     if data.judged is None or data.judged.all():
         return ()
     names = [*map(data.action_name, range(len(data.judged)))]
-    resting, moving = ([*compress(names, which)] for which in (~data.judged, data.judged))
-    starred = dict.fromkeys(_starred(name, resting, moving) for name in resting)
-    return (f"{len(resting)} of {len(names)} parts of the action never move, and do not count: {', '.join(starred)}.",)
-
-
-def _starred(name: str, resting: Sequence[str], moving: Sequence[str]) -> str:
-    """The shortest prefix of a `name`, up to a dot, that two or more parts share and none that moves; or the name."""
-    for prefix in (name[: k + 1] for k, letter in enumerate(name) if letter == "."):
-        is_shared = sum(other.startswith(prefix) for other in resting) > 1
-        if is_shared and not any(other.startswith(prefix) for other in moving):
-            return f"{prefix}*"
-    return name
+    resting = listed(compress(names, ~data.judged), last=", ")
+    return (f"{(~data.judged).sum()} of {len(names)} parts of the action never move, and do not count: {resting}.",)
 
 
 def audit_from_mixture(

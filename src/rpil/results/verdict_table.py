@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -23,27 +24,23 @@ def verdict_columns(
 ) -> dict[str, Sequence[object]]:
     """The columns of the table, in the order of the data: a row for each demonstration.
 
-    They are id, verdict, label (good, bad or nothing), said (how it failed, or than which one it is worse), rejected_by
-    (a rule of `KEEP_RULES`, or nothing), rank (the place in the ranking, 1 the most trusted), expert_proba, log_odds,
-    its parts from_actions, from_demonstrator and from_label, reliability, demonstrator, task, n_steps, `Audit.facts` as
-    fact_length and so on where they are known, faults (the rules of `findings`, the worst first), reason, and the run
-    id. `demonstrators` and `tasks` are by ids as text; a demonstration that is not in them has an empty text.
+    They are those of `Audit.table`, the parts of log_odds (from_actions, from_demonstrator, from_label), demonstrator,
+    task, `Audit.facts` as fact_length and so on where they are known, faults (the rules of `findings`, the worst
+    first), and the run id. `demonstrators` and `tasks` are by ids as text; a demonstration that is not in them has an
+    empty text.
     """
-    faults: dict[str, list[str]] = {}
+    names, faults = [*map(str, audit.ids)], defaultdict[str, list[str]](list)
     for found in findings:
-        faults.setdefault(str(found.id), []).append(found.rule)
+        faults[str(found.id)].append(found.rule)
     return {
         **audit.table(),
         "id": file_ids(audit.ids),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
-        "reliability": audit.reliability.tolist(),
-        "demonstrator": [demonstrators.get(str(name), "") for name in audit.ids],
-        "task": [tasks.get(str(name), "") for name in audit.ids],
-        "n_steps": audit.lengths.tolist(),
+        "demonstrator": [demonstrators.get(name, "") for name in names],
+        "task": [tasks.get(name, "") for name in names],
         **{f"fact_{name.replace(' ', '_')}": values for name, values in audit.facts.items()},
-        "faults": [", ".join(faults.get(str(name), ())) for name in audit.ids],
-        "reason": list(audit.reasons),
-        "run": [audit.run_id] * len(audit.ids),
+        "faults": [", ".join(faults[name]) for name in names],
+        "run": [audit.run_id] * len(names),
     }
 
 

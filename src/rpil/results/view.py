@@ -184,23 +184,20 @@ def _answers(audit: AuditResult) -> list[list[object]]:
 def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
-    names, facts = list(map(str, audit.ids)), audit.facts
-    look, kept = np.argsort(order), {*choice_of(audit).kept}
+    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table()
+    kept = {*choice_of(audit).kept}
     return {
         "id": names,
-        "verdict": list(audit.verdicts),
+        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason")},
         "log_odds": _significant(audit.log_odds),
-        "rank": audit.ranks.tolist(),
         "p": [p if audit.has_proba(m) else None for m, p in enumerate(_decimals(audit.expert_proba))],
         "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
         "reliability": _decimals(audit.reliability),
         "low": _decimals(audit.reliability_interval[:, 0]),
         "high": _decimals(audit.reliability_interval[:, 1]),
-        "n_steps": audit.lengths.tolist(),
-        "reason": list(audit.reasons),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
-        "look": look.tolist(),
+        "look": np.argsort(order).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
         "task": [about.tasks.get(name, "") for name in names],
         "demonstrator": [about.demonstrators.get(name, "") for name in names],
@@ -231,7 +228,6 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         return {"kinds": [], "found": {}, "n_odd": 0, "first": [], "beside": [], "not_checked": [], "usual": []}
     places = {str(name): m for m, name in enumerate(audit.ids)}
     found = report.findings[:MAX_FOUND]
-    unknown = report.not_checked
     worst: dict[int | None, int] = {}
     for k, one in enumerate(found):
         worst.setdefault(places.get(str(one.id)), k)
@@ -250,10 +246,7 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
                 one.sentence if one.id == "" or str(one.id) in places else f"{one.id}: {one.sentence}" for one in found
             ],
         },
-        "not_checked": [
-            {"reason": reason, "rules": [rule for rule in unknown if unknown[rule] == reason]}
-            for reason in dict.fromkeys(unknown.values())
-        ],
+        "not_checked": [{"reason": reason, "rules": rules} for reason, rules in report.reasons.items()],
         "usual": list(report.usual.values()),
     }
 

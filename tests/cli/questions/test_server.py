@@ -135,12 +135,6 @@ def test_what_is_no_answer_is_refused(client, given):
     assert client.get("/api/version") == {"version": 0}
 
 
-def test_a_note_that_is_refused_leaves_nothing(client):
-    status, answer = client.post("/api/answer", version=0, demonstrations=[0], key="g", note="\ud800")
-    assert (status, answer["error"][-1]) == (400, ".")
-    assert client.answer(0, "g", 0)[0] == 200
-
-
 @pytest.mark.parametrize("version", [False, 0.0, "0", None, [0], 10**30])
 def test_a_version_is_the_number_that_the_page_was_given(client, version):
     assert client.answer(version, "g", 0)[0] == 409
