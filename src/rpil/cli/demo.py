@@ -112,10 +112,11 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     try:
         for name, policy in policies.items():
             lands = f"LunarLander: {POLICY_NAMES[name]} lands"
-            progress(lands)
-            returns[name] = rollout(
-                policy, LANDER_ENV, n_episodes=episodes, seed=seed, progress=_counting(lands, progress)
-            )
+
+            def count(done: int, total: int, lands: str = lands) -> None:
+                progress(f"{lands}, {done} of {total}")
+
+            returns[name] = rollout(policy, LANDER_ENV, n_episodes=episodes, seed=seed, progress=count)
     except MissingExtraError as error:
         not_played = str(error)
     verdicts = np.array([SIDES[verdict] for verdict in model.audit_.verdicts])
@@ -129,10 +130,6 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
         returns=returns,
         not_played=not_played,
     )
-
-
-def _counting(what: str, progress: Callable[[str], None]) -> Callable[[int, int], None]:
-    return lambda done, total: progress(f"{what}, {done} of {total}")
 
 
 def load_demonstrations(name: str) -> Demonstrations:

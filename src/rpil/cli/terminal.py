@@ -93,5 +93,6 @@ def cut(text: str, size: int | None) -> str:
     """The text, without its end where it takes more than so many columns of a terminal."""
     from rich.cells import cell_len, set_cell_size
 
-    is_short = size is None or cell_len(text) <= size
-    return text if is_short else f"{set_cell_size(text, size - len('...')).rstrip()}..."
+    if size is None or cell_len(text) <= size:
+        return text
+    return f"{set_cell_size(text, size - len('...')).rstrip()}..."
