@@ -66,11 +66,12 @@ def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator
             audit, groups.get(name, ""), rank[m] / len(rank)
         )
         reason = reason or _by_evidence(audit, m, int(rank[m]))
-        differs = _where_it_differs(audit, m) if audit.finding != "nothing could be learned" else ""
-        if reason == DIFFERENT and differs:
+        place, at, does = _worst_of(audit, m)
+        differs = f"{place}{f', most {at}' * bool(at)}{f': {does}' * bool(does)}"
+        if reason == DIFFERENT and place:
             reason = f"Different {differs}"
-        elif differs:
-            reason += f"; {'most ' * (not differs.startswith(THROUGHOUT))}different {differs}"
+        elif place:
+            reason += f"; {'most ' * (place != THROUGHOUT)}different {differs}"
         yield f"{reason}."
 
 
@@ -86,33 +87,25 @@ def span(first: int, last: int, fps: float | None) -> str:
     return f"at step {first}" if first == last else f"at steps {first} to {last}"
 
 
-def _where_it_differs(audit: Judged, m: int) -> str:
-    """The worst stretch of demonstration `m`, and what it does there, or nothing."""
-    stretch = worst_stretch(audit.log_ratio(m))
-    if stretch is None:
-        return ""
+def _worst_of(audit: Judged, m: int) -> tuple[str, str, str]:
+    """Where demonstration `m` differs most, in which step a deviation is seen there, and what it does; or nothing."""
+    stretch, does = worst_stretch(audit.log_ratio(m)), audit.deviations[m] if audit.deviations else ""
+    if stretch is None or audit.finding == "nothing could be learned":
+        return "", "", ""
     is_long = stretch.last + 1 - stretch.first >= NEARLY_ALL * audit.lengths[m]
     place = THROUGHOUT if is_long else span(stretch.first, stretch.last, audit.fps)
-    does = audit.deviations[m] if audit.deviations else ""
     if (seen := AT_STEP.match(does)) is None:
-        return f"{place}: {does}" if does else place
+        return place, "", does
     step = int(seen[1])
-    return f"{place}, most {span(step, step, audit.fps)}: {does[seen.end() :]}"
+    return place, span(step, step, audit.fps), does[seen.end() :]
 
 
 def at_a_glance(audit: Judged, reason: str, m: int) -> tuple[str, str]:
     """Where demonstration `m` differs most, and what it does there, or else the `reason` for its verdict, in short."""
-    stretch, does = worst_stretch(audit.log_ratio(m)), audit.deviations[m] if audit.deviations else ""
+    place, at, does = _worst_of(audit, m)
     why = "" if reason.startswith("Different") else reason.partition(";")[0].rstrip(".")
-    if stretch is None or audit.finding == "nothing could be learned":
-        return "", why
-    seen = AT_STEP.match(does)
-    first, last = (int(seen[1]),) * 2 if seen else (stretch.first, stretch.last)
-    is_long = last + 1 - first >= NEARLY_ALL * audit.lengths[m]
-    where = THROUGHOUT if is_long else span(first, last, audit.fps).removeprefix("from ").removeprefix("at ")
-    if audit.rejected_by[m : m + 1] == ("outcome",):
-        return where, why
-    return where, does[seen.end() :] if seen else does or why
+    has_failed = audit.rejected_by[m : m + 1] == ("outcome",)
+    return (at or place).removeprefix("from ").removeprefix("at "), why if has_failed else does or why
 
 
 def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
