@@ -53,7 +53,7 @@ def test_nothing_to_keep_is_said(folder):
     given = AuditRun(audit, "x", SimpleNamespace(step_columns=None), {})
     paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
-        outputs.write_outputs(paths, given, 1.0, lambda _: None)
+        outputs.write_outputs(paths, given, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
     ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet")
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
@@ -170,7 +170,7 @@ def test_every_output_has_a_writer(tmp_path):
     audit, faults = make_audit(), check(recording.demonstrations)
     given = AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
-        outputs.write_outputs(paths, given, 1.0, stages.append)
+        outputs.write_outputs(paths, given, stages.append)
     del paths["annotate"]
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())

@@ -15,8 +15,8 @@ from rpil.data.errors import DataError
 from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "said", "rejected_by", "rank", "expert_proba", "log_odds", "reliability", "n_steps",
-    "reason", "from_actions", "from_demonstrator", "from_label", "demonstrator", "task", "faults", "run",
+    "id", "verdict", "label", "said", "rejected_by", "rank", "expert_proba", "log_odds", "n_steps",
+    "from_actions", "from_demonstrator", "from_label", "reliability", "demonstrator", "task", "faults", "reason", "run",
 ]  # fmt: skip
 
 

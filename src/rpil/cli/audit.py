@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -78,7 +77,6 @@ def audit(
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
     """
-    start = time.perf_counter()
     outputs = {title: options.pop(title) for title in OUTPUTS}
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
@@ -94,7 +92,7 @@ def audit(
         run = audit_data(file, recording, reference, given, progress)
         faults = look_for_faults(recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
-        write_outputs(outputs, run, time.perf_counter() - start, progress)
+        write_outputs(outputs, run, progress)
     result, form = run.audit, "json" if json_wanted else form
     if form == "json":
         click.echo(

@@ -25,8 +25,8 @@ OUTPUTS = ("weights", "verdicts", "keep", "report", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
-def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float, progress: StageProgress) -> None:
-    """Write the files of `OUTPUTS` whose paths are given; the audit took so many `seconds`."""
+def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: StageProgress) -> None:
+    """Write the files of `OUTPUTS` whose paths are given."""
     if not any(paths.values()):  # what follows imports the report
         return
     from rpil.formats.columns_file import write_weights
@@ -61,7 +61,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
             path, audit, verdict_columns(audit, run.demonstrators, findings, run.recording.tasks)
         ),
         "keep": write_keep,
-        "report": lambda path: write_page(path, make_view(audit, about(run, seconds))),
+        "report": lambda path: write_page(path, make_view(audit, about(run))),
         "annotate": write_annotated,
     }
     for title in OUTPUTS:
@@ -71,8 +71,8 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, seconds: float
             writers[title](path)
 
 
-def about(run: AuditRun, seconds: float | None = None) -> About:
-    """What the report shows beside the audit, which the command made in so many `seconds`."""
+def about(run: AuditRun) -> About:
+    """What the report shows beside the audit."""
     from rpil.data.privacy import for_others
     from rpil.results.view import About
 
@@ -88,7 +88,6 @@ def about(run: AuditRun, seconds: float | None = None) -> About:
         demonstrators=run.demonstrators,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
-        seconds=seconds,
     )
 
 

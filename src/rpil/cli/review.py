@@ -122,7 +122,7 @@ def _finish(
     if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
-        write_outputs({title: beside.get(title) for title in OUTPUTS}, run, 0.0, lambda _: None)
+        write_outputs({title: beside.get(title) for title in OUTPUTS}, run, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"

@@ -177,9 +177,7 @@ class AuditResult(Judged):
             "rank": self.ranks.tolist(),
             "expert_proba": self.expert_proba.tolist(),
             "log_odds": self.log_odds.tolist(),
-            "reliability": self.reliability.tolist(),
             "n_steps": self.lengths.tolist(),
-            "reason": self.reasons,
         }
 
     def to_dict(self) -> dict[str, object]:
@@ -207,6 +205,8 @@ class AuditResult(Judged):
                 {
                     **{name: column[m] for name, column in columns.items()},
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
+                    "reliability": float(self.reliability[m]),
+                    "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }

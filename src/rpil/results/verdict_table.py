@@ -24,10 +24,10 @@ def verdict_columns(
 ) -> dict[str, Sequence[object]]:
     """The columns of the table, in the order of the data: a row for each demonstration.
 
-    They are those of `Audit.table`, the parts of log_odds (from_actions, from_demonstrator, from_label), demonstrator,
-    task, `Audit.facts` as fact_length and so on where they are known, faults (the rules of `findings`, the worst
-    first), and the run id. `demonstrators` and `tasks` are by ids as text; a demonstration that is not in them has an
-    empty text.
+    They are those of `Audit.table`, the parts of log_odds (from_actions, from_demonstrator, from_label), reliability,
+    demonstrator, task, `Audit.facts` as fact_length and so on where they are known, faults (the rules of `findings`,
+    the worst first), reason, and the run id. `demonstrators` and `tasks` are by ids as text; a demonstration that is
+    not in them has an empty text.
     """
     names, faults = [*map(str, audit.ids)], defaultdict[str, list[str]](list)
     for found in findings:
@@ -36,10 +36,12 @@ def verdict_columns(
         **audit.table(),
         "id": file_ids(audit.ids),
         **{f"from_{part}": values.tolist() for part, values in audit.evidence.items()},
+        "reliability": audit.reliability.tolist(),
         "demonstrator": [demonstrators.get(name, "") for name in names],
         "task": [tasks.get(name, "") for name in names],
         **{f"fact_{name.replace(' ', '_')}": values for name, values in audit.facts.items()},
         "faults": [", ".join(faults[name]) for name in names],
+        "reason": list(audit.reasons),
         "run": [audit.run_id] * len(names),
     }
 

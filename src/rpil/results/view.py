@@ -3,8 +3,8 @@
 The report holds it, and a review shows it. Demonstrations are numbered by their place
 in the data, from 0 on; M are all of them. Its keys:
 
-run, title, source, seconds
-    The run id, the heading, the name of the data, and the duration of the audit, or None.
+run, title, source
+    The run id, the heading, and the name of the data.
 finding
     name, sentence (with numbers and names), next (what to do), decided (whether verdicts were given).
 vocabulary
@@ -108,7 +108,6 @@ class About:
     demonstrators: Mapping[str, str] = field(default_factory=dict)
     lerobot: bool = False
     hub: str = ""
-    seconds: float | None = None
 
 
 def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: int = MAX_IDS) -> View:
@@ -120,7 +119,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: i
         "run": audit.run_id,
         "title": about.title,
         "source": about.source,
-        "seconds": about.seconds,
         **_finding(audit, named),
         "question": answering.question(audit) or "",
         "pair": [places[name] for name in audit.pair] if asked else [],
@@ -188,7 +186,8 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     kept = {*choice_of(audit).kept}
     return {
         "id": names,
-        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason")},
+        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps")},
+        "reason": list(audit.reasons),
         "log_odds": _significant(audit.log_odds),
         "p": [p if audit.has_proba(m) else None for m, p in enumerate(_decimals(audit.expert_proba))],
         "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
