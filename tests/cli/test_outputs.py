@@ -93,7 +93,6 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     ok("audit", data, "--operator", work / "who.csv", *outputs, "-q", "--ignore", "answers")
     for path in files.values():
         assert str(tmp_path).encode() not in Path(path).read_bytes(), path
-    page = Path("r.html").read_text()
     made = json.loads(Path("k.json").read_text())["provenance"]
     assert made["command"].startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
     assert [file["path"] for file in made["files"]] == ["~/sets/d.parquet", "who.csv"]

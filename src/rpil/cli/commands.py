@@ -37,10 +37,6 @@ _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  #
 class Commands(click.Group):
     """Commands that end an error of the user with a sentence on stderr and code 2, an interruption with code 130."""
 
-    def invoke(self, ctx: click.Context) -> object:
-        with print_warnings():
-            return super().invoke(ctx)
-
     def main(self, *args: Any, standalone_mode: bool = True, **more: Any) -> Any:
         run: Any = super().main
         if not standalone_mode:
@@ -49,7 +45,8 @@ class Commands(click.Group):
             if isinstance(stream, io.TextIOWrapper):  # the terminal may have no code for a character of an id
                 stream.reconfigure(errors="backslashreplace")
         try:
-            code = run(*args, standalone_mode=False, **more)
+            with print_warnings():
+                code = run(*args, standalone_mode=False, **more)
         except click.Abort:
             _exit_with_error("interrupted.", INTERRUPTED)
         except click.UsageError as error:
