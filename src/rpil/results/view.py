@@ -189,11 +189,12 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         **{name: list(table[name]) for name in ("verdict", "rank", "n_steps")},
         "reason": list(audit.reasons),
         "log_odds": _significant(audit.log_odds),
-        "p": [p if audit.has_proba(m) else None for m, p in enumerate(_decimals(audit.expert_proba))],
+        "p": [
+            round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
+        ],
         "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
-        "reliability": _decimals(audit.reliability),
-        "low": _decimals(audit.reliability_interval[:, 0]),
-        "high": _decimals(audit.reliability_interval[:, 1]),
+        "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
+        **dict(zip(("low", "high"), audit.reliability_interval.T.round(DECIMALS_SHOWN).tolist(), strict=True)),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
         "look": np.argsort(order).tolist(),
@@ -209,10 +210,6 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         },
         "kept": [name in kept for name in audit.ids],
     }
-
-
-def _decimals(values: Array) -> list[float]:
-    return [round(value, DECIMALS_SHOWN) for value in values.tolist()]
 
 
 def _significant(values: Array) -> list[float]:
