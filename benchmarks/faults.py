@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+import more_experts  # noqa: F401 (makes these known)
 from fault_kinds import KINDS, Clean, Planted, copies, plant
 from fault_worlds import WORLDS
 from provenance import line, provenance

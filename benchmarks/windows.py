@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
+import more_experts  # noqa: F401 (makes these known)
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.inference.settings import StepSettings

@@ -36,9 +36,7 @@ FEATURES = ("raw", "folded", "nystroem", "auto")
 ENVIRONMENTS = {
     "MountainCar-v0": ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor"),
     "Acrobot-v1": ("flip", "corrupted"),
-    "CartPole-v1": ("random",),
     "LunarLander-v3": ("shift", "corrupted"),
-    "Pendulum-v1": ("corrupted", "noisy", "flip", "shift"),
 }
 
 
@@ -135,7 +133,7 @@ def refused(folder: Path) -> dict[str, Array]:
         "load": lambda: rpil.load("nowhere.rpil"),
         "dataset": lambda: rpil.open("nowhere.parquet", on_disk=True),
         "environment": lambda: rpil.simulate("Nowhere-v0", "flip", n_good=1, n_bad=1, seed=0),
-        "kind": lambda: rpil.simulate("CartPole-v1", "odd", n_good=1, n_bad=1, seed=0),
+        "kind": lambda: rpil.simulate("MountainCar-v0", "odd", n_good=1, n_bad=1, seed=0),
     }
     messages = {}
     for name, call in wrong.items():

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import more_experts  # noqa: F401 (makes these known)
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+import more_experts  # noqa: F401 (makes these known)
 from rpil.data.demonstrations import Demonstrations
 from rpil.simulation.simulate import KINDS, simulate
 from worlds import World

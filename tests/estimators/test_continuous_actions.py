@@ -19,7 +19,6 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries.box import UniformBox
 from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.simulation.simulate import simulate
 from small import FAST, mixture
 
 ZOO = continuous_zoo(0)
@@ -90,17 +89,6 @@ def test_auto_features_fit_a_nonlinear_expert():
     model = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)
     assert model.features_.kind == "nystroem"
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
-
-
-@pytest.mark.parametrize("bad", ["noisy", "window"])
-def test_expert_with_a_policy_in_two_parts_is_one_expert(bad):
-    # A straight line sees two experts in a lander, and trusts half of each demonstration.
-    made = simulate("LunarLanderContinuous-v3", bad, n_good=10, n_bad=10, seed=1000)
-    model = RPIL().fit(Demonstrations.from_episodes(made.episodes))
-    assert roc_auc_score(made.is_good, model.log_odds_) == 1.0
-    verdicts = np.array(model.audit_.verdicts)
-    assert (verdicts[made.is_good == 0] == "outlier").all()
-    assert not (verdicts[made.is_good == 1] == "outlier").any()
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("flipped", 0), ("smooth", 1)])

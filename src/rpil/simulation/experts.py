@@ -17,11 +17,9 @@ from rpil.numerics.types import Array
 
 @dataclass(frozen=True)
 class Expert:
-    """A deterministic controller for one environment."""
+    """A controller for one environment: a function from observations (n, D) to actions, (n,) or (n, A)."""
 
     predict: Callable[[NDArray[np.floating]], Array]
-    """Maps observations (n, D), in the precision of the environment, to actions (n,) or (n, A), which are not clipped
-    to its box."""
 
 
 def expert(env_id: str) -> Expert:
@@ -72,72 +70,19 @@ def _lunar_lander(observations: NDArray[np.floating]) -> NDArray[np.int64]:
     nothing, 1 left engine, 2 main engine, 3 right engine. Source: the control law, with its gains, that Gymnasium ships
     as `heuristic` in `envs/box2d/lunar_lander.py`; mean return 235 (sd 113) over 1,000 episodes, 7 % of which crash.
     """
-    turn, lift = _lander_errors(observations)
-    lifting = (lift > np.abs(turn)) & (lift > 0.05)
-    return np.select([lifting, turn < -0.05, turn > 0.05], [2, 3, 1], default=0)
-
-
-def _lander_throttles(observations: NDArray[np.floating]) -> Array:
-    """Steer as `_lunar_lander` does, with both engines at once, each in proportion to its error.
-
-    Actions: throttle of the main engine, which is off below 0, and of the side engines, which are off within -0.5 ..
-    0.5. Source: the same `heuristic` of Gymnasium; mean return 283 (sd 28) over 1,000 episodes, three of which crash.
-    """
-    turn, lift = _lander_errors(observations)
-    return np.column_stack([lift * 20 - 1, -turn * 20])
-
-
-def _lander_errors(observations: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """How far a lunar lander should turn and rise, (n,) each."""
     x, y, vx, vy, angle, spin, left_leg, right_leg = observations.T
     landed = (left_leg != 0) | (right_leg != 0)
     target_angle = np.clip(0.5 * x + vx, -0.4, 0.4)
     # Once a leg stands on the ground only the fall has to be slowed.
     turn = np.where(landed, 0, (target_angle - angle) * 0.5 - spin)
     lift = np.where(landed, -0.5 * vy, (0.55 * np.abs(x) - y) * 0.5 - 0.5 * vy)
-    return turn, lift
-
-
-def _cart_pole(observations: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Push towards the side the pole is falling to, leaning it back to the middle of the track.
-
-    Observation: position x, velocity, pole angle (rad), angular velocity. Actions: 0 left, 1 right. Source: a linear
-    feedback law with hand-set gains, our own; every one of 1,000 episodes reaches the limit of 500.
-    """
-    x, vx, angle, spin = observations.T
-    return np.where(angle + 0.25 * spin + 0.05 * x + 0.1 * vx > 0, 1, 0)
-
-
-def _pendulum_torque(observations: NDArray[np.floating]) -> Array:
-    """Pump energy into the swing below, catch and hold the pendulum above, the two weighed by the height.
-
-    Observation: cosine and sine of the angle (0 is up), angular velocity in rad/s. Action: a torque, -2 .. 2. Without a
-    switch between the two the law is smooth but for the bounds. Source: our own, with gains chosen for the return and
-    for being easy to clone; mean return -152 (sd 90) over 1,000 episodes, every one of which ends upright.
-    """
-    cosine, sine, speed = observations.T
-    height = 0.5 + 0.5 * cosine
-    pump, catch = 4.0 * sine + 2.0 * speed, -12.0 * sine - 3.0 * speed
-    torque = (1.0 - height) * pump + height * catch
-    return np.reshape(torque, (-1, 1))
-
-
-def _mountain_car_force(observations: NDArray[np.floating]) -> Array:
-    """Push along the motion, the harder the faster, which swings the car up ever higher.
-
-    Observation: position, velocity v. Action: a force, -1 .. 1, whose square costs. Source: our own, a smooth
-    saturation of the velocity; mean return 95.1 (sd 1.1) over 1,000 episodes, every one of which reaches the flag.
-    """
-    return np.asarray(np.tanh(30.0 * observations[:, 1:]))
+    lifting = (lift > np.abs(turn)) & (lift > 0.05)
+    return np.select([lifting, turn < -0.05, turn > 0.05], [2, 3, 1], default=0)
 
 
 EXPERTS: dict[str, Callable[[NDArray[np.floating]], Array]] = {
     "MountainCar-v0": _mountain_car,
     "Acrobot-v1": _acrobot,
     "LunarLander-v3": _lunar_lander,
-    "CartPole-v1": _cart_pole,
-    "Pendulum-v1": _pendulum_torque,
-    "MountainCarContinuous-v0": _mountain_car_force,
-    "LunarLanderContinuous-v3": _lander_throttles,
 }
 """The rule of the expert of each environment."""

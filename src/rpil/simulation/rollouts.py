@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.guard import in_words
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
@@ -28,20 +29,6 @@ class Player(Protocol):
     """Anything that maps observations (n, D) to actions (n,) or (n, A): an expert, an estimator, a classifier."""
 
     def predict(self, observations: Array, /) -> object: ...
-
-
-class RandomPolicy:
-    """Uniform draws from K actions or a box, whatever the observation.
-
-    The draws come from one stream, which a later `predict` of the same object continues."""
-
-    def __init__(self, actions: Space, seed: int) -> None:
-        self._actions = actions
-        self._rng = np.random.default_rng(seed)
-
-    def predict(self, observations: Array) -> Array:
-        """Draw an action for every observation (n, D): (n,), or (n, A) where actions are continuous."""
-        return self._actions.draw(len(observations), self._rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +61,7 @@ class RecordedEpisode:
 
 
 def rollout(
-    policy: Player,
-    env_id: str,
-    *,
-    n_episodes: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    policy: Player, env_id: str, *, n_episodes: int, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Returns:
     """Play a policy and report its return.
 
@@ -89,8 +71,8 @@ def rollout(
         Maps observations (n, D) to actions: numbers of actions (n,), or continuous ones (n, A), which are clipped to
         the box of the environment; or (n,) where A is 1.
     env_id : str
-        An id for `rpil.simulation.rollouts.make`, such as "LunarLander-v3", with flat or discrete observations, and
-        actions that are discrete or a flat box. A discrete observation is passed to the policy as a one-hot row.
+        An id for `rpil.simulation.rollouts.make`, such as "LunarLander-v3", with flat observations, and actions that
+        are discrete or a flat box.
     n_episodes : int
         At least 1.
     seed : int
@@ -117,12 +99,7 @@ def rollout(
 
 
 def record(
-    policy: Player,
-    env_id: str,
-    *,
-    n_episodes: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    policy: Player, env_id: str, *, n_episodes: int, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> list[RecordedEpisode]:
     """Play a policy in lockstep and keep every step; the parameters and errors are those of `rollout`.
 
@@ -136,7 +113,7 @@ def record(
     try:
         # One environment per episode, never reused: a physics engine may keep state beyond a reset.
         envs = [make(env_id) for _ in seeds]
-        space = _actions_to_play(env_id, envs[0])
+        space = actions_of(envs[0])
         running, active = np.arange(n_episodes), list(envs)
         observations = np.array([env.reset(seed=start)[0] for env, start in zip(envs, seeds, strict=True)])
         while active:
@@ -161,20 +138,6 @@ def record(
     return [RecordedEpisode(*parts) for parts in zip(*(np.split(one[order], ends) for one in columns), strict=True)]
 
 
-def _actions_to_play(env_id: str, env: Untyped) -> Space:
-    """The actions of `env`; a `DataError` if its spaces are not supported."""
-    from gymnasium import spaces
-
-    observed, actions = env.observation_space, actions_of(env)
-    if not isinstance(observed, spaces.Box) or len(observed.shape) != 1 or actions is None:
-        raise DataError(
-            f"{env_id} has {type(observed).__name__} observations of shape {observed.shape} and "
-            f"{type(env.action_space).__name__} actions, but only flat Box or Discrete observations and actions can be "
-            "played: wrap it or choose another."
-        )
-    return actions
-
-
 def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> Array:
     """The actions of the policy for all running episodes; a `DataError` where they are no actions of the space."""
     predicted = policy.predict(observations)
@@ -192,8 +155,8 @@ def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> 
 def make(env_id: str) -> Untyped:
     """Make a `gymnasium.Env` by its id with a version, or by "module:id" where another module registers it.
 
-    Its observations are one-hot rows (n,) where Gymnasium's own are one of n numbers. A `DataError` where Gymnasium
-    does not know the id; a `MissingExtraError` where it, or a package that the environment needs, is not installed.
+    A `DataError` where it cannot be made; a `MissingExtraError` where Gymnasium, or a package that the environment
+    needs, is not installed.
     """
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "hide")  # else the import of some environments prints a line
     with warnings.catch_warnings():  # Gymnasium changes the filters when it is imported
@@ -203,28 +166,29 @@ def make(env_id: str) -> Untyped:
             raise MissingExtraError("Playing a policy", "gym") from error
         try:
             # The checker slows each step, and registered environments have passed it before.
-            env = gymnasium.make(env_id, disable_env_checker=True)
+            return gymnasium.make(env_id, disable_env_checker=True)
         except gymnasium.error.DependencyNotInstalled as error:
             raise MissingExtraError(f"The environment {env_id}", "gym") from error
         except (gymnasium.error.Error, ModuleNotFoundError) as error:
-            missing = getattr(error.__cause__, "name", None)
-            if missing and not f"{env_id.partition(':')[0]}.".startswith(f"{missing}."):
-                raise DataError(f"The environment {env_id!r} needs the module {missing!r}: install it.") from error
             raise DataError(
-                f"Gymnasium has no environment {env_id!r}: check the name and its version with "
-                "gymnasium.pprint_registry()."
+                f"Gymnasium cannot make {env_id!r} ({in_words(error)}): check the name, its version and its module."
             ) from error
-        is_discrete = isinstance(env.observation_space, gymnasium.spaces.Discrete)
-        return gymnasium.wrappers.FlattenObservation(env) if is_discrete else env
 
 
-def actions_of(env: Untyped) -> Space | None:
-    """The space of the actions of a Gymnasium environment; None unless it is Discrete or a flat float Box."""
+def actions_of(env: Untyped) -> Space:
+    """The actions of an environment; a `DataError` unless they are Discrete or a flat float Box, and observations flat.
+
+    Other environments cannot be played.
+    """
     from gymnasium import spaces
 
-    space = env.action_space
-    if isinstance(space, spaces.Discrete):
-        return Discrete(int(space.n), int(space.start))
-    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f":
-        return Box(space.low, space.high)
-    return None
+    observed, acted = env.observation_space, env.action_space
+    if isinstance(observed, spaces.Box) and len(observed.shape) == 1:
+        if isinstance(acted, spaces.Discrete):
+            return Discrete(int(acted.n), int(acted.start))
+        if isinstance(acted, spaces.Box) and len(acted.shape) == 1 and acted.dtype.kind == "f":
+            return Box(acted.low, acted.high)
+    raise DataError(
+        f"{env.spec.id} has {type(observed).__name__} observations and {type(acted).__name__} actions, but only flat "
+        "observations, and actions that are Discrete or a flat Box, can be played: wrap it or choose another."
+    )

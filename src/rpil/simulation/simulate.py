@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array
-from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import RandomPolicy, actions_of, make, record
-
-Corruption = Callable[[Array, Array, Space, np.random.Generator], tuple[Array, Array]]
+from rpil.simulation.experts import Expert, expert
+from rpil.simulation.rollouts import actions_of, make, record
 
 
 def corrupted(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -29,10 +27,7 @@ def corrupted(observations: Array, actions: Array, space: Space, rng: np.random.
 
 
 def flip(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Swap the first and the last action, 0 and K-1; all others stay. In a box, mirror: low + high - action.
-
-    For Mountain Car and Acrobot (K = 3) that is left and right, for Lunar Lander (K = 4) "nothing" and "right engine".
-    """
+    """Swap the first and the last action, 0 and K-1; all others stay. In a box, mirror: low + high - action."""
     return observations.copy(), space.flip(actions)
 
 
@@ -66,12 +61,11 @@ def sensor(observations: Array, actions: Array, space: Space, rng: np.random.Gen
     return noise.astype(kept), actions.copy()
 
 
-CORRUPTIONS: dict[str, Corruption] = {
+CORRUPTIONS: dict[str, Callable[[Array, Array, Space, np.random.Generator], tuple[Array, Array]]] = {
     function.__name__: function for function in (corrupted, flip, shift, noisy, window, sensor)
 }
 
-RANDOM = "random"
-"""The kind that no function here can make: a uniform policy *drives* and is recorded, so the states change as well."""
+RANDOM = "random"  # which no function here can make: a uniform policy drives, so the states change as well
 
 KINDS: tuple[str, ...] = ("corrupted", RANDOM, *(name for name in CORRUPTIONS if name != "corrupted"))
 
@@ -128,19 +122,19 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     driver = expert(env_id)
     with closing(make(env_id)) as env:
         space = actions_of(env)
-    assert space is not None
     seeds = np.random.SeedSequence(seed).generate_state(5).tolist()
     good_seed, bad_seed, policy_seed, corruption_seed, order_seed = seeds
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
-    bad_driver = RandomPolicy(space, policy_seed) if kind == RANDOM else driver
-    bad = record(bad_driver, env_id, n_episodes=n_bad, seed=bad_seed)
+    rng = np.random.default_rng(policy_seed)
+    at_random = Expert(lambda observations: space.draw(len(observations), rng))
+    bad = record(at_random if kind == RANDOM else driver, env_id, n_episodes=n_bad, seed=bad_seed)
     episodes = [(episode.observations, episode.actions) for episode in [*good, *bad]]
     if kind != RANDOM:
         # One generator per episode: the first bad demonstrations do not depend on `n_bad`.
         streams = np.random.default_rng(corruption_seed).spawn(n_bad)
         episodes[n_good:] = [
-            CORRUPTIONS[kind](*episode, space, rng) for episode, rng in zip(episodes[n_good:], streams, strict=True)
+            CORRUPTIONS[kind](*episode, space, own) for episode, own in zip(episodes[n_good:], streams, strict=True)
         ]
     is_good = np.random.default_rng(order_seed).permutation(np.repeat([1, 0], [n_good, n_bad]))
     order = np.argsort(np.argsort(-is_good, kind="stable"))  # the good, and the bad, among themselves as recorded
