@@ -7,10 +7,9 @@ from contextlib import suppress
 import pytest
 
 from problems import refused_file
-from rpil.data import files
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
-from rpil.data.files import beside, check_exists, check_readable, check_writable, new_folder, replacing
+from rpil.data.files import check_exists, check_readable, check_writable, new_folder, replacing
 
 
 def half_write(path, crash):
@@ -36,38 +35,6 @@ def test_a_crash_and_a_full_disk_leave_the_old_file(tmp_path, crash, seen):
     assert os.listdir(tmp_path) == ["out.txt"]
 
 
-def test_a_process_that_cannot_be_seen_keeps_its_files(tmp_path, monkeypatch):
-    """Of another container or computer of the same name the numbers of processes say nothing."""
-    monkeypatch.setattr(files, "_process_space", lambda: "another container")
-    there = files.temporary_path(tmp_path / "a.csv")
-    there = there.with_name(there.name.replace(f"-{os.getpid()}-", "-999999999-"))
-    there.touch()
-    monkeypatch.undo()
-    assert files.temporary_path(tmp_path / "a.csv").parent == tmp_path
-    assert there.exists()
-
-
-@pytest.mark.parametrize("writer", [beside, new_folder])
-def test_the_next_run_removes_folders_that_a_killed_one_left(tmp_path, writer):
-    script = "import os, sys; from pathlib import Path; from rpil.data import files\n"
-    script += f"with files.{writer.__name__}(Path(sys.argv[1])) as path:\n"
-    script += "    path.mkdir(exist_ok=True); (path / 'half').touch(); os.kill(os.getpid(), 9)"
-    for name in ("a.zarr", "b.zarr"):
-        subprocess.run([sys.executable, "-c", script, tmp_path / name], check=False)
-    assert len(os.listdir(tmp_path)) == 2
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "file").touch()
-    killed = next(name for name in os.listdir(tmp_path) if name.startswith(".a"))
-    (tmp_path / killed.replace("-", "-9", 1)).symlink_to(tmp_path / "mine")
-    with new_folder(tmp_path / "a.zarr") as living:
-        assert sorted(name.split(".")[1] for name in os.listdir(tmp_path) if name != "mine") == ["a", "b"]
-        with replacing(tmp_path / "a.zarr") as second:
-            second.touch()
-        assert living.is_dir()
-        (tmp_path / "a.zarr").unlink()
-    assert (tmp_path / "mine" / "file").exists()
-
-
 def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path):
     path, link, new, usual = (tmp_path / name for name in ("out.txt", "link.txt", "new.txt", "usual.txt"))
     usual.touch()
@@ -88,26 +55,26 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path)
 @pytest.mark.parametrize("writer", [replacing, new_folder])
 def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch, writer):
     done = []
-    sync, replace, rename = os.fsync, os.replace, os.rename
-
-    def synced(opened):
-        done.append(os.fstat(opened).st_ino)
-        sync(opened)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", lambda *paths: (done.append("named"), replace(*paths)))
-    monkeypatch.setattr(os, "rename", lambda *paths: (done.append("named"), rename(*paths)))
+    sync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda opened: (done.append(os.fstat(opened).st_ino), sync(opened)))
     with writer(tmp_path / "out") as temporary:
         file = temporary / "in" / "file" if writer is new_folder else temporary
         file.parent.mkdir(exist_ok=True)
         file.write_text("whole")
-        numbers = {
-            file.stat().st_ino,
-            *([file.parent.stat().st_ino, temporary.stat().st_ino] if file != temporary else []),
-        }
-    named = done.index("named")
-    assert set(done[:named]) == numbers
-    assert done[named + 1 :] == [tmp_path.stat().st_ino]
+        number = file.stat().st_ino
+        assert not done
+        assert not (tmp_path / "out").exists()
+    assert done == [number]
+
+
+@pytest.mark.parametrize("writer", [replacing, new_folder])
+def test_a_killed_process_leaves_nothing_of_that_name(tmp_path, writer):
+    script = "import os, sys; from rpil.data import files\n"
+    script += f"with files.{writer.__name__}(sys.argv[1]) as path:\n"
+    script += "    (path / 'half' if path.is_dir() else path).write_text('half'); os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", script, tmp_path / "out"], check=False)
+    assert not (tmp_path / "out").exists()
+    assert all(name.startswith(".") for name in os.listdir(tmp_path))
 
 
 @pytest.mark.parametrize("check", [check_writable, lambda path: replacing(path).__enter__()])

@@ -6,9 +6,6 @@ import errno
 import gc
 import os
 import pickle
-import signal
-import subprocess
-import sys
 
 import pyarrow.parquet as pq
 import pytest
@@ -94,17 +91,10 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-@pytest.mark.skipif(os.name != "posix", reason="elsewhere no process can be asked for")
-def test_the_next_copy_removes_what_a_killed_process_left(tmp_path):
-    program = "import os, sys, rpil; data = rpil.open(sys.argv[1], on_disk=True); os.kill(os.getpid(), 15)"
-    path, folder = tmp_path / "a.csv", tmp_path / "temporary"
-    folder.mkdir()
-    path.write_text(table(["a"] * 9, [0, 1, 1] * 3))
-    for _ in range(2):
-        environment = {**os.environ, "TMPDIR": str(folder)}
-        killed = subprocess.run([sys.executable, "-c", program, str(path)], env=environment, check=False)
-        assert killed.returncode == -signal.SIGTERM
-        assert len(list(folder.iterdir())) == 1  # its own
+def test_a_fault_names_file_demonstration_and_row(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9 + ["b"] * 9, [0, 1, 1] * 5 + [0, "", 1]))
+    with pytest.raises(DataError, match=r"a\.csv, demonstration 'b', row 17: column 'action' has no value"):
+        read_recording(tmp_path / "a.csv", on_disk=True).demonstrations  # noqa: B018
 
 
 def test_what_takes_too_much_memory_goes_to_disk(tmp_path):

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import os
-import platform
-import re
 import shutil
-import stat
-import time
 import uuid
-import zlib
 from collections.abc import Collection, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from difflib import get_close_matches
 from fnmatch import fnmatch
 from pathlib import Path
@@ -20,12 +14,7 @@ from pathlib import Path
 from rpil.data.errors import DataError
 from rpil.data.held import held_bytes
 
-_SYNCED_AT_ONCE = 32
-"""Files: a disk writes many at once as fast as one."""
-
-_REPEATED_NAME, _MOST_OF_NAME = 200, 255  # bytes that a temporary name repeats, and that file systems take
-_TRIES, _PAUSE = 10, 0.1  # in seconds
-
+_MOST_OF_NAME = 255  # bytes that file systems take
 _POINTER = b"version https://git-lfs"
 _MOST_OF_POINTER = 1024  # bytes, by the definition of Git LFS
 
@@ -97,28 +86,25 @@ def replacing(path: StrPath) -> Iterator[Path]:
     """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
 
     A `DataError` where `path` cannot be written; a file that was there stays as it was, and a file that is replaced
-    gives its permissions to the new one. Temporary files of dead processes on this
-    computer are deleted.
+    gives its permissions to the new one.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
     with _told_of(path), beside(target) as temporary:
-        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
-        if mode is not None:  # from the start, so that private data are never readable
-            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode | stat.S_IRUSR | stat.S_IWUSR))
+        if target.exists():  # only its owner may read the new one until it has the permissions of the old one
+            temporary.touch(0o600)
         yield temporary
+        if target.exists():
+            shutil.copymode(target, temporary)
         _sync(temporary)
-        if mode is not None and mode != stat.S_IMODE(temporary.stat().st_mode):
-            temporary.chmod(mode)
         os.replace(temporary, target)
-        _sync(target.parent)
 
 
 @contextmanager
 def new_folder(path: StrPath) -> Iterator[Path]:
     """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
 
-    A `DataError` where `path` is there already, or cannot be written. Temporary files of dead processes are deleted.
+    A `DataError` where `path` is there already, or cannot be written.
     """
     path = Path(path)
     if path.exists():
@@ -126,11 +112,10 @@ def new_folder(path: StrPath) -> Iterator[Path]:
     with _told_of(path), beside(check_writable(path)) as temporary:
         temporary.mkdir()
         yield temporary
-        with ThreadPoolExecutor(_SYNCED_AT_ONCE) as pool:
-            list(pool.map(_sync, temporary.rglob("*")))
-        _sync(temporary)
+        for file in temporary.rglob("*"):
+            if file.is_file():
+                _sync(file)
         os.rename(temporary, path)
-        _sync(path.parent)
 
 
 @contextmanager
@@ -150,71 +135,26 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there.
-
-    Temporary files beside `path` of dead processes of this computer are deleted first.
-    """
+    """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there."""
     temporary = temporary_path(path)
     try:
         yield temporary
     finally:
-        _remove(temporary)
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            temporary.unlink(missing_ok=True)
 
 
 def temporary_path(path: Path) -> Path:
-    """A path beside `path` that names this process; what others that were killed left under such names is removed."""
-    # The suffix is kept, because some writers (numpy.savez) add their own to a name without it.
-    fits = len(os.fsencode(path.name)) <= _REPEATED_NAME
-    stem = path.stem if fits else f"{zlib.crc32(os.fsencode(path.stem)):08x}"
-    mark = f".{stem}.{zlib.crc32(_process_space().encode()):08x}-"
-    name = re.compile(rf"{re.escape(mark)}(\d+)-[0-9a-f]{{8}}{re.escape(path.suffix)}")
-    # Elsewhere os.kill would end the process instead of asking for it.
-    for found in filter(None, map(name.fullmatch, os.listdir(path.parent) if os.name == "posix" else ())):
-        try:
-            os.kill(int(found[1]), 0)
-        except ProcessLookupError:
-            _remove(path.parent / found[0])
-        except (OSError, OverflowError):
-            pass  # the process of another user, which lives
-    return path.with_name(f"{mark}{os.getpid()}-{uuid.uuid4().hex[:8]}{path.suffix}")
-
-
-def _process_space() -> str:
-    """What tells apart computers and containers of one name, in which a number is not that of the same process."""
-    parts = [platform.node()]
-    with suppress(OSError):
-        parts.append(os.readlink("/proc/self/ns/pid"))
-    with suppress(OSError):
-        parts.append(Path("/etc/machine-id").read_text())
-    return " ".join(parts)
-
-
-def _remove(path: Path) -> None:
-    """Remove a file or a folder, where it is there and may be removed; a link is removed, and not what it leads to."""
-    if path.is_symlink() or not path.is_dir():
-        with suppress(OSError):
-            path.unlink(missing_ok=True)
-        return
-    for _ in range(_TRIES):
-        if not path.exists():
-            return
-        shutil.rmtree(path, ignore_errors=True)
-        time.sleep(_PAUSE)  # threads of a library may go on to write for a while
+    """A hidden path beside `path` that is not taken, with its suffix: some writers add their own to a name without."""
+    return path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or the list of what is in a folder, is on the disk, so that a power cut cannot lose it."""
-    is_folder, is_posix = path.is_dir(), os.name == "posix"
-    if is_folder and not is_posix:  # elsewhere a folder cannot be opened
-        return
-    opened = os.open(path, os.O_RDONLY if is_posix else os.O_RDWR)
-    try:
-        os.fsync(opened)
-    except OSError:
-        if not is_folder:  # which some file systems cannot sync
-            raise
-    finally:
-        os.close(opened)
+    """Wait until a file is on the disk, so that after a power cut its name does not stand for half of it."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:

@@ -6,7 +6,6 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from contextvars import ContextVar
 from typing import BinaryIO, TypeVar, cast
 
 T = TypeVar("T")
@@ -14,25 +13,24 @@ T = TypeVar("T")
 MOST_OPEN = 64
 """Files that stay open, at most: a process may have a few hundred."""
 
-Held = tuple[ExitStack, dict[tuple[str, object], object], int]
-"""What closes the files, the files by path and kind, and the thread that reads them."""
+Held = tuple[ExitStack | None, dict[tuple[str, object], object]]
+"""What closes the files, and the files by path and kind."""
 
-_open: ContextVar[Held | None] = ContextVar("files held open", default=None)
+_open = threading.local()  # two threads that read one open file would move each other's place
 
 
 @contextmanager
 def holding() -> Iterator[None]:
     """Within the block, what `held` opens stays open until the end of the outermost such block."""
-    place = _open.get()
-    if place is not None and place[2] == threading.get_ident():
+    if hasattr(_open, "files"):
         yield
         return
     with ExitStack() as stack:
-        token = _open.set((stack, {}, threading.get_ident()))
+        _open.files = stack, {}
         try:
             yield
         finally:
-            _open.reset(token)
+            del _open.files
 
 
 @contextmanager
@@ -41,10 +39,9 @@ def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextMana
 
     `kind` tells apart what several libraries open.
     """
-    stack, found, owner = _open.get() or (None, {}, None)
+    stack, found = cast(Held, getattr(_open, "files", (None, {})))
     key = str(path), kind
-    is_ours = owner == threading.get_ident()  # two that read one open file would move each other's place
-    if stack is None or not is_ours or (key not in found and len(found) >= MOST_OPEN):
+    if stack is None or (key not in found and len(found) >= MOST_OPEN):
         with open_it() as one:
             yield one
         return

@@ -1,8 +1,7 @@
 """Rows of formats other than Parquet on disk: copied once, in batches, to a temporary Parquet file.
 
 Passes over Parquet take less time than decoding text, HDF5 or Zarr again in each of them, and need one way of reading
-only. The file is removed when its rows are no longer needed, when the process ends, or, where that was killed, when the
-next one makes a copy.
+only. The file is removed when its rows are no longer needed, or when the process ends.
 """
 
 from __future__ import annotations
