@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.data.coding import action_space, class_codes, encode_actions, encode_demonstrations, label_codes
+from rpil.data.coding import action_space, class_codes, encode_actions, encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.data.id_values import label_codes
 from rpil.data.spaces import Box, Discrete
 
 X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]

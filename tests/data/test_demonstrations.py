@@ -38,7 +38,7 @@ def test_properties():
 
 def test_a_position_is_an_episode_and_more_are_demonstrations():
     d = small()
-    for episode in (d[1], d[-1], d[np.int64(1)], d.episode(1), d.episode(-1), [*d][1]):
+    for episode in (d[1], d[-1], d[np.int64(1)], [*d][1]):
         observations, actions = episode
         assert observations.tolist() == X[2:].tolist()
         assert actions.tolist() == [1, 0, 2]
@@ -47,24 +47,15 @@ def test_a_position_is_an_episode_and_more_are_demonstrations():
     ]
     assert isinstance(d[1:], Demonstrations)
     assert d[::-1].actions.tolist() == [1, 0, 2, 0, 1]
-    for beyond in (d.__getitem__, d.episode):
-        with pytest.raises(IndexError):
-            beyond(2)
+    with pytest.raises(IndexError):
+        d[2]
     refusal(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
-
-
-@pytest.mark.parametrize("groups", [[0, 0, 1, 1, 1], ["a", "a", "b", "b", "b"], [0.0, 0.0, 1.0, 1.0, 1.0]])
-def test_groups_in_the_place_of_offsets_are_sent_to_from_groups(groups):
-    refusal("has a value for each of the 5 rows, .*; use Demonstrations.from_groups", small, offsets=groups)
-    assert Demonstrations.from_groups(X, Y, groups).offsets.tolist() == OFFSETS
-    one_step_and_more = [0, 1, 2, 3, 5]  # five offsets of five rows
-    assert small(offsets=one_step_and_more, ids=None).lengths.tolist() == [1, 1, 1, 2]
 
 
 def test_arrays_are_read_only_and_the_callers_stay_writable():
     x = X.copy()
     d = small(observations=x)
-    for array in (d.observations, d.actions, d.offsets, d.episode(0)[0]):
+    for array in (d.observations, d.actions, d.offsets, d[0][0]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
     x[0] = 0

@@ -32,12 +32,12 @@ def test_labels_csv(tmp_path, header):
     path.write_text("\n".join([header, *rows]), encoding="utf-8")
     labels = formats.read_labels(path)
     assert labels == {"7": "good", "a": "bad", "b": "good"}
-    assert formats.match_labels(labels, ("b", "x", "a", 7)) == {3: True, 2: False, 0: True}
-    assert formats.match_labels({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)) == {0: False, 1: True}
+    assert formats.label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
+    assert formats.label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
     (tmp_path / "labels.json").write_text(json.dumps({"7": "expert", "a": "Bad", "b": "good"}))
     assert formats.read_labels(tmp_path / "labels.json") == labels
     with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
-        formats.match_labels(labels, [7], "labels.csv")
+        formats.label_codes(labels, [7], "labels.csv")
 
 
 @pytest.mark.parametrize(

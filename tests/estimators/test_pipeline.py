@@ -122,7 +122,7 @@ def test_two_groups_list_copies():
     data, _ = two_styles(0)
     once = RPIL().fit(data).audit_
     assert once.finding == "two groups"
-    found = RPIL().fit(Demonstrations.from_episodes([*data, data.episode(0)])).audit_
+    found = RPIL().fit(Demonstrations.from_episodes([*data, data[0]])).audit_
     assert [set(group) - {16} for group in found.competing] == [set(group) for group in once.competing]
     assert [16 in group for group in found.competing] == [0 in group for group in once.competing]
     assert any(0 in group for group in once.competing)
@@ -166,7 +166,7 @@ def test_no_copy_of_a_suggested_or_labelled_demonstration_is_suggested():
 def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
     toy = make_continuous("random", 3, n_good=1, n_bad=1)
     own = Ridge() if policy else None
-    audit = RPIL(policy=own).fit(Demonstrations.from_episodes([toy.demonstrations.episode(0)] * 6)).audit_
+    audit = RPIL(policy=own).fit(Demonstrations.from_episodes([toy.demonstrations[0]] * 6)).audit_
     assert (audit.finding, audit.pair, audit.question) == ("nothing could be learned", (), None)
     assert set(audit.verdicts) == {"open"}
     assert np.ptp(audit.log_odds) == 0

@@ -27,8 +27,8 @@ def test_reference_comes_last_and_no_ids_clash():
         assert both.ids[:3] == tuple(map(str, one.ids))
         assert len(set(both.ids)) == 5
         for m in range(5):
-            expected = one.episode(m) if m < 3 else other.episode(m - 3)
-            for found, value in zip(both.episode(m), expected, strict=True):
+            expected = one[m] if m < 3 else other[m - 3]
+            for found, value in zip(both[m], expected, strict=True):
                 np.testing.assert_array_equal(found, value)
 
 
@@ -36,7 +36,7 @@ def test_columns_in_another_order_are_matched_by_name():
     one, other = some(2), some(2, names=("v", "x"))
     both = with_reference(one, other)
     assert both.observation_names == ("x", "v")
-    np.testing.assert_array_equal(both.episode(2)[0], other.episode(0)[0][:, ::-1])
+    np.testing.assert_array_equal(both[2][0], other[0][0][:, ::-1])
 
 
 @pytest.mark.parametrize(

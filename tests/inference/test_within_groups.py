@@ -109,7 +109,7 @@ def test_the_columns_are_kept(model, audit, tmp_path):
 
 
 def test_a_copy_is_in_the_group_of_its_first(data):
-    episodes = [*data, data.episode(0), data.episode(21)]
+    episodes = [*data, data[0], data[21]]
     found = RPIL().fit(Demonstrations.from_episodes(episodes)).audit_
     np.testing.assert_array_equal(found.columns_within[[N, N + 1]], found.columns_within[[0, 21]])
     good = found.answered({N: "good", N + 1: "good"}).log_odds[:N]

@@ -31,7 +31,7 @@ def test_the_only_one_that_starts_somewhere_is_named_with_its_observation():
     rng = np.random.default_rng(0)
     starts = np.vstack([usual_starts(30, rng), [[0.0, 4.0]]])
     demonstrations = reaches(starts, rng)
-    highest = max(demonstrations.episode(m)[0][0, 1] for m in range(30) if m not in (3, 5))
+    highest = max(demonstrations[m][0][0, 1] for m in range(30) if m not in (3, 5))
     kept = [m for m in range(30) if m not in (3, 5)]
     assert lost_places(demonstrations, kept) == (
         f"No kept demonstration starts with obs.3 above {np.ceil(highest * 1000) / 1000:.3f}; 30 does.",
@@ -51,9 +51,9 @@ def test_several_that_start_there_share_a_sentence_and_one_that_is_kept_is_enoug
 def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
     rng = np.random.default_rng(2)
     usual = reaches(usual_starts(25, rng), rng)
-    detour = usual.episode(4)[0].copy()
+    detour = usual[4][0].copy()
     detour[5:, 0] -= 6
-    episodes = [*usual, (detour, usual.episode(4)[1])]
+    episodes = [*usual, (detour, usual[4][1])]
     (found,) = lost_places(Demonstrations.from_episodes(episodes, observation_names=NAMES), range(25))
     lowest = min(observations[:, 0].min() for observations, _ in usual)
     assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 1000) / 1000:.3f}; 25 does."

@@ -224,7 +224,8 @@ def read_archive(
     with guarded(path, "it is damaged or truncated", remedy), zipfile.ZipFile(path) as archive:
         members, header = archive.namelist(), None
         if _HEADER in members:
-            _check_sizes(archive, path)
+            if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:  # what rpil saves is as it is
+                raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {remedy}.")
             with archive.open(_HEADER) as file:
                 header = parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
         if not isinstance(header, dict) or header.get("schema") != schema:
@@ -240,13 +241,3 @@ def read_archive(
         if len(arrays) < len(members):
             raise DataError(f"{path}: its parts do not belong together; {remedy}.")
     return header, arrays
-
-
-def _check_sizes(archive: zipfile.ZipFile, path: Path) -> None:
-    """A `DataError` where members hold more than the file: `write_archive` compresses nothing."""
-    infos = archive.infolist()
-    packed = any(info.compress_type != zipfile.ZIP_STORED or info.file_size > info.compress_size for info in infos)
-    if packed or sum(info.file_size for info in infos) > path.stat().st_size:
-        raise DataError(
-            f"{path}: its parts are compressed, or hold more than the file, as rpil saves none; save it again."
-        )

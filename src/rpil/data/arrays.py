@@ -228,15 +228,6 @@ def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) ->
     return offsets
 
 
-def check_no_groups(offsets: Array, n_rows: int, where: str) -> None:
-    """A `DataError` where `offsets` are groups: the demonstration of each of `n_rows` rows, not where each begins."""
-    if offsets.shape == (n_rows,) and n_rows and (offsets.dtype.kind not in "iu" or offsets[-1] != n_rows):
-        raise DataError(
-            f"{where}: offsets has a value for each of the {n_rows} rows, as groups have; use "
-            "Demonstrations.from_groups(observations, actions, groups)."
-        )
-
-
 def group_rows(group: Array, order: Array | None = None) -> tuple[Array, NDArray[np.int64], Array | None]:
     """The demonstrations among the group numbers of the rows (N,): numbers by first appearance, and offsets.
 

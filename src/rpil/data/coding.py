@@ -1,8 +1,6 @@
-"""Action codes, the space of the actions, and codes of labels, of demonstrations in memory or on disk."""
+"""Action codes and the space of the actions, of demonstrations in memory or on disk."""
 
 from __future__ import annotations
-
-from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +8,8 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import check_squares
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
-from rpil.data.id_values import Key, match_labels
 from rpil.data.spaces import Box, Discrete, Space
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array
 
 Bounds = tuple[ArrayLike, ArrayLike]
 """Low and high end of every number of an action: a number for all, or (A,) numbers."""
@@ -108,14 +105,3 @@ def encode_demonstrations(classes: Array, space: Space, demonstrations: Demonstr
         )
     pairs = zip(demonstrations.ids, demonstrations, strict=True)
     return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])
-
-
-def label_codes(labels: Mapping[Key, str], ids: Sequence[Hashable]) -> Int[Array, " M"]:
-    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`.
-
-    A `DataError` on an unknown label or id.
-    """
-    codes = np.zeros(len(ids), dtype=np.int64)
-    for m, is_good in match_labels(labels, ids).items():
-        codes[m] = 1 if is_good else -1
-    return codes

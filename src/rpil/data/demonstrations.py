@@ -194,7 +194,6 @@ class Demonstrations(DemonstrationSet):
         """
         rows = arrays.as_array(observations, "observations", source)
         bounds = arrays.as_array(offsets, "offsets", source)
-        arrays.check_no_groups(bounds, len(np.atleast_1d(rows)), source)
         names = arrays.as_names(observation_names, source)
         steps = arrays.as_array(actions, "actions", source)
         return cls(rows, steps, bounds, () if ids is None else arrays.as_ids(ids, source), names, source, action_kind)
@@ -305,31 +304,30 @@ class Demonstrations(DemonstrationSet):
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:
         """All demonstrations in order, without copying: shards, each a list of blocks; see `shard_bounds`."""
-        return [
-            [self._block(first, end) for first, end in itertools.pairwise(bounds)]
-            for bounds in shard_bounds(self.offsets, n_shards, block_steps)
-        ]
 
-    def _block(self, first: int, end: int) -> Block:
-        steps = slice(self.offsets[first], self.offsets[end])
-        offsets = self.offsets[first : end + 1] - self.offsets[first]
-        return Block(first, self.observations[steps], self.actions[steps], offsets)
+        def block(first: int, end: int) -> Block:
+            steps = slice(self.offsets[first], self.offsets[end])
+            offsets = self.offsets[first : end + 1] - self.offsets[first]
+            return Block(first, self.observations[steps], self.actions[steps], offsets)
 
-    def episode(self, m: int) -> Episode:
-        """``(observations (T, D), actions (T,) or (T, A))`` of demonstration number `m`, as views."""
-        m = range(self.n_demonstrations)[m]
-        steps = slice(self.offsets[m], self.offsets[m + 1])
-        return self.observations[steps], self.actions[steps]
+        bounds = shard_bounds(self.offsets, n_shards, block_steps)
+        return [list(itertools.starmap(block, itertools.pairwise(of_shard))) for of_shard in bounds]
 
     def __iter__(self) -> Iterator[Episode]:
-        return (self.episode(m) for m in range(self.n_demonstrations))
+        return (self[m] for m in range(self.n_demonstrations))
 
     @overload
     def __getitem__(self, index: int) -> Episode: ...
     @overload
     def __getitem__(self, index: slice | Sequence[int] | NDArray[np.generic]) -> Demonstrations: ...
     def __getitem__(self, index: int | Indices) -> Episode | Demonstrations:
-        """`episode` of a position, as iteration gives it, or `select` of a slice, positions or a mask."""
+        """``(observations (T, D), actions (T,) or (T, A))`` at a position, as views; or `select` of a slice, positions
+        or a mask.
+        """
         if isinstance(index, str):
             raise DataError(f"{self.source}: [{index!r}] takes a position; that of an id is .ids.index({index!r}).")
-        return self.episode(index) if isinstance(index, int | np.integer) else self.select(index)
+        if not isinstance(index, int | np.integer):
+            return self.select(index)
+        m = range(self.n_demonstrations)[index]
+        steps = slice(self.offsets[m], self.offsets[m + 1])
+        return self.observations[steps], self.actions[steps]

@@ -217,14 +217,9 @@ def _compared(word: object) -> tuple[Relation, str] | None:
 
 
 def _id_in(cell: str | None, ids: Collection[str]) -> str:
-    """The id in a cell of CSV, without white space at its ends unless one of the `ids` has it."""
+    """The id, or another text, in a cell of CSV, without white space at its ends unless one of the `ids` has it."""
     name = from_cell(cell or "")
     return name if name in ids else from_cell((cell or "").strip())
-
-
-def _about(cell: str | None) -> str:
-    """The text in a cell that a row need not have."""
-    return from_cell((cell or "").strip())
 
 
 def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: str) -> None:
@@ -240,15 +235,19 @@ def _label(word: object) -> Label | None:
     return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
 
 
-def match_labels(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> dict[int, bool]:
-    """Number of each labelled demonstration to whether it is good; ids are compared as text. A `DataError` where a
-    label is neither "good" nor "bad", or an id is not among `ids`."""
-    for m, label in labels.items():
-        if _label(label) is None:
-            raise DataError(f"Demonstration {m!r}: the label {quoted([label])} is unknown; use 'good' or 'bad'.")
+def label_codes(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> Int[Array, " M"]:
+    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`, which are compared as text.
+
+    A `DataError` on an unknown label or id.
+    """
     check_ids(labels, ids, source, "the labels")
-    number = {str(name): m for m, name in enumerate(ids)}
-    return {number[str(name)]: _label(label) == "good" for name, label in labels.items()}
+    codes = dict.fromkeys(map(str, ids), 0)
+    for m, word in labels.items():
+        label = _label(word)
+        if label is None:
+            raise DataError(f"Demonstration {m!r}: the label {quoted([word])} is unknown; use 'good' or 'bad'.")
+        codes[str(m)] = 1 if label == "good" else -1
+    return np.array([*codes.values()], dtype=np.int64)
 
 
 def match_pairs(
@@ -338,5 +337,5 @@ def _csv_pairs(
         if not m or None in row:
             problem = "it names no demonstration" if not m else "it has more values than there are columns"
             raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
-        pairs.append((m, from_cell(row[column] or ""), *(_about(row.get(name)) for name in more)))
+        pairs.append((m, from_cell(row[column] or ""), *(_id_in(row.get(name), ()) for name in more)))
     return pairs

@@ -18,8 +18,8 @@ from rpil.data.held import holding
 from rpil.data.id_values import (
     check_labels_file,
     is_id_file,
+    label_codes,
     match_demonstrators,
-    match_labels,
     read_answers,
     read_id_pairs,
     read_labels,
@@ -39,7 +39,7 @@ __all__ = [
     "Label",
     "Recording",
     "check_labels_file",
-    "match_labels",
+    "label_codes",
     "read_answers",
     "read_labels",
     "write_weights",

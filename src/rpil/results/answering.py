@@ -10,10 +10,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.coding import label_codes
 from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
-from rpil.data.id_values import Relation, match_pairs, parse_labels
+from rpil.data.id_values import Relation, label_codes, match_pairs, parse_labels
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, learned_from, most_telling
 from rpil.inference.answers import Answers, check_copied_labels

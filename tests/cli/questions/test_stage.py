@@ -167,7 +167,7 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
 
 
 def _values(recorded, m):
-    observations, actions = recorded.episode(m)
+    observations, actions = recorded[m]
     return actions.reshape(len(actions), -1), observations
 
 
