@@ -12,7 +12,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores, summaries
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import ErrorSettings, student_log_density
+from rpil.numerics.regression import ErrorSettings, student_log_densities
 
 SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
 STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0, 1]])
@@ -58,7 +58,7 @@ def test_own_actions_are_a_student_distribution_around_their_median():
     own = []
     for errors in (np.array([-2.0, -1, 1, 1]), np.array([2.0, -2]), np.zeros(2)):
         scale = np.array([1.35 * np.median(np.abs(errors)) + 0.03])
-        own.append(student_log_density(errors[:, None], scale, ERRORS).mean())
+        own.append(student_log_densities(errors[:, None], scale, ERRORS).sum(axis=1).mean())
     np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
 
 

@@ -12,7 +12,7 @@ from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.regression import ErrorSettings, error_scale, student_log_density
+from rpil.numerics.regression import ErrorSettings, error_scale, student_log_densities
 from rpil.policies.folds import deal
 
 STEPS = (40, 60)
@@ -48,7 +48,7 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
         model.fit(problem.features[train][:, :-1], actions[train], sample_weight=weight[train])
         errors[test] = actions[test] - model.predict(problem.features[test][:, :-1]).reshape(-1, actions.shape[1])
     scale = error_scale(errors, weight, ErrorSettings())
-    np.testing.assert_allclose(scored, student_log_density(errors, scale, ErrorSettings()), atol=1e-6)
+    np.testing.assert_allclose(scored, student_log_densities(errors, scale, ErrorSettings()).sum(axis=1), atol=1e-6)
 
 
 def test_reference_does_not_depend_on_the_state():

@@ -12,12 +12,10 @@ from problems import Toy, make, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import judged_starts
 from rpil.estimators.settings import Settings
-from rpil.mixture import search
 from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.em import MixtureFit, e_step, run_em
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings, MStep
-from rpil.numerics.parallel import in_parallel
 from rpil.policies.softmax import SoftmaxPolicy
 
 STEPS = (40, 60)
@@ -145,7 +143,7 @@ def test_an_own_policy_finds_two_groups():
 def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     problem = make("noisy", 0).problem()
     one = fitted(problem, "confusion", 3)
-    monkeypatch.setattr(search, "in_parallel", partial(in_parallel, min_size=0))
+    monkeypatch.setattr("rpil.numerics.parallel.THREADING_MIN_SIZE", 0)
     several = fitted(problem, "confusion", 3)
     np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
     np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)

@@ -12,9 +12,9 @@ from rpil.numerics.regression import (
     error_scale,
     normal_equations,
     robust_scale,
-    scale_within,
     solve_ridge,
-    student_log_density,
+    spread_within,
+    student_log_densities,
 )
 
 RNG = np.random.default_rng(0)
@@ -30,15 +30,15 @@ def test_robust_scale_of_gaussian_steps_and_of_constants():
     np.testing.assert_allclose(spread, [3.0, 1.0, 2.0], rtol=0.3)
 
 
-def test_scale_within_ignores_the_levels_of_demonstrations():
+def test_spread_within_ignores_the_levels_of_demonstrations():
     values = RNG.normal(0.0, 2.0, 100) + np.repeat(50.0 * np.arange(5), 20)
-    assert scale_within(values[:, None], OFFSETS)[1] == pytest.approx(2.0, rel=0.3)
+    assert spread_within(values[:, None], OFFSETS) == pytest.approx(2.0, rel=0.3)
     assert robust_scale(values[:, None], OFFSETS)[1] > 40
     levels = np.repeat([0.1, 0.2, 0.3, 0.4, 0.5], 20)[:, None]  # constant within each
-    assert scale_within(levels, OFFSETS)[1] == pytest.approx(0.1)
+    assert spread_within(levels, OFFSETS) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("scale", [robust_scale, scale_within])
+@pytest.mark.parametrize("scale", [lambda *steps: robust_scale(*steps)[1], spread_within])
 def test_one_demonstration_has_no_influence_however_far_it_is(scale):
     values = RNG.normal(size=(100, 1))
     near, far = values.copy(), values.copy()
@@ -74,5 +74,5 @@ def test_error_scale_is_robust_and_weighted():
 @pytest.mark.parametrize("nu", [1.0, 4.0, 30.0])
 def test_student_log_density_is_scipys(nu):
     errors, scale = RNG.normal(size=(20, 2)), np.array([0.5, 3.0])
-    found = student_log_density(errors, scale, ErrorSettings(degrees_of_freedom=nu))
+    found = student_log_densities(errors, scale, ErrorSettings(degrees_of_freedom=nu)).sum(axis=1)
     np.testing.assert_allclose(found, student.logpdf(errors, nu, scale=scale).sum(axis=1))

@@ -17,7 +17,7 @@ from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
-from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_density
+from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_densities
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -155,5 +155,5 @@ def own_log_prob(data: FitData, actions: Float[Array, "N A"], errors: ErrorSetti
     for m, (begin, end) in enumerate(zip(data.offsets[:-1], data.offsets[1:], strict=True)):
         away = actions[begin:end] - np.median(actions[begin:end], axis=0)
         scale = 1.35 * np.median(np.abs(away), axis=0) + errors.min_scale
-        own[m] = student_log_density(away, scale, errors).mean()
+        own[m] = student_log_densities(away, scale, errors).sum(axis=1).mean()
     return own

@@ -17,7 +17,7 @@ from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_density
+from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_densities
 from rpil.numerics.types import Array, Float, Int, Shaped
 from rpil.policies.protocol import CrossFittedPolicy
 
@@ -86,8 +86,9 @@ class StudentRatio:
     ) -> StepRatios:
         """Log-ratios of the actions taken."""
         scaled = self.scaling(actions)
-        log_prob = student_log_density(scaled - linear(features, self.weights), self.scale, settings.errors)
-        log_q = student_log_density(scaled - self.center, self.width, settings.errors)
+        errors = scaled - linear(features, self.weights)
+        log_prob = student_log_densities(errors, self.scale, settings.errors).sum(axis=1)
+        log_q = student_log_densities(scaled - self.center, self.width, settings.errors).sum(axis=1)
         return log_prob, log_prob - log_q, log_prob
 
     def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:

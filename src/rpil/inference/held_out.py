@@ -19,7 +19,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.blocks import log_softmax, one_hot
+from rpil.numerics.blocks import at_actions, log_softmax, one_hot
 from rpil.numerics.regression import (
     MIN_WEIGHT,
     error_scale,
@@ -143,8 +143,8 @@ def with_lapses(
     log_proba: Float[Array, "N K"], frequency: Float[Array, " K"], actions: Int[Array, " N"], lapse: float
 ) -> Float[Array, " N"]:
     """Log-probabilities of the actions taken under (1 - lapse) pi + lapse q, with q = `frequency`."""
-    taken = np.take_along_axis(log_proba, actions[:, None], axis=1)[:, 0]
-    return np.asarray(np.logaddexp(np.log1p(-lapse) + taken, np.log(lapse * frequency)[actions]))
+    taken = np.log1p(-lapse) + at_actions(log_proba, actions)
+    return np.asarray(np.logaddexp(taken, np.log(lapse * frequency)[actions]))
 
 
 @dataclass(eq=False)

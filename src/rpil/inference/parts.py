@@ -12,7 +12,7 @@ import numpy as np
 
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
-from rpil.numerics.regression import robust_scale, scale_within
+from rpil.numerics.regression import robust_scale, spread_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
 MOST = 0.9
@@ -60,7 +60,7 @@ class ActionScale:
     def of(cls, data: FitData) -> ActionScale:
         """From the demonstrations of `data`."""
         location, around = robust_scale(data.actions, data.offsets)
-        spread = scale_within(data.actions, data.offsets)[1]
+        spread = spread_within(data.actions, data.offsets)
         spread = spread if data.judged is None else np.where(data.judged, spread, np.inf)
         return cls(location, spread, MAX_DISTANCE * around)
 

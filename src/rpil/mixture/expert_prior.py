@@ -53,10 +53,7 @@ class ExpertPrior:
 def as_prior(prior: float | tuple[float, float] | None) -> ExpertPrior:
     """The prior that a user describes: a fixed P(expert), or (a, b) of its Beta prior; None is Beta(2, 2).
 
-    Raises
-    ------
-    DataError
-        If P(expert) is not between 0 and 1, or a or b is below 1.
+    A `DataError` where P(expert) is not between 0 and 1, or a or b is below 1.
     """
     if prior is None:
         return ExpertPrior()

@@ -22,18 +22,15 @@ def cores() -> int:
 
 
 def in_parallel(
-    function: Callable[[Item], Result],
-    items: Iterable[Item],
-    features: Float[Array, "N D"],
-    min_size: int = THREADING_MIN_SIZE,
+    function: Callable[[Item], Result], items: Iterable[Item], features: Float[Array, "N D"]
 ) -> list[Result]:
-    """``[function(item) for item in items]``, in threads if `features` has at least `min_size` entries.
+    """``[function(item) for item in items]``, in threads if `features` has at least `THREADING_MIN_SIZE` entries.
 
     The results are the same bits either way: nothing is summed across threads.
     """
     items = list(items)
     workers = min(cores(), len(items))
-    if workers < 2 or features.size < min_size:
+    if workers < 2 or features.size < THREADING_MIN_SIZE:
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, items))

@@ -16,7 +16,6 @@ from rpil.numerics.types import Array, Float, Int, Num
 MIN_WEIGHT = 1e-6
 """Lower bound of the weight of steps, so that a fold without weight is no division by zero."""
 
-
 ROUNDING = 1e-12
 """Differences relative to the values, up to which these are equal but for rounding."""
 
@@ -58,17 +57,15 @@ def robust_scale(
     return location, np.sqrt(median)
 
 
-def scale_within(
-    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
-) -> tuple[Float[Array, " A"], Float[Array, " A"]]:
-    """Location and spread (A,) as `robust_scale`, but the spread is the standard deviation within the median
-    demonstration, wherever each of them is; that of `robust_scale` where most demonstrations do not move."""
+def spread_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, " A"]:
+    """Spread (A,): the standard deviation within the median demonstration, wherever each of them is; that of
+    `robust_scale` where most demonstrations do not move."""
     location, spread = robust_scale(values, offsets)
     lengths = np.diff(offsets)
     distance = np.asarray(values, dtype=float) - location
     means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
     within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
-    return location, np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
+    return np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
 
 
 def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
@@ -123,10 +120,3 @@ def student_log_densities(
     nu = settings.degrees_of_freedom
     constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
     return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))
-
-
-def student_log_density(
-    errors: Float[Array, "N A"], scale: Float[Array, " A"], settings: ErrorSettings
-) -> Float[Array, " N"]:
-    """Log-density of independent Student errors, summed over the parts, in nats."""
-    return np.asarray(student_log_densities(errors, scale, settings).sum(axis=1))

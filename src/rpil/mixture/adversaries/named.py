@@ -61,10 +61,7 @@ ADVERSARIES: dict[str, dict[str, Callable[..., Adversary]]] = {
 def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary:
     """The unfitted adversary called `which`, or `which` itself where it is an adversary; `policy` is unfitted.
 
-    Raises
-    ------
-    DataError
-        If there is none of that name for such actions, or a confusion matrix has another number of actions.
+    A `DataError` where none has that name for such actions, or a confusion matrix has another number of actions.
     """
     n_actions = space.n if isinstance(space, Discrete) else "continuous"
     if isinstance(which, Confusion) and n_actions != len(which.log_matrix):
