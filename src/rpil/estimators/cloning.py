@@ -16,7 +16,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.spaces import Space
 from rpil.estimators.final_policy import LinearPolicySpec
-from rpil.estimators.validation import checked_rows, observations_and_actions, one_step_each
+from rpil.estimators.validation import ROWS, as_demonstrations, checked_rows
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.policies.linear import LinearPolicy
@@ -130,6 +130,8 @@ class BehavioralCloning(PolicyEstimator):
         As scikit-learn's, on the columns of the feature map.
     """
 
+    groups = ROWS
+
     def __init__(self, features: str = "raw", C: float | None = None, tol: float = 1e-8) -> None:
         self.features = features
         self.C = C
@@ -145,12 +147,10 @@ class BehavioralCloning(PolicyEstimator):
         DataError
             Where the actions are all the same.
         """
-        data = observations_and_actions(self, X, y)
-        weight = _check_sample_weight(sample_weight, data[0], dtype=float, ensure_non_negative=True)
+        rows = as_demonstrations(self, X, y)
+        weight = _check_sample_weight(sample_weight, rows.observations, dtype=float, ensure_non_negative=True)
         if not weight.any():
-            source = X.source if isinstance(X, Demonstrations) else "the demonstrations"
-            raise DataError(f"{source}: sample_weight is zero everywhere; give at least one step some weight.")
-        rows = X if isinstance(X, Demonstrations) else one_step_each(*data)
+            raise DataError(f"{rows.source}: sample_weight is zero everywhere; give at least one step some weight.")
         self.space_, self.classes_ = action_space(rows)
         codes = encode_actions(self.classes_, rows.actions, rows.source)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot

@@ -82,7 +82,7 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
         "class": kind,
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
-        "classes": encode(_plain(estimator.classes_, path), "classes", arrays),
+        "classes": encode(estimator.classes_, "classes", arrays),
         "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
     }
     if isinstance(estimator, RPIL):
@@ -122,23 +122,12 @@ def load(path: StrPath) -> SavedEstimator:
     return estimator
 
 
-def _plain(classes: Array, path: StrPath) -> Array:
-    """Classes as an array without Python objects, which pandas uses for text."""
-    if classes.dtype.kind == "O" and all(isinstance(value, str) for value in classes):
-        return classes.astype(np.str_)
-    if classes.dtype.kind not in "biufU":
-        raise DataError(f"{path}: actions of type {classes.dtype} cannot be saved; fit on whole numbers or text.")
-    return classes
-
-
 def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, Any]:
     """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
     for only_here in ("progress", "engine"):
         given.pop(only_here, None)
-    if given.get("groups") is None:  # an older rpil of the same format does not know it
-        given.pop("groups", None)
     for name, value in given.items():
         plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
         with suppress(TypeError):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import check_squares
+from rpil.data.arrays import Indices, check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
@@ -219,21 +219,15 @@ class FullFit:
 
     def pose(self) -> JudgeInput:
         """The demonstrations that the decision reads, and their features."""
-        task, options = self.task, self.options
-        demonstrations = self.task.demonstrations
-        copies = copies_among(demonstrations) if options.judges else None
+        task, options, every = self.task, self.options, self.task.demonstrations
+        copies = copies_among(every) if options.judges else Copies.of(np.arange(len(every)))
         options.progress("features")
-        if copies is None or not copies.any:
-            features = options.judge_features(demonstrations)
-            data = options.judged(self._data(demonstrations, features))
-            return JudgeInput(demonstrations, data, features, task.order)
         check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
-        different = demonstrations.select(copies.judged)
+        different = every.select(copies.judged) if copies.any else every
         features = options.judge_features(different)
-        data = options.judged(task.data(different, features, self._single(demonstrations)))
-        data = replace(data, demonstrators=task.demonstrators.select(copies.judged))
+        data = options.judged(self._data(different, features, copies.judged))
         order = None if task.order is None else task.order[copies.judged]
-        return JudgeInput(different, data, features, order, copies=copies)
+        return JudgeInput(different, data, features, order, copies=copies if copies.any else None)
 
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
@@ -257,17 +251,14 @@ class FullFit:
         every = self._data(self.task.demonstrations, posed.features)
         return repeated(judgement, posed.copies, every.offsets), judge, every
 
-    def _single(self, demonstrations: Demonstrations) -> bool:
-        """Whether design matrices are in single precision."""
-        n_entries = demonstrations.n_steps * demonstrations.n_observations
-        large = n_entries > self.options.settings.single_precision
-        return self.options.judges and self.task.space.kind == "discrete" and large
-
-    def _data(self, demonstrations: Demonstrations, features: Features) -> FitData:
-        """The data of all demonstrations, with labels and demonstrators."""
-        task = self.task
-        data = task.data(demonstrations, features, self._single(demonstrations))
-        return replace(data, labels=task.answers.labels, demonstrators=task.demonstrators)
+    def _data(self, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)) -> FitData:
+        """The data of the demonstrations at `rows`, with labels and demonstrators."""
+        task, every = self.task, self.task.demonstrations
+        large = every.n_steps * every.n_observations > self.options.settings.single_precision
+        single = self.options.judges and task.space.kind == "discrete" and large
+        data = task.data(demonstrations, features, single)
+        numbers = np.arange(len(every))[rows]
+        return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
 
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
         """What was decided, with the weights of all steps, and the final policy, if it is kept."""

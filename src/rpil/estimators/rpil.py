@@ -21,7 +21,7 @@ from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
-from rpil.estimators.validation import Given, as_demonstrations
+from rpil.estimators.validation import Given, as_demonstrations, see
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -191,23 +191,19 @@ class RPIL(PolicyEstimator):
         labels = self.labels if labels is None else labels
         if isinstance(X, Recording):
             return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
-        source = self._seen(X) if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
+        source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
+        if isinstance(X, Dataset):
+            see(self, X)
         answers = answers_of(labels, outcome, source)
         task = Task.of(source, self.action_box, answers, demonstrators, order)
         return self._keep(task, fit_task(task, self._options()))
-
-    def _seen(self, demonstrations: Demonstrations | Dataset) -> Demonstrations | Dataset:
-        """The same demonstrations, of which the names of the observations are kept."""
-        self.n_features_in_ = demonstrations.n_observations
-        self.observation_names_ = demonstrations.observation_names
-        return demonstrations
 
     def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
         """Judge each task and session by itself, and learn one policy by the weights of all."""
         options, several = self._options(), len(groups_of(recording, stated)) > 1
         task = Task.of(recording.demonstrations.select(slice(None)), self.action_box) if several else None
         audit, fits = fit_within_tasks(recording, stated, options)
-        self._seen(recording.demonstrations)
+        see(self, recording.demonstrations)
         if task is None:
             self._keep(*fits[0])
         else:

@@ -12,7 +12,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import validate_data
 
 from rpil.data.arrays import ActionKind, are_whole
-from rpil.data.demonstrations import Demonstrations
+from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.formats import read
 from rpil.formats.arrow import Frame
@@ -25,25 +25,8 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
-def as_given(X: ArrayLike | Given, y: ArrayLike | None) -> ArrayLike | Demonstrations:
-    """`X`; read as `Demonstrations` where it comes without actions and is a data frame, or a list of trajectories."""
-    if y is None and isinstance(X, Frame | list | Iterator):
-        return read(X)
-    return cast("ArrayLike | Demonstrations", X)
-
-
-def observations_and_actions(
-    estimator: BaseEstimator, X: ArrayLike | Given, y: ArrayLike | None, reset: bool = True
-) -> tuple[Array, Array]:
-    """Observations and actions: X and y checked by scikit-learn, or those of demonstrations."""
-    X = as_given(X, y)
-    if isinstance(X, Demonstrations):
-        if reset:
-            estimator.n_features_in_ = X.n_observations
-            estimator.observation_names_ = X.observation_names
-        elif estimator.n_features_in_ != X.n_observations:
-            raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
-        return X.observations, X.actions
+def checked_steps(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike | None, reset: bool) -> tuple[Array, Array]:
+    """Observations and actions, checked by scikit-learn."""
     if reset:
         estimator.observation_names_ = ()
     given = np.asarray(y)
@@ -53,6 +36,15 @@ def observations_and_actions(
     if checked[1].ndim == 1 and checked[1].dtype.kind == "f" and not are_whole(checked[1]):
         raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
     return checked
+
+
+def see(estimator: BaseEstimator, X: DemonstrationSet, reset: bool = True) -> None:
+    """Keep the names of the observations, or refuse another number of them than was fitted."""
+    if reset:
+        estimator.n_features_in_ = X.n_observations
+        estimator.observation_names_ = X.observation_names
+    elif estimator.n_features_in_ != X.n_observations:
+        raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
 
 
 def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
@@ -77,22 +69,25 @@ def as_demonstrations(
     estimator: BaseEstimator,
     X: ArrayLike | Given,
     y: ArrayLike | None,
-    groups: ArrayLike | None,
+    groups: ArrayLike | None = None,
     reset: bool = True,
 ) -> Demonstrations:
-    """`Demonstrations` from observations (N, D), actions and groups (N,).
+    """`Demonstrations` from observations (N, D), actions and groups (N,), a data frame or a list of trajectories.
 
     Every row is one only where the estimator has the parameter ``groups="rows"``; else a `DataError` without groups.
     """
-    X = as_given(X, y)
-    observations, actions = observations_and_actions(estimator, X, y, reset)
+    if y is None and isinstance(X, Frame | list | Iterator):
+        X = read(X)
     if isinstance(X, Demonstrations):
+        see(estimator, X, reset)
         return X
-    if np.asarray(actions).dtype.kind not in "fc":
+    observations, actions = checked_steps(estimator, cast(ArrayLike, X), y, reset)
+    if actions.dtype.kind not in "fc":
         check_classification_targets(actions)
     if groups is None:
         groups = _a_group_for_each_row(estimator, len(observations))
-    kind = _kind_of_targets(actions)
+    # Targets (N,) are classes to scikit-learn, however many they are; (N, A) are not.
+    kind: ActionKind = "discrete" if actions.ndim == 1 else "continuous"
     return Demonstrations.from_groups(observations, actions, groups, action_kind=kind)
 
 
@@ -109,14 +104,3 @@ def _a_group_for_each_row(estimator: BaseEstimator, n_rows: int) -> Array:
             f"{name}(groups={ROWS!r}) where each row is one."
         )
     return np.arange(n_rows)
-
-
-def one_step_each(observations: Array, actions: Array) -> Demonstrations:
-    """Every row (N, D) a demonstration of its own, the actions as scikit-learn takes them."""
-    offsets = np.arange(len(observations) + 1)
-    return Demonstrations(observations, actions, offsets, action_kind=_kind_of_targets(actions))
-
-
-def _kind_of_targets(y: Array) -> ActionKind:
-    """Targets (N,) are classes to scikit-learn, however many they are; (N, A) are not."""
-    return "discrete" if y.ndim == 1 else "continuous"
