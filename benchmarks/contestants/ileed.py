@@ -7,7 +7,6 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
@@ -30,7 +29,7 @@ def ileed(data: Demonstrations, seed: int) -> Array:
     w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
     expertise of a demonstration over its own states, is ours.
     """
-    classes, codes = class_codes(data.actions, data.source)
+    classes, codes = np.unique(data.actions, return_inverse=True)
     features = FeatureMap.fit("raw", data.observations, settings=FeatureSettings())
     design, no_labels = features.design(data.observations), np.zeros(len(data), dtype=int)
     problem = FitData(design, codes, data.offsets, Discrete(len(classes)), no_labels)

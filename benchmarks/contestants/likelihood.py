@@ -8,7 +8,6 @@ import numpy as np
 from scipy.stats import t as student
 from sklearn.linear_model import Ridge
 
-from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from worlds import Array
@@ -47,7 +46,7 @@ def cleanlab(data: Demonstrations, seed: int) -> Array:
         columns = zip(scaled(data.actions).T, errors(data, everybody, folds).T, strict=True)
         quality = [regression.rank.get_label_quality_scores(column, column - error) for column, error in columns]
         return step_mean(data, np.mean(quality, axis=0))
-    classes, codes = class_codes(data.actions, data.source)
+    classes, codes = np.unique(data.actions, return_inverse=True)
     proba = np.empty((data.n_steps, len(classes)))
     for teach, asked in splits(everybody, folds):
         policy = BehavioralCloning().fit(data, sample_weight=teach.astype(float))

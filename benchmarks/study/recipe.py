@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
-from rpil.data.coding import class_codes
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
@@ -65,7 +64,7 @@ class PaperRecipe(PolicyEstimator):
             Where the actions are continuous or all the same, or the prior is no probability.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
-        self.classes_, codes = class_codes(demonstrations.actions, demonstrations.source)
+        self.classes_, codes = np.unique(demonstrations.actions, return_inverse=True)
         prior = as_prior(self.prior)
         self.space_ = Discrete(len(self.classes_))
         with threadpool_limits(1, "blas"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.data.coding import action_space, class_codes, encode_actions, encode_demonstrations
+from rpil.data.coding import action_space, encode_actions, encode_demonstrations
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.id_values import label_codes
@@ -51,7 +51,7 @@ def test_actions_of_another_kind_or_width_are_refused():
     with pytest.raises(DataError, match="actions with 1 numbers each, but 2 were fitted"):
         encode_demonstrations(np.empty(0), Box(np.zeros(2), np.ones(2)), MOVES)
     with pytest.raises(DataError, match="one class only"):
-        class_codes(np.zeros(3, dtype=int), "a.csv")
+        action_space(Demonstrations.from_arrays(X, np.zeros(4, dtype=int), OFFSETS))
 
 
 def test_labels_are_signs():

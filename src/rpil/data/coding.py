@@ -26,8 +26,10 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
     if data.is_discrete and box is not None:
         raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
     if data.is_discrete:
-        classes = class_codes(data.classes, source)[0]
-        return Discrete(len(classes)), classes
+        if len(data.classes) < 2:
+            only = repr(data.classes[0].item())
+            raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
+        return Discrete(len(data.classes)), data.classes
     ends = np.stack([data.low, data.high]).astype(float)
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
@@ -54,20 +56,6 @@ def _declared_box(box: Bounds, n_parts: int, source: str) -> Box:
     if not (low < high).all() or not np.isfinite([low, high]).all():
         raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
     return Box(low, high)
-
-
-def class_codes(actions: Array, source: str) -> tuple[Array, Array]:
-    """The K distinct actions in order, (K,), and the code of each step's action, (N,).
-
-    A `DataError` where the actions are continuous, or all the same.
-    """
-    if np.ndim(actions) != 1:
-        raise DataError(f"{source}: the actions are continuous, which it is not made for; give discrete ones.")
-    classes, codes = np.unique(actions, return_inverse=True)
-    if len(classes) < 2:
-        only = repr(classes[0].item())
-        raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
-    return classes, codes
 
 
 def encode_actions(classes: Array, actions: Array, source: str) -> Array:
