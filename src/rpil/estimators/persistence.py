@@ -128,6 +128,8 @@ def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, An
     given = estimator.get_params(deep=False)
     for only_here in ("progress", "engine"):
         given.pop(only_here, None)
+    if given.get("groups") is None:  # an older rpil of the same format does not know it
+        given.pop("groups", None)
     for name, value in given.items():
         plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
         with suppress(TypeError):
