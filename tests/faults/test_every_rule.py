@@ -211,9 +211,9 @@ BEGIN = sum(len(x) for x, _ in CLEAN[:M])
 @pytest.mark.parametrize(
     ("rule", "steps", "words", "severity"),
     [
-        ("dropped frames", 3, "about 3 frames are missing: 80 ms pass before 0.60 s (usual: 20 ms)", 6),
-        ("repeated frames", -0.75, "1 frame comes too soon: 5 ms pass before 0.60 s (usual: 20 ms)", 1.5),
-        ("dropped frames", np.nan, "the time at 0.60 s is missing (usual: 20 ms)", 2000),
+        ("dropped frames", 3, "about 3 frames missing: 80 ms pass before 0.60 s (usual: 20 ms)", 6),
+        ("repeated frames", -0.75, "1 frame too soon: 5 ms pass before 0.60 s (usual: 20 ms)", 1.5),
+        ("dropped frames", np.nan, "the time is missing before 0.60 s (usual: 20 ms)", 2000),
     ],
 )
 def test_times_that_are_off_are_found(rule, steps, words, severity):
@@ -236,17 +236,17 @@ def test_missing_values_and_frames_are_found():
     assert (fault.rule, fault.id, fault.first, fault.last, fault.value) == ("missing values", M, 30, 32, 3)
     assert (fault.threshold, fault.severity) == (0, np.inf)
     assert fault.sentence == "observation 1 is nan at step 30; 2 more missing values up to step 32"
-    frames = {m: len(x) for m, (x, _) in enumerate(CLEAN)} | {M: T - 2, 3: 1000, "absent": 40}
+    frames = {m: len(x) for m, (x, _) in enumerate(CLEAN)} | {M: T - 2, 3: 1000, "a": 40, "b": 2}
     many, absent, few = check(demonstrations(CLEAN), times=Times(frames=frames)).findings
     n = len(CLEAN[3][0])
-    assert [fault.severity for fault in (many, absent, few)] == [1001 - n, 41, 3]
+    assert [fault.severity for fault in (many, absent, few)] == [1001 - n, 43, 3]
     assert [(fault.first, fault.last, fault.value, fault.threshold) for fault in (many, absent, few)] == [
         (0, n - 1, n, 1000),
-        (0, 0, 0, 40),
+        (0, 0, 0, 42),
         (0, T - 1, T, T - 2),
     ]
     assert many.sentence == f"it has {n} steps, {1000 - n} fewer than the 1,000 that the recording says"
-    assert absent.sentence == "it is not in the data, and the recording says that it has 40 steps"
+    assert absent.sentence == "the recording names 2 more demonstrations of 42 steps, not in the data: a and b"
     assert few.sentence == f"it has {T} steps, 2 more than the {T - 2} that the recording says"
 
 

@@ -27,7 +27,7 @@ def test_dropped_frames_are_found_with_and_without_a_frame_rate():
     for fps in (50.0, None):
         report = check(CLEAN, times=Times(times([(2, 30, 3), (4, 10, 1)]), fps))
         assert rules(report) == [("dropped frames", 2, 30), ("dropped frames", 4, 10)]
-        assert "3 frames are missing" in report.findings[0].sentence
+        assert "3 frames missing" in report.findings[0].sentence
         assert "20 ms" in report.usual["dropped frames"]
 
 

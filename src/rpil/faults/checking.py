@@ -111,16 +111,15 @@ def _check_files(
 
 def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool) -> FaultReport:
     """The faults in the steps of the demonstrations."""
-    recorded = recorded_time(times, demonstrations)
-    seconds = 1.0 / times.fps if times.fps else recorded
+    seconds = 1.0 / times.fps if times.fps else recorded_time(times, demonstrations)
     measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations), seconds)
     of_times = find_frame_times(times, demonstrations, seconds)
     findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
-    why = {DroppedFrames.name: "the recording has no timestamps"} if times.timestamps is None else {}
-    why |= (
-        {} if why or seconds else {DroppedFrames.name: "the timestamps are coarser than the frames; give fps, or --fps"}
-    )
-    why |= {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
+    why = {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
+    if times.timestamps is None:
+        why[DroppedFrames.name] = "the recording has no timestamps"
+    elif not seconds:
+        why[DroppedFrames.name] = "the timestamps are coarser than the frames; give fps, or --fps"
     unknown: dict[str, tuple[str, ...]] = {}
     usual, idle_ends = {}, {}
     if not kept.any() or (missing and not skip_bad):
@@ -132,7 +131,7 @@ def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_ba
         compared, unknown = _compare(data, why)
         findings += [*Duplicate.find(data), *compared]
         usual = OtherLag(data).usual() if "lag" not in data.lacking else {}
-        usual |= DroppedFrames.usual(seconds, recorded)
+        usual |= {DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
         idle_ends = trims(data) if "columns" not in data.lacking else {}
     return FaultReport(
         tuple(without_consequences(findings)),

@@ -43,9 +43,9 @@ def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], tuple
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
     """
-    columns, values = sample.columns, sample.values
-    action, state = np.flatnonzero(columns.is_action), np.flatnonzero(~columns.is_action)
-    if not len(action) or not len(state) or np.isnan(values).any():  # missing values are reported alone
+    is_action = sample.columns.is_action
+    action, state = np.flatnonzero(is_action), np.flatnonzero(~is_action)
+    if not len(action) or not len(state):
         return (), (action, state)
     related, pairs = _related(sample, action, state, max_lag), []
     for row, own in zip(related, action.tolist(), strict=True):

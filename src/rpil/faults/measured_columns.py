@@ -17,12 +17,6 @@ from rpil.numerics.types import Array, Bool, Float, Int
 LEAST_RELATED = 0.5
 """Correlation of an observation with an action from which on they go together."""
 
-FARTHEST = 25.0
-"""Squared distance of a last step in one column, in spreads, at most."""
-
-LEAST_SPREAD = 0.02
-"""Standard deviations of a column by which last steps do not differ."""
-
 MOST_ABSENT = 0.5
 """Share of the demonstrations in which columns are not recorded, and of the steps of the others in which they are 0, at
 most; and share of the others that move, at least."""
@@ -95,30 +89,6 @@ class MovingBlock:
         motion = columns.motion_of(size)
         moves = motion > settings.IDLE_MOTION * columns.motion
         return cls(block, numbers, block.offsets, columns, values, change, size, largest, motion, moves)
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """The last steps of demonstrations, (C,)."""
-
-    centre: Float[Array, " C"]
-    spread: Float[Array, " C"]
-
-    @classmethod
-    def of(cls, sample: MovingBlock) -> Ends | None:
-        """From a sample; None where it tells too little."""
-        columns = sample.columns
-        if len(sample.numbers) < settings.FEWEST_DEMONSTRATIONS or columns.is_action.all():
-            return None
-        last = sample.values[~columns.is_action][:, sample.offsets[1:] - 1]
-        centre = np.median(last, axis=1)
-        off = np.median(np.abs(last - centre[:, None]), axis=1)
-        return cls(centre, off / 0.6745 + LEAST_SPREAD * columns.spread[~columns.is_action])
-
-    def far(self, last: Float[Array, "C M"]) -> Float[Array, " M"]:
-        """Squared distances of last steps from the usual ones, in spreads."""
-        off = (last - self.centre[:, None]) / self.spread[:, None]
-        return np.asarray(np.minimum(off**2, FARTHEST).mean(axis=0))
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
@@ -228,7 +198,7 @@ def _partners(sample: MovingBlock) -> Int[Array, " C"]:
     """The column of the other kind that is most correlated with each; -1 where none is."""
     values, is_action = sample.values, sample.columns.is_action
     partner = np.full(len(values), -1)
-    if is_action.any() and not is_action.all() and np.isfinite(values).all():
+    if is_action.any() and not is_action.all():
         level = values - values.mean(axis=1, keepdims=True)
         level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-300)
         for own, other in ((~is_action, is_action), (is_action, ~is_action)):
@@ -268,8 +238,8 @@ def _median_or_one(values: Array) -> float:
 def _is_measurement(column: Array) -> bool:
     """Whether a column has many values, which are not those of a byte: 0 to 255, or 0 to 1 in steps of 1 / 255."""
     low, high = float(column.min()), float(column.max())
-    if len(np.unique(column)) < settings.MIN_DISTINCT:
-        return False
+    if len(np.unique(column)) < settings.MIN_DISTINCT or not np.isfinite(column).all():
+        return False  # values are missing where the sample holds no demonstration without
     is_byte = low >= 0 and high <= 255 and np.array_equal(column, np.rint(column))
     in_parts = column.astype(np.float64) * 255
     return not is_byte and not (low >= 0 and high <= 1 and np.allclose(in_parts, np.rint(in_parts), atol=1e-4))

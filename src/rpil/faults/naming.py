@@ -105,8 +105,6 @@ def learn_maps(
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
     values = sample.values[own]
-    if not np.isfinite(values).all():  # in all demonstrations a value is missing
-        return None
     rows = [values[:, a:b].T for a, b in itertools.pairwise(offsets)]
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []

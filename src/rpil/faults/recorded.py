@@ -9,7 +9,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Block, DemonstrationSet
-from rpil.data.text import counted, moment
+from rpil.data.text import counted, listed, moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames, few
@@ -45,7 +45,7 @@ class FrameCount(Rule):
 
     @classmethod
     def find(cls, times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
-        """Demonstrations with more or fewer frames than the recording says, and those that are not there at all."""
+        """Demonstrations with more or fewer frames than the recording says; all that are not there are one finding."""
         for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
             declared = times.frames.get(name, length)
             if declared != length:
@@ -53,23 +53,15 @@ class FrameCount(Rule):
                 sentence = f"it has {counted(length, 'step')}, {off} than the {declared:,} that the recording says"
                 severity = 1.0 + abs(declared - length)
                 yield Fault(cls.name, name, 0, length - 1, "", length, declared, severity, sentence)
-        for name in times.frames.keys() - set(demonstrations.ids):
-            declared = times.frames[name]
-            sentence = f"it is not in the data, and the recording says that it has {counted(declared, 'step')}"
-            yield Fault(cls.name, name, 0, 0, "", 0, declared, 1.0 + declared, sentence)
+        if absent := [name for name in times.frames if name not in {*demonstrations.ids}]:
+            steps = sum(times.frames[name] for name in absent)
+            more = f"{counted(len(absent), 'more demonstration')} of {counted(steps, 'step')}"
+            sentence = f"the recording names {more}, not in the data: {listed(absent)}"
+            yield Fault(cls.name, "", 0, 0, "", 0, steps, 1.0 + steps, sentence)
 
 
 class DroppedFrames(Rule):
     name, words = "dropped frames", "the time between two frames is too long"
-
-    @classmethod
-    def usual(cls, seconds: float | None, recorded: float | None) -> dict[str, str]:
-        """The usual time between two frames in words, with that by the timestamps, `recorded`, where it is another."""
-        if seconds is None:
-            return {}
-        is_other = recorded and abs(recorded - seconds) > 0.01 * seconds
-        declared = f", where {1e3 * seconds:.4g} ms are declared" if is_other else ""
-        return {cls.name: f"a frame every {1e3 * (recorded or seconds):.4g} ms{declared}"}
 
 
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
@@ -102,32 +94,22 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
     tick = _tick(frames[within])
     limit = settings.FRAME_GAP + tick
     yield from _find_rates(frames, limit, demonstrations, usual)
-    for rule, off, threshold, what in (
-        (DroppedFrames.name, frames - 1.0, 1.0 + limit, "about {lost} missing"),
-        (RepeatedFrames.name, 1.0 - frames, 1.0 - limit, "{n} too soon"),
-    ):
+    late, early = (DroppedFrames.name, frames - 1.0, 1.0 + limit), (RepeatedFrames.name, 1.0 - frames, 1.0 - limit)
+    for rule, off, threshold in (late, early):
         places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
         owner = np.searchsorted(demonstrations.offsets, places + 1, side="right") - 1
         for m in np.unique(owner).tolist():
             wrong = places[owner == m]
             worst = int(wrong[np.argmax(np.nan_to_num(off[wrong], nan=np.inf))])
             step = worst + 1 - int(demonstrations.offsets[m])
-            lost = int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum())
+            lost = counted(int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum()), "frame")
+            what = f"about {lost} missing" if rule == DroppedFrames.name else f"{counted(len(wrong), 'frame')} too soon"
             time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
-            texts = {"lost": _of_frames(lost, "is", "are"), "n": _of_frames(len(wrong), "comes", "come")}
-            at = moment(step, usual)
-            passed = f"{time:.4g}" if time < 1e4 else f"{time:,.0f}"
-            said = f"{what.format(**texts)}: {passed} ms pass before {at}"
-            said = f"the time at {at} is missing" if np.isnan(time) else said
-            sentence = f"{said} (usual: {1e3 * usual:.4g} ms)"
-            yield Fault(
-                rule, demonstrations.ids[m], step - 1, step, "", time, 1e3 * usual * threshold, severity, sentence
-            )
-
-
-def _of_frames(n: int, one: str, more: str) -> str:
-    """A number of frames with its verb."""
-    return f"{counted(n, 'frame')} {one if n == 1 else more}"
+            passed = f"{what}: {time:.4g} ms pass" if time < 1e4 else f"{what}: {time:,.0f} ms pass"
+            said = "the time is missing" if np.isnan(time) else passed
+            sentence = f"{said} before {moment(step, usual)} (usual: {1e3 * usual:.4g} ms)"
+            place = demonstrations.ids[m], step - 1, step, ""
+            yield Fault(rule, *place, time, 1e3 * usual * threshold, severity, sentence)
 
 
 def _find_rates(

@@ -6,44 +6,18 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from html import escape
 
 from rpil.data.arrays import Id
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import duplicates, folder_rules, idle, motion, recorded, whole_rules
+from rpil.faults import duplicates, folder_rules, idle, motion, recorded, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Rule
 from rpil.faults.rule_numbers import NUMBERS
 from rpil.formats.columns_file import write_columns
 
-RULES: dict[str, type[Rule]] = {
-    rule.name: rule
-    for rule in (
-        recorded.MissingValues,
-        recorded.FrameCount,
-        recorded.DroppedFrames,
-        motion.RepeatedFrames,
-        motion.FrozenSensor,
-        motion.FrozenAction,
-        motion.Saturation,
-        motion.Spike,
-        motion.Jump,
-        motion.Scale,
-        whole_rules.OtherLag,
-        whole_rules.Sign,
-        whole_rules.Offset,
-        whole_rules.ShiftedAction,
-        whole_rules.FrameRate,
-        motion.NeverMoves,
-        idle.IdleHead,
-        idle.IdleTail,
-        duplicates.Duplicate,
-        whole_rules.Length,
-    )
-} | {rule.name: rule for rule in folder_rules.FOLDER_RULES}
-"""Every rule."""
-
+RULES: dict[str, type[Rule]] = {name: Rule.named[name] for name in NUMBERS if name in Rule.named}
+"""Every rule, in the order of the numbers."""
 
 MAX_SHOWN = 10
 """Findings in the text of a report."""
@@ -99,30 +73,21 @@ class FaultReport:
         return {reason: [rule for rule, why in every if why == reason] for _, reason in every}
 
     @property
-    def absent(self) -> set[Id]:
-        """Ids of the demonstrations that the recording names and does not hold."""
-        return {found.id for found in self.findings if found.rule == "frame count" and not found.value}
-
-    @property
     def odd(self) -> tuple[Id, ...]:
         """Ids of the demonstrations in which something is found, the worst first."""
-        absent = {"", *self.absent}
-        return tuple(dict.fromkeys(found.id for found in self.findings if found.id not in absent))
+        return tuple(dict.fromkeys(found.id for found in self.findings if found.id != ""))
 
     @property
     def headline(self) -> str:
         """How much is found, one sentence."""
         size = f"{counted(self.n_demonstrations, 'demonstration')} ({counted(self.n_steps, 'step')})"
-        n = sum(found.id in {*self.odd} for found in self.findings)
-        n_other = len(self.findings) - n
-        said = f"{counted(n, 'recording fault')} found in {len(self.odd):,} of {size}"
-        if not n:
+        n_other = sum(found.id == "" for found in self.findings)
+        said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {len(self.odd):,} of {size}"
+        if not self.odd:
             why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
             said = f"No recording faults {f'were looked for in {size}: {why}' if why else f'found in {size}'}"
         other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
-        absent = counted(len(self.absent), "more demonstration")
-        more = f"; the recording names {absent}, which {'is' if len(self.absent) == 1 else 'are'} missing"
-        return f"{said}{other}{more * bool(self.absent)}."
+        return f"{said}{other}."
 
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""
@@ -145,18 +110,10 @@ class FaultReport:
         write_columns(path, self.table(), "findings")
 
     def __repr__(self) -> str:
-        lines = [f"  {name}: {sentence}" for name, _, sentence in self._rows()]
+        shown = self.findings[:MAX_SHOWN]
+        lines = [f"  {printable(one.id) or 'the folder'}: {one_line(one.sentence)}" for one in shown]
         more = [f"  ... and {len(self.findings) - len(lines):,} more"] * (len(self.findings) > len(lines))
         return "\n".join([self.headline, *lines, *more, *(["All: to_frame(); idle ends: trims."] if lines else [])])
-
-    def _repr_html_(self) -> str:
-        cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self._rows())
-        return f"<p>{escape(self.headline)}</p><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
-
-    def _rows(self) -> list[tuple[str, str, str]]:
-        """Of the worst findings the demonstration, the rule and what is seen, as text that can be shown."""
-        shown = self.findings[:MAX_SHOWN]
-        return [(printable(one.id) or "the folder", one.rule, one_line(one.sentence)) for one in shown]
 
     def to_dict(self) -> dict[str, object]:
         """As plain numbers and text."""

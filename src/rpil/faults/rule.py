@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted, duration, moment
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
-from rpil.faults.measured_columns import Ends, MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.naming import Namer, learn_maps
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
@@ -71,7 +72,6 @@ class Learned:
     columns: MeasuredColumns
     pairs: tuple[Pair, ...]
     namer: Namer | None
-    ends: Ends | None
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
@@ -79,7 +79,7 @@ class Learned:
         sample = learn_columns(*pilot(demonstrations), column_labels(demonstrations))
         pairs, most_related = find_lag(sample, settings.MAX_LAG)
         namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(sample.columns, pairs, namer, Ends.of(sample))
+        return cls(sample.columns, pairs, namer)
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
@@ -129,6 +129,12 @@ class Rule:
     """Why it says nothing where it applies and nothing can be known."""
     causes: tuple[str, ...] = ()
     """Rules whose findings explain those of this rule in the same demonstration."""
+    named: ClassVar[dict[str, type[Rule]]] = {}
+    """Every rule that has a name."""
+
+    def __init_subclass__(cls) -> None:
+        if "name" in vars(cls):
+            Rule.named[cls.name] = cls
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:

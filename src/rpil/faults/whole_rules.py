@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rpil.data.text import duration
+from rpil.data.text import counted, duration
 from rpil.faults import settings
 from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
@@ -15,24 +15,35 @@ from rpil.faults.motion import few
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
+FARTHEST = 25.0
+"""Squared distance of a last step in one column, in spreads, at most."""
+
+LEAST_SPREAD = 0.02
+"""Standard deviations of a column by which last steps do not differ."""
+
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
-    sentence = "it has {value:.0f} {noun}{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
+    sentence = "it has {steps}{seconds} ({whose}: {low:.0f} to {high:.0f} steps){end}"
     causes = ("frame rate",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """How far the last step is from those of the others, in columns that do not end by chance."""
-        ends, states = learned.ends, ~block.columns.is_action
-        if ends is None:
-            return (np.zeros(len(block.offsets) - 1),)
-        lasting = block.columns.memory[states] >= settings.LEAST_MEMORY
-        last = np.where(lasting[:, None], block.values[states][:, block.offsets[1:] - 1], ends.centre[:, None])
-        return (ends.far(last),)
+        """The observations of the last step."""
+        return (block.values[:, block.offsets[1:] - 1][~block.columns.is_action].T,)
+
+    @property
+    def far(self) -> Array:
+        """Mean squared distance of each last step from the usual one, in spreads, in columns that do not end by
+        chance, (M,)."""
+        (last,), columns, own = self.measured, self.columns, ~self.columns.is_action
+        off = last - np.median(last, axis=0)
+        spread = np.median(np.abs(off), axis=0) / 0.6745 + LEAST_SPREAD * columns.spread[own]
+        lasting = columns.memory[own] >= settings.LEAST_MEMORY
+        return np.asarray((np.minimum((off / spread) ** 2, FARTHEST) * lasting).sum(axis=1) / max(own.sum(), 1))
 
     def compare(self) -> Compared:
-        lengths, (far,) = self.data.lengths.astype(float), self.measured
+        lengths, far = self.data.lengths.astype(float), self.far
         self.low, self.high = low, high = self.two_fences(lengths, settings.LENGTH_FACTOR)
         short, usual_end = settings.CUT_LENGTH * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
         cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end))
@@ -47,11 +58,11 @@ class Length(ComparingRule):
         seconds = self.data.seconds
         lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
         whose, (low, high), end = "usual", (self.low, self.high), ""
-        noun = "step" if fault.value == 1 else "steps"
         if self.is_cut[m]:
             whose, (low, high) = "half of all", np.quantile(self.data.lengths, [0.25, 0.75])
             end = " and ends where the others do not: perhaps it is cut off"
-        return super().say(fault, m, c, noun=noun, seconds=lasts, whose=whose, low=low, high=high, end=end)
+        steps = counted(int(fault.value), "step")
+        return super().say(fault, m, c, steps=steps, seconds=lasts, whose=whose, low=low, high=high, end=end)
 
 
 class OtherLag(ComparingRule):
@@ -118,21 +129,19 @@ class Undone(ComparingRule):
     def compare(self) -> Compared:
         namer, (named, gain) = self.data.learned.namer, self.measured
         assert namer is not None  # the rule needs it
-        every, chosen = np.array(self.columns.names), namer.window.column
-        kinds, columns = namer.window.tried
-        tried = np.flatnonzero(np.isin(kinds, [*self.sentences]))
-        columns, limit = columns[tried], np.nan_to_num(namer.limit[tried], nan=np.inf)
-        self.texts = [self.sentences[kind] for kind in kinds[tried]]
-        value = np.where(named[:, None] == tried, gain[:, None], 0.0)
-        if (columns < 0).any():  # a rule that knows one direction would miss the other
+        self.kinds, columns = namer.window.tried
+        tried = np.flatnonzero(np.isin(self.kinds, [*self.sentences]))
+        own, limit = np.where(named[:, None] == tried, gain[:, None], 0.0), namer.limit[tried]
+        if (columns[tried] < 0).any():  # a rule that knows one direction would miss the other
             self.names = ("",) * len(tried)
-            return above(value, np.where(np.isinf(limit).any(), np.inf, limit))
-        outside = np.delete(every, chosen)
-        self.names = (*every[chosen[columns]].tolist(), *outside.tolist())
-        return above(np.pad(value, ((0, 0), (0, len(outside)))), np.append(limit, np.full(len(outside), np.inf)))
+            return above(own, np.where(np.isnan(limit).any(), np.nan, limit))
+        self.names, place = self.columns.names, namer.window.column[columns[tried]]
+        value, threshold = np.zeros((len(own), len(self.names))), np.full(len(self.names), np.nan)
+        value[:, place], threshold[place] = own, limit
+        return above(value, threshold)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return self.texts[c].format(fault.column)
+        return self.sentences[self.kinds[self.measured[0][m]]].format(fault.column)
 
 
 class Sign(Undone):
