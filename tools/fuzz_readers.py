@@ -51,7 +51,7 @@ import rpil
 from rpil import formats
 from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.faults.expected import read_expected
+from rpil.faults.report import read_expected
 from rpil.formats.dataset import Dataset
 from rpil.formats.registry import find
 from rpil.results.choice import read_verdicts

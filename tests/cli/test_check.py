@@ -17,7 +17,7 @@ import pytest
 from command_line import call, ok, refused
 from recordings import recording
 from recordings import write_recording as write
-from rpil.faults.expected import read_expected
+from rpil.faults.report import read_expected
 
 
 def spike(observations, ids):

@@ -102,7 +102,7 @@ def test_what_is_short_and_ends_where_others_do_not_is_cut_off(length, far, seve
     rule = applied(Length, last, lengths=np.array([100] * 7 + [length]))
     assert rule.far[-1] == pytest.approx(far)
     assert [fault.severity for fault in rule.findings()] == ([] if severity is None else [pytest.approx(severity)])
-    end = "(half of all: 100 to 100 steps) and ends where the others do not: perhaps it is cut off"
+    end = "(usual: 50 to 200 steps), fewer than most, and ends where the others do not: perhaps it is cut off"
     cut = [fault.sentence.endswith(end) for fault in rule.findings()]
     assert cut == ([] if severity is None else [length > 50])
 

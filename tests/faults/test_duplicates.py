@@ -9,7 +9,7 @@ from recordings import demonstrations, recording
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults import settings
 from rpil.faults.checking import check
-from rpil.faults.duplicates import near_limit, nearest_others
+from rpil.faults.whole_rules import near_limit, nearest_others
 
 CLEAN = recording()
 M = 5  # the demonstration that is copied
@@ -51,7 +51,7 @@ def test_short_equal_demonstrations_of_codes_are_no_duplicates(n_steps, n_found)
 
 
 def test_nearest_others_are_those_of_all_pairs(monkeypatch):
-    monkeypatch.setattr("rpil.faults.duplicates.NEIGHBOUR_ROWS", 7)
+    monkeypatch.setattr("rpil.faults.whole_rules.NEIGHBOUR_ROWS", 7)
     points = np.random.default_rng(0).normal(size=(40, 3))
     every = np.linalg.norm(points[:, None] - points, axis=2) + np.diag(np.full(40, np.inf))
     distance, nearest = nearest_others(points)

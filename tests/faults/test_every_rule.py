@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from recordings import changed, demonstrations, recording, with_missing
-from rpil.faults import folder_rules
 from rpil.faults.checking import check
+from rpil.faults.recorded import FOLDER_RULES
 from rpil.faults.report import RULES
 from rpil.faults.rule import Rule
 from rpil.formats.times import Times
@@ -305,7 +305,7 @@ def test_rules_say_where_nothing_can_be_known(data):
 def test_few_demonstrations_tell_nothing():
     report = check(demonstrations(CLEAN[:3]))
     free = {"missing values", "duplicate", "dropped frames", "frame count"}
-    beside = {rule.name for rule in folder_rules.FOLDER_RULES}
+    beside = {rule.name for rule in FOLDER_RULES}
     assert set(report.not_checked) == set(RULES) - {"missing values", "duplicate"} - beside
     for rule in set(RULES) - free - beside - MAPS - {"offset"}:
         assert report.not_checked[rule] == "it takes 4 demonstrations to know what is usual"

@@ -9,7 +9,7 @@ import lerobot_folders as folders
 import rpil
 from recordings import demonstrations, recording
 from rpil.data.errors import DataError
-from rpil.faults.folder_rules import BY_LOOKING
+from rpil.faults.recorded import BY_LOOKING
 from rpil.formats.times import Times
 
 CLEAN = recording()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from recordings import recording
-from rpil.faults.maps import OF_ROWS, Window, gains, maps_of, misfit, undo
-from rpil.faults.naming import Level, Namer
+from rpil.faults.maps import OF_ROWS, Level, Namer, Window, gains, maps_of, misfit, undo
 
 ROWS = [np.concatenate(pair, axis=1) for pair in recording(6)]
 FRAME = Window(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)

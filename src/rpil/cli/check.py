@@ -62,7 +62,7 @@ def check(
     check_paths((file, expected), output)
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
-        from rpil.faults.expected import read_expected
+        from rpil.faults.report import read_expected
 
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
@@ -89,8 +89,7 @@ def check(
 
 def _rules(fail_on: str | None) -> set[str]:
     """The rules that --fail-on names."""
-    from rpil.faults.expected import rule_name
-    from rpil.faults.report import RULES
+    from rpil.faults.report import RULES, rule_name
 
     words = [word for word in (fail_on or "").split(",") if word.strip()]
     return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}

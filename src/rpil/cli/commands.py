@@ -191,7 +191,7 @@ def look_for_faults(
     """What the rules of ``rpil check`` find in the steps, without those with missing values if `skip_bad`; in files and
     videos as far as `rules` asks for it, which takes longer."""
     from rpil.faults.checking import check
-    from rpil.faults.folder_rules import BY_LOOKING, FOLDER_RULES
+    from rpil.faults.recorded import BY_LOOKING, FOLDER_RULES
 
     progress("looking for recording faults")
     wanted = {*rules}

@@ -91,7 +91,7 @@ def _rule_names(ctx: click.Context, param: click.Parameter, texts: tuple[str, ..
     names = [name.strip() for text in texts for name in text.split(",")]
     if param.name == "ignore" or not names:
         return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
-    from rpil.faults.expected import rule_name
+    from rpil.faults.report import rule_name
 
     return tuple(rule_name(name, param.opts[0]) for name in names)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
@@ -14,15 +15,12 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.faults.duplicates import Duplicate
-from rpil.faults.expected import leave_out
-from rpil.faults.folder_rules import BY_LOOKING, TIMESTAMPS, find_beside, find_other_rate
+from rpil.faults import recorded
 from rpil.faults.idle import trims
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
-from rpil.faults.recorded import DroppedFrames, FrameCount, MissingValues, find_frame_times, recorded_time
-from rpil.faults.report import RULES, FaultReport
+from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
-from rpil.faults.whole_rules import Length, OtherLag
+from rpil.faults.whole_rules import Duplicate, Length, OtherLag
 from rpil.formats import ReadOptions, opened
 from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, check_options
@@ -84,16 +82,15 @@ def check(
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
         demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
-    report = _check_steps(demonstrations, times, skip_bad)
-    beside, unseen = _check_files(recording, demonstrations, video)
-    if TIMESTAMPS not in {found.rule for found in beside}:
-        beside += find_other_rate(times, demonstrations)
-    in_stretches = isinstance(recording, Recording) and recording.options.segment is not None
-    by_clock = {Length.name: "--segment ends demonstrations by the clock"} if in_stretches else {}
-    every = [fault for fault in (*report.findings, *beside) if fault.rule not in by_clock]
-    findings, n_expected = leave_out(every, expected or {})
-    not_checked = {**report.not_checked, **unseen, **by_clock}
-    return replace(report, findings=tuple(findings), n_expected=n_expected, not_checked=not_checked)
+    beside, why = _check_files(recording, demonstrations, video)
+    if isinstance(recording, Recording) and recording.options.segment is not None:
+        why[Length.name] = "--segment ends demonstrations by the clock"
+    report = _check_steps(demonstrations, times, skip_bad, why)
+    if recorded.TIMESTAMPS not in {found.rule for found in beside}:
+        beside += recorded.find_other_rate(times, demonstrations)
+    every, known = (*report.findings, *beside), expected or {}
+    findings = tuple(found for found in every if not {str(found.id), ALL} & {*known.get(found.rule, ())})
+    return replace(report, findings=findings, n_expected=len(every) - len(findings))
 
 
 def _check_files(
@@ -104,45 +101,45 @@ def _check_files(
         if video:
             raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
         return [], {}
-    unseen = [] if video or not recording.origin.metadata.videos else [rule.name for rule in BY_LOOKING]
-    found = find_beside(recording.find_defects(video), demonstrations)
+    unseen = [] if video or not recording.origin.metadata.videos else [rule.name for rule in recorded.BY_LOOKING]
+    found = recorded.find_beside(recording.find_defects(video), demonstrations)
     return found, dict.fromkeys(unseen, "videos are looked at with --video, or video=True")
 
 
-def _check_steps(demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool) -> FaultReport:
-    """The faults in the steps of the demonstrations."""
-    seconds = 1.0 / times.fps if times.fps else recorded_time(times, demonstrations)
+def _check_steps(
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str]
+) -> FaultReport:
+    """The faults in the steps of the demonstrations; `why` tells which rules are not to be applied, and gets more."""
+    seconds = 1.0 / times.fps if times.fps else recorded.recorded_time(times, demonstrations)
     measured, kept, missing = _measure(demonstrations, learned := Learned.of(demonstrations), seconds)
-    of_times = find_frame_times(times, demonstrations, seconds)
-    findings = [*missing, *FrameCount.find(times, demonstrations), *of_times]
-    why = {} if times.frames else {FrameCount.name: "the recording does not say how many frames there should be"}
+    of_times = recorded.find_frame_times(times, demonstrations, seconds)
+    findings = [*missing, *recorded.FrameCount.find(times, demonstrations), *of_times]
+    if not times.frames:
+        why[recorded.FrameCount.name] = "the recording does not say how many frames there should be"
     if times.timestamps is None:
-        why[DroppedFrames.name] = "the recording has no timestamps"
+        why[recorded.DroppedFrames.name] = "the recording has no timestamps"
     elif not seconds:
-        why[DroppedFrames.name] = "the timestamps are coarser than the frames; give fps, or --fps"
+        why[recorded.DroppedFrames.name] = "the timestamps are coarser than the frames; give fps, or --fps"
     unknown: dict[str, tuple[str, ...]] = {}
-    usual, idle_ends = {}, {}
+    usual: dict[str, str] = {}
+    idle_ends: dict[Id, tuple[int, int]] = {}
     if not kept.any() or (missing and not skip_bad):
         reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
         data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds)
-        compared, unknown = _compare(data, why)
-        findings += [*Duplicate.find(data), *compared]
-        usual = OtherLag(data).usual() if "lag" not in data.lacking else {}
-        usual |= {DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
-        idle_ends = trims(data) if "columns" not in data.lacking else {}
-    return FaultReport(
-        tuple(without_consequences(findings)),
-        why,
-        unknown,
-        usual,
-        idle_ends,
-        len(demonstrations),
-        demonstrations.n_steps,
-        tuple(f.id for f in missing) if skip_bad else (),
-    )
+        lacking = {rule.name: [*filter(None, map(data.lacking.get, rule.needs))] for rule in COMPARING}
+        why |= {name: reasons[0] for name, reasons in lacking.items() if reasons}
+        applied = [rule(data) for rule in COMPARING if rule.name not in why]
+        why |= {rule.name: rule.unknown for rule in applied if rule.silent == rule.names != ()}
+        unknown = {rule.name: rule.silent for rule in applied if rule.silent and rule.name not in why}
+        findings += itertools.chain(Duplicate.find(data), *(rule.findings() for rule in applied))
+        usual = {rule.name: rule.usual() for rule in applied if isinstance(rule, OtherLag) and rule.name not in why}
+        usual |= {recorded.DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
+        idle_ends = trims(data)
+    found, left_out = tuple(without_consequences(findings)), tuple(f.id for f in missing) if skip_bad else ()
+    return FaultReport(found, why, unknown, usual, idle_ends, len(demonstrations), demonstrations.n_steps, left_out)
 
 
 def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | None, fps: float | None) -> Times:
@@ -175,32 +172,13 @@ def _measure(
             block, kept = set_aside(whole)
             masks.append(kept)
             if not kept.all():
-                missing += MissingValues.find(whole, demonstrations.ids, column_labels(demonstrations), seconds)
+                labels = column_labels(demonstrations)
+                missing += recorded.MissingValues.find(whole, demonstrations.ids, labels, seconds)
             if kept.any():
                 moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns)
                 parts.append([measure(moving, learned) for measure in measures])
     joined = [tuple(map(np.concatenate, zip(*of_measure, strict=True))) for of_measure in zip(*parts, strict=True)]
     return dict(zip(measures, joined, strict=False)), np.concatenate(masks), missing
-
-
-def _compare(data: Measurements, why: dict[str, str]) -> tuple[list[Fault], dict[str, tuple[str, ...]]]:
-    """The findings of the rules that compare demonstrations, and the columns in which nothing is known of a rule.
-
-    Rules that do not apply, and those that know nothing in any column, are added to `why`.
-    """
-    findings: list[Fault] = []
-    unknown: dict[str, tuple[str, ...]] = {}
-    lacking = {rule.name: data.lacking[need] for rule in COMPARING for need in rule.needs[::-1] if need in data.lacking}
-    why |= lacking
-    for rule in COMPARING:
-        if rule.name not in lacking:
-            applied = rule(data)
-            findings += applied.findings()
-            if applied.silent == applied.names != ():
-                why[rule.name] = applied.unknown
-            elif applied.silent:
-                unknown[rule.name] = applied.silent
-    return findings, unknown
 
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:

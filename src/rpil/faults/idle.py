@@ -7,7 +7,6 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.motion import OF_COLUMNS
 from rpil.faults.rule import Compared, ComparingRule, Learned, Measurements, above
 from rpil.numerics.types import Array, Float
 
@@ -24,7 +23,6 @@ LARGEST_BAND = 0.5
 class IdleEnd(ComparingRule):
     """Idle beginnings and ends, which may be trimmed."""
 
-    needs = OF_COLUMNS
     at_head = False
 
     @staticmethod

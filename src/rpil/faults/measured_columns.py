@@ -3,6 +3,7 @@ usually move."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 
@@ -40,10 +41,8 @@ class MeasuredColumns:
     """Rank correlation of the values of steps with those of the steps before."""
     motion: float = 1.0
     """Median motion of the steps, see `motion_of`, of those that have any."""
-    rotations: tuple[int, ...] = ()
-    """The first of four observations that are a quaternion."""
-    towards: Float[Array, "Q 4"] = field(default_factory=lambda: np.zeros((0, 4)))
-    """Of each quaternion, a rotation whose sign the others take: q and -q are the same."""
+    quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
+    """The first of four observations that are one, and a rotation whose sign the others take: q and -q are the same."""
     partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """The action that goes with an observation, or the observation with an action; -1 where none does."""
 
@@ -54,7 +53,7 @@ class MeasuredColumns:
         if self.is_action.any():
             own = np.concatenate([own, block.actions.T[self.number[self.is_action] - n]])
         own = np.ascontiguousarray(own, dtype=np.float64)
-        for first, towards in zip(self.rotations, self.towards, strict=True):
+        for first, towards in self.quaternions.items():
             own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
         return own
 
@@ -167,11 +166,9 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
     if recorded.mean() >= MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
-    ones, turns = np.ones(len(number)), _rotations(sample.observations[:, :width])
-    towards = np.array([sample.observations[0, k : k + 4] for k in turns]).reshape(len(turns), 4)
-    columns = MeasuredColumns(
-        tuple(labels[k] for k in number), number, number >= n_observations, ones, ones, ones, ones, 1.0, turns, towards
-    )
+    names, ones = tuple(labels[k] for k in number), np.ones(len(number))
+    turns = _quaternions(sample.observations[:, :width])
+    columns = MeasuredColumns(names, number, number >= n_observations, ones, ones, ones, ones, quaternions=turns)
     moving = MovingBlock.of(sample, numbers, columns)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
@@ -220,15 +217,15 @@ def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
     return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], lengths)
 
 
-def _rotations(observations: Array) -> tuple[int, ...]:
-    """The first of each four columns of length 1 that turn."""
-    found: list[int] = []
+def _quaternions(observations: Array) -> dict[int, Array]:
+    """The first of each four columns of length 1 that turn, with their first values."""
+    found: dict[int, Array] = {}
     size = observations.astype(np.float64) ** 2
     for k in range(observations.shape[1] - 3):
-        is_free = not found or k >= found[-1] + 4
+        is_free = k >= max(found, default=-4) + 4
         if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
-            found.append(k)
-    return tuple(found)
+            found[k] = observations[0, k : k + 4]
+    return found
 
 
 def _median_or_one(values: Array) -> float:

@@ -12,9 +12,6 @@ from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_z
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array
 
-OF_COLUMNS = "columns", "several"
-RESTS = "{} do not move for long, or demonstrations differ too much in this"
-
 FEW, MOST_FEW = (4, 0.1), 0.25
 """Demonstrations, or share of them, that may have a fault before that is usual; and the largest share."""
 
@@ -27,9 +24,7 @@ def few(n_demonstrations: int) -> float:
 class Leap(ComparingRule):
     """Larger than usual, than the usual largest change, and than a share of the column's spread."""
 
-    needs = OF_COLUMNS
     causes: tuple[str, ...] = ("length",)
-    unknown = "every column hardly moves, or says little of its next step"
 
     def compare(self) -> Compared:
         columns = self.columns
@@ -164,26 +159,25 @@ class HeldValue(ComparingRule):
 
 class FrozenSensor(HeldValue):
     name, words = "frozen sensor", "an observation stays the same for long while others change"
-    needs, unknown = ("observations", *OF_COLUMNS), RESTS.format("observations")
+    needs = "observations", "several"
     kinds = (False,)
 
 
 class FrozenAction(HeldValue):
     name, words = "frozen action", "an action stays the same for long while others change"
-    needs, unknown = ("actions", *OF_COLUMNS), RESTS.format("actions")
+    needs = "actions", "several"
     kinds = (True,)
 
 
 class Saturation(HeldValue):
     name, words = "saturation", "a column stays at its lowest or highest value for long"
-    needs, unknown = OF_COLUMNS, RESTS.format("columns")
     is_extreme = True
 
 
 class RepeatedFrames(ComparingRule):
     """Rows that repeat the one before while everything moves; `find_frame_times` finds times that are too short."""
 
-    name = "repeated frames"
+    name, needs = "repeated frames", ("several",)
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
     sentence = "{rows} the row before while all moves, most from {first} (usual: {usual})"
 
@@ -223,7 +217,7 @@ class Scale(ComparingRule):
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
-    needs, causes = OF_COLUMNS, ("length",)
+    causes = ("length",)
     takes_steps = True
 
     @staticmethod
@@ -263,7 +257,6 @@ class NeverMoves(ComparingRule):
 
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
-    needs = OF_COLUMNS
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:

@@ -1,9 +1,11 @@
-"""The rules about what is there at all: missing values, and the recording's own times and lengths."""
+"""The rules about what is there at all: missing values, the recording's own times and lengths, and what formats find in
+the files beside the demonstrations and in videos."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import cast
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames, few
 from rpil.faults.rule import Fault, Rule
+from rpil.formats.format import Defect
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
@@ -132,3 +135,70 @@ def _find_rates(
         sentence = f"a frame comes every {time:.4g} ms, and in the others every {threshold:.4g} ms"
         place = 0, int(lengths[m]) - 1, ""
         yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
+
+
+def _rules(words: Mapping[str, str]) -> tuple[type[Rule], ...]:
+    """A rule for each name, with its words."""
+    fields = ({"name": name, "words": text} for name, text in words.items())
+    return tuple(cast("type[Rule]", type("FolderRule", (Rule,), own)) for own in fields)
+
+
+TIMESTAMPS = "timestamps"
+
+OF_FILES = _rules(
+    {
+        "totals": "the folder counts other episodes or frames than there are",
+        "episode table": "the list of the episodes does not agree with the data",
+        "statistics": "the statistics do not agree with the data, or are not there",
+        "metadata": "a file of the folder cannot be understood",
+    }
+)
+OF_TIMES = _rules(
+    {
+        TIMESTAMPS: "the times of the steps are not those of the frames a second that are declared",
+        "video file": "a video is not there, or damaged",
+        "video frames": "a video has more or fewer frames than there are steps",
+        "frame times": "the frames of a video are at other times than the steps",
+    }
+)
+BY_LOOKING = _rules(
+    {
+        "black frames": "frames of a video are black",
+        "frozen picture": "the picture of a video stays the same for long",
+        "repeated pictures": "many frames of a video repeat the one before while others move",
+        "exchanged cameras": "two cameras show each what the other shows elsewhere",
+    }
+)
+"""What is seen only where videos are looked at."""
+
+FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING
+
+
+def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> list[Fault]:
+    """What formats found, each about the demonstration that it names, or about none."""
+    names = {str(name): m for m, name in enumerate(demonstrations.ids)}
+    light, found = {rule.name for rule in OF_FILES}, []
+    for one in defects:
+        m = names.get(one.place)
+        last = 0 if m is None else int(demonstrations.lengths[m]) - 1
+        sentence = f"{one.place}: {one.sentence}" if m is None else one.sentence
+        place = "" if m is None else demonstrations.ids[m], 0, last
+        found.append(Fault(one.what, *place, "", 1.0, 0.0, 1.0 if one.what in light else np.inf, sentence))
+    return found
+
+
+def find_other_rate(times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
+    """Timestamps of other frames a second than are declared: by the usual time between two frames, and by the median
+    demonstration, for a clock may be coarse, and frames may be missing."""
+    usual = recorded_time(times, demonstrations)
+    if times.timestamps is None or not times.fps or not usual:
+        return
+    ends, steps = demonstrations.offsets[1:] - 1, demonstrations.lengths - 1
+    lasts = times.timestamps[ends] - times.timestamps[demonstrations.offsets[:-1]]
+    known = (steps > 0) & (lasts > 0)
+    mean = lasts[known] / steps[known]
+    off = np.abs(mean * times.fps - 1.0) - usual * times.fps / steps[known]  # a clock is as fine as its usual step
+    if known.any() and min(abs(usual * times.fps - 1.0), np.median(off)) > OTHER_RATE:
+        rate = float(np.median(1.0 / mean))
+        sentence = f"declared are {times.fps:.4g} frames a second; the timestamps say {rate:.4g}"
+        yield Fault(TIMESTAMPS, "", 0, 0, "", rate, times.fps, np.inf, sentence)

@@ -1,23 +1,30 @@
-"""All rules, by their names, and the report of what they find."""
+"""All rules, by their names, the report of what they find, and the file of findings that are expected."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from functools import cached_property
 
 from rpil.data.arrays import Id
-from rpil.data.files import StrPath
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, check_readable
 from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.data.guard import guarded
+from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import duplicates, folder_rules, idle, motion, recorded, whole_rules  # noqa: F401  their rules
+from rpil.faults import idle, motion, recorded, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Rule
-from rpil.faults.rule_numbers import NUMBERS
+from rpil.faults.rule_numbers import NUMBERS, RULE_NAMES
 from rpil.formats.columns_file import write_columns
 
 RULES: dict[str, type[Rule]] = {name: Rule.named[name] for name in NUMBERS if name in Rule.named}
 """Every rule, in the order of the numbers."""
+
+ALL = "all"
+"""Stands for all demonstrations, where findings are expected."""
 
 MAX_SHOWN = 10
 """Findings in the text of a report."""
@@ -129,3 +136,38 @@ class FaultReport:
             "set_aside": list(self.set_aside),
             "expected": self.n_expected,
         }
+
+
+def rule_name(word: str, where: str) -> str:
+    """The rule of `RULES` that a user names by its number, or with spaces, hyphens or underscores; a `DataError` where
+    there is none."""
+    name = RULE_NAMES.get(word.strip().upper(), word.strip().lower().replace("-", " ").replace("_", " "))
+    if name not in RULES:
+        near = get_close_matches(name, RULES, 1)
+        remedy = f"perhaps it is {near[0]!r}" if near else f"the rules are {', '.join(RULES)}"
+        raise DataError(f"{where}: there is no rule {word!r}; {remedy}.")
+    return name
+
+
+def read_expected(path: StrPath) -> dict[str, set[str]]:
+    """Rule to the ids, as text, of the demonstrations in which its findings are so on purpose.
+
+    The file is a JSON object of rule to a list of ids or ``"all"``: ``{"spike": [3, 7]}``.
+
+    Raises
+    ------
+    DataError
+        One sentence that names the file and the line: another form, or a rule that does not exist.
+    """
+    path = check_readable(check_extension(path, (".json",), "what is expected"))
+    with guarded(path.name, "it is not valid JSON in UTF-8", "write rules with lists of ids"):
+        content = read_json(path, LARGEST_TABLE, "utf-8-sig")
+    if not isinstance(content, dict):
+        raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
+    expected: dict[str, set[str]] = {}
+    for word, names in content.items():
+        listed = [names] if isinstance(names, str | int) else names
+        if not isinstance(listed, list) or not all(isinstance(name, str | int) for name in listed):
+            raise DataError(f"{path.name}: {word!r} needs a list of demonstration ids, or the word {ALL}.")
+        expected.setdefault(rule_name(word, path.name), set()).update(map(str, listed))
+    return expected

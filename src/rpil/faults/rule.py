@@ -19,8 +19,8 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted, duration, moment
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
+from rpil.faults.maps import Namer, learn_maps
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
-from rpil.faults.naming import Namer, learn_maps
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -125,7 +125,7 @@ class Rule:
     """What it finds."""
     needs: tuple[str, ...] = ()
     """What must be there, keys of `Measurements.lacking`."""
-    unknown = "demonstrations differ too much in this to know what is usual"
+    unknown = "demonstrations move too little, or differ too much in this, to know what is usual"
     """Why it says nothing where it applies and nothing can be known."""
     causes: tuple[str, ...] = ()
     """Rules whose findings explain those of this rule in the same demonstration."""
@@ -156,7 +156,7 @@ class ComparingRule(Rule):
     too much between demonstrations that are clean or because it does not move, its severity is NaN.
     """
 
-    needs: tuple[str, ...] = ("several",)
+    needs: tuple[str, ...] = ("columns", "several")
     sentence: str
     """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
     takes_steps = False

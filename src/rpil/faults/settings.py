@@ -18,9 +18,7 @@ MOST_COLUMNS = 1_000  # beyond which observations are images, whose columns no r
 # What is usual
 FENCE = 3.0  # * distances of the upper quartile from the lower one, in logarithms, that a value may lie above it
 TAIL = 2.5  # * distances of a quartile from the median, or standard deviations, within which clean demonstrations lie
-LARGEST_SPREAD = (
-    8.0  # * times above the upper quartile by `FENCE`; where it is more, clean ones differ too much to know
-)
+LARGEST_SPREAD = 8.0  # * times above the upper quartile by `FENCE`; beyond it clean ones differ too much to know
 USUAL_FACTOR = 3.0  # times the usual number of idle steps, and the usual gain in agreement by a shift
 
 # Leaps
