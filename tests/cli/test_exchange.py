@@ -12,8 +12,7 @@ from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
 from recordings import write_recording
 from rpil.cli.exchange import NumberedFinding, markdown, sarif, words_of
-from rpil.faults.report import RULES
-from rpil.faults.rule_numbers import NUMBERS, OF_AUDIT, RULE_NAMES
+from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 from rpil.inference.findings import FINDINGS
 from rpil.results.vocabulary import SIDES
 

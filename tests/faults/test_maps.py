@@ -9,7 +9,7 @@ from recordings import recording
 from rpil.faults.maps import OF_ROWS, Level, Namer, Window, gains, maps_of, misfit, undo
 
 ROWS = [np.concatenate(pair, axis=1) for pair in recording(6)]
-FRAME = Window(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6), 10_000)
+FRAME = Window(np.arange(6), 3, 2, np.zeros(6), np.linspace(1, 2, 6))
 
 
 @pytest.mark.parametrize("kind", OF_ROWS)
@@ -44,14 +44,16 @@ def test_a_demonstration_that_is_too_short_without_every_other_step_gains_nothin
     assert FRAME.moments(short[:9]) is None
 
 
-def test_columns_reach_as_far_as_the_variance_of_the_others_tells():
-    reach = 16 * FRAME.spread**2
-    namer = Namer(FRAME, *[np.empty(0)] * 2, reach, *[None] * 4)
+def test_columns_reach_as_far_as_the_variance_of_the_others_tells(monkeypatch):
+    maps = np.hstack([np.eye(6), np.zeros((6, 12))])
+    level = Level(np.zeros(6), np.ones(6), np.inf)
+    namer = Namer(FRAME, maps[None], np.full(6, 1e-9), np.full((1, 6), 16.0), level, np.full(16, -1e9), 1e9, -np.inf)
     for place in FRAME.places[:, 1]:
         for variance, within in ((15.99, True), (16.01, False)):
             moments = np.eye(18)
             moments[place, place] = variance
-            assert namer._is_far(moments, reach) != within
+            monkeypatch.setattr(Window, "moments", lambda *_, moments=moments: moments)
+            assert (namer.name(0, ROWS[0]) != (0, 0.0)) == within
 
 
 def test_constant_of_a_column_is_found_among_levels():

@@ -97,7 +97,7 @@ def _rules(fail_on: str | None) -> set[str]:
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
-    from rpil.faults.rule_numbers import NUMBERS
+    from rpil.faults.report import NUMBERS
 
     lines, n = [report.headline], len(report.findings)
     counts = sorted(report.counts.items(), key=lambda item: -item[1])

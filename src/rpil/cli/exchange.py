@@ -14,8 +14,7 @@ from urllib.parse import quote
 from rpil.cli.terminal import to_json, to_one_line
 from rpil.data.archive import rpil_version
 from rpil.data.text import counted, printable
-from rpil.faults.report import RULES
-from rpil.faults.rule_numbers import NUMBERS, OF_AUDIT, RULE_NAMES
+from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault

@@ -10,6 +10,9 @@ from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
+LEAST_RELATED = 0.5
+"""Correlation of an observation with an action from which on they go together."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pair:
@@ -36,17 +39,19 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]]]:
-    """The state column that is best aligned with each action that has one, the most correlated pair first; and the
-    numbers of all actions and states, those most correlated with a state, or an action, first.
+def find_lag(
+    sample: MovingBlock, max_lag: int
+) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]], Int[Array, " C"]]:
+    """The state column that is best aligned with each action that has one, the most correlated pair first; the
+    numbers of all actions and states, those most correlated with a state, or an action, first; and the partners.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
     """
     is_action = sample.columns.is_action
-    action, state = np.flatnonzero(is_action), np.flatnonzero(~is_action)
+    action, state, partner = np.flatnonzero(is_action), np.flatnonzero(~is_action), np.full(len(is_action), -1)
     if not len(action) or not len(state):
-        return (), (action, state)
+        return (), (action, state), partner
     related, pairs = _related(sample, action, state, max_lag), []
     for row, own in zip(related, action.tolist(), strict=True):
         near = state[np.sort(np.argsort(-row, kind="stable")[: settings.MAX_PARTNERS])]
@@ -59,7 +64,9 @@ def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], tuple
     if pairs and abs(pairs[0].lag) == max_lag == settings.MAX_LAG:  # it may be longer than what was looked at
         return find_lag(sample, 2 * max_lag)
     first_action, first_state = (np.argsort(-related.max(axis=axis), kind="stable") for axis in (1, 0))
-    return tuple(pairs), (action[first_action], state[first_state])
+    for own, other, of_own in ((action, state, related), (state, action, related.T)):
+        partner[own] = np.where(of_own.max(axis=1) >= LEAST_RELATED, other[of_own.argmax(axis=1)], -1)
+    return tuple(pairs), (action[first_action], state[first_state]), partner
 
 
 def _related(

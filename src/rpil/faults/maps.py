@@ -58,8 +58,11 @@ class Window:
     """Steps after which the states follow the actions."""
     centre: Float[Array, " C"]
     spread: Float[Array, " C"]
-    rows: int
-    """Windows of a demonstration that are looked at, at most."""
+
+    def rows_of(self, block: MovingBlock) -> list[Float[Array, "_ C"]]:
+        """Its columns in each demonstration of a block, less their centre, in spreads."""
+        rows = ((block.values[self.column].T - self.centre) / self.spread).astype(np.float64)
+        return [rows[a:b] for a, b in itertools.pairwise(block.offsets)]
 
     @cached_property
     def places(self) -> Int[Array, "C 3"]:
@@ -81,14 +84,12 @@ class Window:
         n, size = self.n_states, len(values) - abs(self.lag) - WIDTH + 1
         if size < 2 * WIDTH:
             return None
-        every = -(-size // self.rows)
+        every = -(-size // settings.MAP_ROWS)
         sides = ((values[:, :n], max(self.lag, 0)), (values[:, n:], max(-self.lag, 0)))
         parts = [side[first + k : first + k + size : every] for side, first in sides for k in range(WIDTH)]
         window = np.concatenate(parts, axis=1, dtype=np.float64)
         window -= window.mean(axis=0)
-        scale = np.empty(window.shape[1])
-        scale[self.places] = self.spread[:, None]
-        return np.asarray(window.T @ window / (len(window) * np.outer(scale, scale)))
+        return np.asarray(window.T @ window / len(window))
 
 
 def maps_of(mean: Float[Array, "D D"], window: Window, ridge: float) -> Float[Array, "K D"]:
@@ -166,7 +167,7 @@ def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Wind
 
 def levels(values: Float[Array, "T C"], maps: Float[Array, "K D"], window: Window) -> Float[Array, " K"]:
     """What the maps leave over of the mean of a demonstration."""
-    return np.asarray(per_column(maps, window) @ ((values.mean(axis=0) - window.centre) / window.spread))
+    return np.asarray(per_column(maps, window) @ values.mean(axis=0))
 
 
 def per_column(maps: Float[Array, "... K D"], window: Window) -> Float[Array, "... K C"]:
@@ -226,7 +227,8 @@ class Namer:
     def name(self, number: int, values: Float[Array, "T C"]) -> tuple[int, float]:
         """The fault tried that a demonstration has, and what undoing it gains; 0 where it has none."""
         maps, moments = self.maps[number % len(self.maps)], self.window.moments(values)
-        if moments is None or self._is_far(moments, self.reach[number % len(self.maps)]):
+        reach, now = self.reach[number % len(self.maps)], self.window.places[:, 1]
+        if moments is None or (moments.diagonal()[now] > reach).any():
             return 0, 0.0
         gain, n = np.zeros(len(self.limit)), len(self.limit) - len(self.window.column)
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
@@ -240,39 +242,33 @@ class Namer:
         best = int(np.argmax(gain))
         return best, float(gain[best])
 
-    def _is_far(self, moments: Float[Array, "D D"], reach: Float[Array, " C"]) -> bool:
-        """Whether a column moves farther than where the maps are known."""
-        return bool((moments.diagonal()[self.window.places[:, 1]] * self.window.spread**2 > reach).any())
-
 
 def learn_maps(
     sample: MovingBlock, pairs: tuple[Pair, ...], most_related: tuple[Array, Array], n_all: int
 ) -> Namer | None:
     """The maps of a sample, and the limits of the gains in it; None where no map tells anything. See `find_lag`."""
-    numbers, offsets = sample.numbers, sample.offsets
     action, state = (chosen[: settings.MAP_COLUMNS] for chosen in most_related)
-    if not len(action) or not len(state) or len(numbers) < settings.FEWEST_DEMONSTRATIONS:
+    if not len(action) or not len(state) or len(sample.numbers) < settings.FEWEST_DEMONSTRATIONS:
         return None
     own = np.concatenate([np.sort(state), np.sort(action)])
     values = sample.values[own]
-    rows = [values[:, a:b].T for a, b in itertools.pairwise(offsets)]
     centre, spread = np.median(values, axis=1), values.std(axis=1)
     found = []
     for steps in dict.fromkeys([0, 1, 2, *[pair.lag for pair in pairs[:1]]]):
-        window = Window(own, len(state), steps, centre, spread, settings.MAP_ROWS)
-        namer = _namer(rows, numbers, window, n_all)
+        namer = _namer(sample, Window(own, len(state), steps, centre, spread), n_all)
         found += [] if namer is None else [namer]
     return max(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _namer(rows: list[Array], numbers: Array, window: Window, n_all: int) -> tuple[float, Namer] | None:
+def _namer(sample: MovingBlock, window: Window, n_all: int) -> tuple[float, Namer] | None:
     """How much faults of all columns would be seen with a window, and what names them; None where no map tells
     anything."""
+    rows = window.rows_of(sample)
     seen = [window.moments(x) for x in rows]
     kept = [m for m, g in enumerate(seen) if g is not None]
     if len(kept) < settings.FEWEST_DEMONSTRATIONS:
         return None
-    fold, moments = numbers[kept] % settings.MAP_FOLDS, np.stack([g for g in seen if g is not None])
+    fold, moments = sample.numbers[kept] % settings.MAP_FOLDS, np.stack([g for g in seen if g is not None])
     maps = fit_maps(moments, fold, window)
     if not maps.any():
         return None
@@ -289,13 +285,12 @@ def _namer(rows: list[Array], numbers: Array, window: Window, n_all: int) -> tup
     limit = np.maximum(_above(gain, settings.TAIL), settings.LEAST_GAIN)
     middle = window.places[:, 1]
     means = np.array([moments[others(fold, f)].mean(axis=0)[middle, middle] for f in range(len(maps))])
-    reach = settings.MAP_REACH * means * window.spread**2
     limit = np.append(limit, np.maximum(4.0 * np.quantile(off, 0.9, axis=0), settings.OFFSET_GAIN))
     usual_ones = excess[some] <= np.quantile(excess, settings.MAP_POWER)
     power = np.append(_planted(gain[usual_ones]), settings.LEAST_OFFSET**2 / 2 * level.power(column[0]))
     known = np.where(power > limit, limit, np.nan)
     apart = float(-np.median(gain, axis=0)[len(window.column) :].sum())
-    return apart, Namer(window, maps, np.exp(usual), reach, level, known, rest, screen)
+    return apart, Namer(window, maps, np.exp(usual), settings.MAP_REACH * means, level, known, rest, screen)
 
 
 def _planted(gain: Float[Array, "M H"]) -> Float[Array, " H"]:

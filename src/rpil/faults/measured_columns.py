@@ -15,9 +15,6 @@ from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
-LEAST_RELATED = 0.5
-"""Correlation of an observation with an action from which on they go together."""
-
 MOST_ABSENT = 0.5
 """Share of the demonstrations in which columns are not recorded, and of the steps of the others in which they are 0, at
 most; and share of the others that move, at least."""
@@ -176,8 +173,7 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
-    memory, partner = _memory(moving), _partners(moving)
-    return replace(moving, columns=replace(moving.columns, moving=share, memory=memory, partner=partner))
+    return replace(moving, columns=replace(moving.columns, moving=share, memory=_memory(moving)))
 
 
 def _memory(sample: MovingBlock) -> Float[Array, " C"]:
@@ -189,21 +185,6 @@ def _memory(sample: MovingBlock) -> Float[Array, " C"]:
     return np.asarray(
         (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
     )
-
-
-def _partners(sample: MovingBlock) -> Int[Array, " C"]:
-    """The column of the other kind that is most correlated with each; -1 where none is."""
-    values, is_action = sample.values, sample.columns.is_action
-    partner = np.full(len(values), -1)
-    if is_action.any() and not is_action.all():
-        level = values - values.mean(axis=1, keepdims=True)
-        level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-300)
-        for own, other in ((~is_action, is_action), (is_action, ~is_action)):
-            related = np.abs(level[own] @ level[other].T)
-            partner[own] = np.where(
-                related.max(axis=1) >= LEAST_RELATED, np.flatnonzero(other)[related.argmax(axis=1)], -1
-            )
-    return partner
 
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:

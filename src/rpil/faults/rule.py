@@ -77,9 +77,9 @@ class Learned:
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
         """From demonstrations spread evenly over the data."""
         sample = learn_columns(*pilot(demonstrations), column_labels(demonstrations))
-        pairs, most_related = find_lag(sample, settings.MAX_LAG)
+        pairs, most_related, partner = find_lag(sample, settings.MAX_LAG)
         namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(sample.columns, pairs, namer)
+        return cls(replace(sample.columns, partner=partner), pairs, namer)
 
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
@@ -170,8 +170,6 @@ class ComparingRule(Rule):
         value, threshold, severity = self.compare()
         is_short = self.takes_steps & (data.lengths < LEAST_STEPS)
         severity = np.where(is_short, np.nan, np.transpose(severity)).T
-        if is_short.all():
-            self.unknown = f"no demonstration has {LEAST_STEPS} steps"
         shape = len(data.ids), len(self.names)
         every = value, np.broadcast_to(threshold, np.shape(value)), severity, self.first, self.last
         self.value, self.threshold, self.severity, self.first, self.last = (

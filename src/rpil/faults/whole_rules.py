@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import ClassVar
 
@@ -116,7 +115,6 @@ class Undone(ComparingRule):
     """A demonstration fits the map between states and actions of the others once a fault is undone."""
 
     needs = ("map", "several")
-    unknown = "these data could not show it"
     causes = ("never moves",)
     sentences: ClassVar[dict[str, str]]
     """What is said of each kind of fault that is tried."""
@@ -126,9 +124,8 @@ class Undone(ComparingRule):
         """The fault that `Namer` names, and the gain of undoing it, 0 where there is none."""
         namer, named = learned.namer, np.zeros((len(block.numbers), 2))
         if namer is not None:
-            rows, bounds = block.values[namer.window.column].T, itertools.pairwise(block.offsets)
-            for m, (number, (first, end)) in enumerate(zip(block.numbers.tolist(), bounds, strict=True)):
-                named[m] = namer.name(number, rows[first:end])
+            for m, (number, rows) in enumerate(zip(block.numbers.tolist(), namer.window.rows_of(block), strict=True)):
+                named[m] = namer.name(number, rows)
         return named[:, 0].astype(int), named[:, 1]
 
     def compare(self) -> Compared:
@@ -179,7 +176,6 @@ class Duplicate(Rule):
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
 
     name, words = "duplicate", "another demonstration is the same, or nearly"
-    causes = ("never moves",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -194,11 +190,6 @@ class Duplicate(Rule):
         parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
         signatures = np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
         return digests(block.block.observations, block.block.actions, offsets), signatures
-
-    @classmethod
-    def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """What does not move is alike, but not the same."""
-        return fault.value > 0
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
