@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
-from rpil.faults.idle import IdleEnd, IdleHead, IdleTail
 from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.motion import FrozenSensor, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
-from rpil.faults.whole_rules import Length, OtherLag
+from rpil.faults.whole_rules import IdleEnd, IdleHead, IdleTail, Length, OtherLag
 
 M = 8
 

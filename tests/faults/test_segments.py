@@ -6,7 +6,8 @@ import itertools
 
 import numpy as np
 
-from rpil.faults import segments
+from rpil.faults.measured_columns import changes, means
+from rpil.faults.motion import largest, longest_runs
 
 OFFSETS = np.array([0, 1, 4, 9, 30])
 VALUES = np.random.default_rng(0).integers(0, 3, size=(4, 30)).astype(float)
@@ -14,11 +15,11 @@ PARTS = [VALUES[:, a:b] for a, b in itertools.pairwise(OFFSETS)]
 
 
 def test_changes_means_and_largest():
-    change = segments.changes(VALUES, OFFSETS)
+    change = changes(VALUES, OFFSETS)
     expected = [np.diff(part, axis=1, prepend=part[:, :1]) for part in PARTS]
     np.testing.assert_array_equal(change, np.concatenate(expected, axis=1))
-    np.testing.assert_allclose(segments.means(VALUES, OFFSETS), [part.mean(axis=1) for part in PARTS])
-    top, step = segments.largest(VALUES, OFFSETS)
+    np.testing.assert_allclose(means(VALUES, OFFSETS), [part.mean(axis=1) for part in PARTS])
+    top, step = largest(VALUES, OFFSETS)
     np.testing.assert_array_equal(top, [part.max(axis=1) for part in PARTS])
     np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in PARTS])
 
@@ -37,8 +38,8 @@ def longest(column, counts):
 
 def test_longest_runs():
     counts = np.random.default_rng(1).random(VALUES.shape) < 0.7
-    change = segments.changes(VALUES, OFFSETS)
-    found = np.stack(segments.longest_runs(change != 0, counts, OFFSETS), axis=2)
+    change = changes(VALUES, OFFSETS)
+    found = np.stack(longest_runs(change != 0, counts, OFFSETS), axis=2)
     for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
         for c in range(len(VALUES)):
             assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[c, a:b])

@@ -16,11 +16,10 @@ from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.faults import recorded
-from rpil.faults.idle import trims
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
-from rpil.faults.whole_rules import Duplicate, Length, OtherLag
+from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, check_options

@@ -10,9 +10,6 @@ from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
-LEAST_RELATED = 0.5
-"""Correlation of an observation with an action from which on they go together."""
-
 
 @dataclass(frozen=True, eq=False)
 class Pair:
@@ -64,8 +61,8 @@ def find_lag(
     if pairs and abs(pairs[0].lag) == max_lag == settings.MAX_LAG:  # it may be longer than what was looked at
         return find_lag(sample, 2 * max_lag)
     first_action, first_state = (np.argsort(-related.max(axis=axis), kind="stable") for axis in (1, 0))
-    for own, other, of_own in ((action, state, related), (state, action, related.T)):
-        partner[own] = np.where(of_own.max(axis=1) >= LEAST_RELATED, other[of_own.argmax(axis=1)], -1)
+    for some, other, of_own in ((action, state, related), (state, action, related.T)):
+        partner[some] = np.where(of_own.max(axis=1) >= settings.LEAST_RELATED, other[of_own.argmax(axis=1)], -1)
     return tuple(pairs), (action[first_action], state[first_state]), partner
 
 

@@ -32,12 +32,6 @@ WIDTH = 3
 FLOOR = 1e-7
 """Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
 
-EXPLAINED = 2.0
-"""Times what undoing a fault gains that may be unusual before: it explains at least half."""
-
-CONSTANT = 1.1
-"""The same of an offset, which explains nine tenths."""
-
 OF_ROWS = {
     "frame rate": "doubled rate",
     "doubled rate": "frame rate",
@@ -234,11 +228,12 @@ class Namer:
         excess = float(np.log(misfit(maps, moments) / self.usual).sum() / 2)
         if excess > self.screen:
             gain[:n] = gains(values, moments, maps, self.window)
-            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * EXPLAINED)
+            gain[:n] *= (gain[:n] > self.limit[:n]) & (excess - self.rest <= gain[:n] * settings.EXPLAINED)
         if not gain.any() and excess <= self.rest:  # an offset changes the level alone
             level = levels(values, maps, self.window)
             off = self.level.gains(level, per_column(maps, self.window))
-            gain[n:] = off * ((off > self.limit[n:]) & (self.level.excess(level) - self.level.rest <= off * CONSTANT))
+            unusual = self.level.excess(level) - self.level.rest
+            gain[n:] = off * ((off > self.limit[n:]) & (unusual <= off * settings.CONSTANT))
         best = int(np.argmax(gain))
         return best, float(gain[best])
 

@@ -1,5 +1,9 @@
 """What a sample of the demonstrations tells about the columns of a recording: which measure something, and how they
-usually move."""
+usually move; and sums over the steps of each demonstration of a block.
+
+Arrays are (C, T), one column of the recording in a row, so that a demonstration is contiguous. `offsets` (M + 1,) run
+from 0 to T, and results are (M, C).
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,10 @@ from itertools import repeat
 import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
-from rpil.faults import segments, settings
+from rpil.faults import settings
 from rpil.formats.dataset import Dataset
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
-
-MOST_ABSENT = 0.5
-"""Share of the demonstrations in which columns are not recorded, and of the steps of the others in which they are 0, at
-most; and share of the others that move, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class MovingBlock:
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
         """The columns that are compared, of a block."""
         values = columns.of(block)
-        change = segments.changes(values, block.offsets)
+        change = changes(values, block.offsets)
         size = np.abs(change)
         largest = np.maximum.reduceat(size, block.offsets[:-1], axis=1).T
         motion = columns.motion_of(size)
@@ -119,13 +119,13 @@ def _chosen(block: Block, kept: Bool[Array, " M"]) -> Block:
 def ranges_and_zeros(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array]:
     """The range of each column in each demonstration, and the share of the steps in which it is 0, (M, C)."""
     high, low = (of.reduceat(values, offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
-    return (high - low).T, segments.means(values == 0, offsets)
+    return (high - low).T, means(values == 0, offsets)
 
 
 def never_moves(actions: Array, offsets: Int[Array, " _"]) -> Bool[Array, "M A"]:
     """Which actions, (T, A) or (T,), stay the same in a demonstration, and move in most of the others."""
     still = ranges_and_zeros(np.atleast_2d(actions.T), offsets)[0] == 0
-    return np.asarray(still & (still.mean(axis=0) < MOST_ABSENT))
+    return np.asarray(still & (still.mean(axis=0) < settings.MOST_ABSENT))
 
 
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
@@ -134,7 +134,11 @@ def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Boo
     absent = zeros == 1
     n_others = np.maximum((~absent).sum(axis=0), 1)
     moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))
-    absent &= (absent.mean(axis=0) <= MOST_ABSENT) & (moving > MOST_ABSENT) & (resting <= MOST_ABSENT)
+    absent &= (
+        (absent.mean(axis=0) <= settings.MOST_ABSENT)
+        & (moving > settings.MOST_ABSENT)
+        & (resting <= settings.MOST_ABSENT)
+    )
     return np.asarray(absent & (absent.sum(axis=1) > 1)[:, None])
 
 
@@ -161,7 +165,7 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
     number = np.array([k for k in compared.tolist() if _is_measurement(everything[k])], dtype=np.int64)
     recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
-    if recorded.mean() >= MOST_ABSENT:
+    if recorded.mean() >= settings.MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
     names, ones = tuple(labels[k] for k in number), np.ones(len(number))
     turns = _quaternions(sample.observations[:, :width])
@@ -221,3 +225,16 @@ def _is_measurement(column: Array) -> bool:
     is_byte = low >= 0 and high <= 255 and np.array_equal(column, np.rint(column))
     in_parts = column.astype(np.float64) * 255
     return not is_byte and not (low >= 0 and high <= 1 and np.allclose(in_parts, np.rint(in_parts), atol=1e-4))
+
+
+def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
+    """x_t - x_(t-1), and 0 at the first step of each demonstration."""
+    change = np.empty_like(values)
+    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
+    change[:, offsets[:-1]] = 0.0
+    return change
+
+
+def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
+    """Mean over the steps of each demonstration."""
+    return np.asarray((np.add.reduceat(values, offsets[:-1], axis=1) / np.diff(offsets)).T)

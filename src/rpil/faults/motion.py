@@ -7,18 +7,17 @@ import math
 import numpy as np
 
 from rpil.data.text import moment
-from rpil.faults import segments, settings
-from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
+from rpil.faults import settings
+from rpil.faults.measured_columns import MovingBlock, means, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.numerics.types import Array
-
-FEW, MOST_FEW = (4, 0.1), 0.25
-"""Demonstrations, or share of them, that may have a fault before that is usual; and the largest share."""
+from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 
 def few(n_demonstrations: int) -> float:
     """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(max(FEW[0], math.ceil(FEW[1] * n_demonstrations)), MOST_FEW * n_demonstrations)
+    return min(
+        max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations)), settings.MOST_FEW * n_demonstrations
+    )
 
 
 class Leap(ComparingRule):
@@ -28,9 +27,9 @@ class Leap(ComparingRule):
 
     def compare(self) -> Compared:
         columns = self.columns
-        size, self.first, self.last, largest = self.measured[:4]
+        size, self.first, self.last, most = self.measured[:4]
         self.names = columns.names
-        least = settings.CHANGE_FACTOR * np.quantile(largest, 0.75, axis=0, method="lower")
+        least = settings.CHANGE_FACTOR * np.quantile(most, 0.75, axis=0, method="lower")
         least = np.maximum(least, settings.SMALLEST_LEAP * columns.spread)
         limit = np.maximum(self.fence(size, settings.LEAP_FACTOR, settings.SMALLEST_SHARE * least), least)
         is_known = (columns.moving >= settings.MOVING_SHARE) & (columns.memory >= settings.LEAST_MEMORY)
@@ -56,7 +55,7 @@ class Spike(Leap):
         np.minimum(size[:, 1:-1], size[:, 2:], out=apart[:, 1:-1])
         apart[:, 1:-1] *= change[:, 1:-1] * change[:, 2:] < 0
         apart[:, 1:-1] -= np.maximum(size[:, :-2], after)
-        spike, step = segments.largest(np.maximum(apart, 0.0), block.offsets)
+        spike, step = largest(np.maximum(apart, 0.0), block.offsets)
         return spike, step, step, block.largest
 
 
@@ -75,8 +74,8 @@ class Jump(Leap):
         jump = np.where(2.0 * around < size, size - around, 0.0)
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
-        jump, step = segments.largest(jump, offsets)
-        every, at = segments.largest(Jump.of_all(block)[None], offsets)
+        jump, step = largest(jump, offsets)
+        every, at = largest(Jump.of_all(block)[None], offsets)
         return jump, step - 1, step, block.largest, every, at
 
     @staticmethod
@@ -131,7 +130,7 @@ class HeldValue(ComparingRule):
         not stand still while others move: steps count in which the partner changes."""
         values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
         counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
-        still, first, length = segments.longest_runs(changed, counts, offsets)
+        still, first, length = longest_runs(changed, counts, offsets)
         low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
         return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
 
@@ -188,13 +187,13 @@ class RepeatedFrames(ComparingRule):
         columns, offsets = block.columns, block.offsets
         changed: Array = np.any(block.size[~columns.is_action] > 0, axis=0)
         moves = block.motion > settings.REPEAT_MOTION * columns.motion
-        runs, starts, bounds = segments.runs_of(changed[None], offsets)
+        runs, starts, bounds = runs_of(changed[None], offsets)
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)
         between = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
         repeated = np.where(between, runs - 1, 0)
-        longest = segments.first_largest(repeated, bounds)
+        longest = first_largest(repeated, bounds)
         return np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
 
     def compare(self) -> Compared:
@@ -209,11 +208,7 @@ class RepeatedFrames(ComparingRule):
 
 
 class Scale(ComparingRule):
-    """Values and changes are both many times larger, or smaller, than elsewhere.
-
-    A quiet demonstration has small values in all its columns; a smaller column must be so beside most of the
-    observations, or of the actions, as well.
-    """
+    """Values and changes are both many times larger, or smaller, than elsewhere."""
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
@@ -223,7 +218,7 @@ class Scale(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Mean size of a value, and of a change."""
-        return segments.means(np.abs(block.values), block.offsets), segments.means(block.size, block.offsets)
+        return means(np.abs(block.values), block.offsets), means(block.size, block.offsets)
 
     def compare(self) -> Compared:
         columns = self.columns
@@ -232,10 +227,7 @@ class Scale(ComparingRule):
         (low, high), (slow, fast) = (self.two_fences(values, settings.SCALE_FACTOR) for values in (levels, changes))
         usual = np.median(levels, axis=0)
         ratio = levels / usual
-        kinds = [ratio[:, columns.is_action == kind] for kind in (False, True) if (columns.is_action == kind).any()]
-        beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / settings.SCALE_FACTOR
-        larger = np.minimum(levels / high, changes / fast)
-        smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
+        larger, smaller = np.minimum(levels / high, changes / fast), np.minimum(low / levels, slow / changes)
         severity = np.where(self.measured[1] > 0, np.maximum(larger, smaller), 0.0)  # what never moves has no unit
         severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < settings.MOVING_SHARE)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity
@@ -280,3 +272,40 @@ class NeverMoves(ComparingRule):
         if self.absent[m, c]:
             return f"these columns are not recorded here: {fault.column} is 0 in every step, and in the others it moves"
         return super().say(fault, m, c)
+
+
+def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
+    """The largest value of each demonstration, and the first step of the demonstration that has it."""
+    begins = np.arange(len(values))[:, None] * values.shape[1] + offsets[:-1]
+    place = first_largest(values.ravel(), begins.ravel()).reshape(begins.shape)
+    return values.ravel()[place].T, (place - begins).T
+
+
+def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
+    """Where the largest value of each part is first; the parts follow one another."""
+    top = np.repeat(np.maximum.reduceat(values, begins), np.diff(begins, append=len(values)))
+    places = np.flatnonzero(values == top)
+    return np.asarray(places[np.searchsorted(places, begins)])
+
+
+def longest_runs(
+    changed: Bool[Array, "C T"], counts: Bool[Array, "C T"], offsets: Int[Array, " _"]
+) -> tuple[Int[Array, "M C"], Int[Array, "M C"], Int[Array, "M C"]]:
+    """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
+    step at which the run begins, and its length."""
+    runs, starts, bounds = runs_of(changed, offsets)
+    counted = np.append(0, np.cumsum(counts))
+    # A run begins with the step that changed, and that step is not counted.
+    weight = counted[starts + runs] - counted[starts + 1]
+    run = first_largest(weight, bounds).reshape(len(changed), len(offsets) - 1).T
+    return weight[run], starts[run] % changed.shape[1] - offsets[:-1, None], runs[run]
+
+
+def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
+    """Lengths and first positions, in the flattened array, of all runs without a change; and the number of the first
+    run of each column and demonstration. A run ends with its demonstration."""
+    changed = changed.copy()
+    changed[:, offsets[:-1]] = True
+    starts = np.flatnonzero(changed)
+    first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
+    return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())

@@ -20,9 +20,6 @@ from rpil.formats.format import Defect
 from rpil.formats.times import Times, usual_step
 from rpil.numerics.types import Array, Float
 
-OTHER_RATE = 0.01
-"""Share by which frames a second may differ from those that are declared, or usual."""
-
 
 class MissingValues(Rule):
     name, words = "missing values", "a value is NaN or infinite"
@@ -126,7 +123,7 @@ def _find_rates(
     mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
     low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
     off = np.abs(mean / middle - 1.0)
-    least = np.maximum(OTHER_RATE + settings.FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
+    least = np.maximum(settings.OTHER_RATE + settings.FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
     found = np.flatnonzero((off > least) & (lengths > 1))
     if len(found) > few(len(lengths)):
         return
@@ -198,7 +195,7 @@ def find_other_rate(times: Times, demonstrations: DemonstrationSet) -> Iterator[
     known = (steps > 0) & (lasts > 0)
     mean = lasts[known] / steps[known]
     off = np.abs(mean * times.fps - 1.0) - usual * times.fps / steps[known]  # a clock is as fine as its usual step
-    if known.any() and min(abs(usual * times.fps - 1.0), np.median(off)) > OTHER_RATE:
+    if known.any() and min(abs(usual * times.fps - 1.0), np.median(off)) > settings.OTHER_RATE:
         rate = float(np.median(1.0 / mean))
         sentence = f"declared are {times.fps:.4g} frames a second; the timestamps say {rate:.4g}"
         yield Fault(TIMESTAMPS, "", 0, 0, "", rate, times.fps, np.inf, sentence)

@@ -15,7 +15,7 @@ from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import idle, motion, recorded, whole_rules  # noqa: F401  their rules
+from rpil.faults import motion, recorded, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Rule
 from rpil.formats.columns_file import write_columns
 

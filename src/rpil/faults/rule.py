@@ -24,9 +24,6 @@ from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_la
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
-LEAST_STEPS = 20
-"""Steps of a demonstration from which its scale, and the sign of a column, are known."""
-
 
 @dataclass(frozen=True)
 class Fault:
@@ -168,7 +165,7 @@ class ComparingRule(Rule):
         self.measured = data.measured[type(self).measure]
         self.first, self.last = np.zeros(len(data.ids), dtype=int), data.lengths - 1
         value, threshold, severity = self.compare()
-        is_short = self.takes_steps & (data.lengths < LEAST_STEPS)
+        is_short = self.takes_steps & (data.lengths < settings.LEAST_STEPS)
         severity = np.where(is_short, np.nan, np.transpose(severity)).T
         shape = len(data.ids), len(self.names)
         every = value, np.broadcast_to(threshold, np.shape(value)), severity, self.first, self.last

@@ -19,6 +19,7 @@ MOST_COLUMNS = 1_000  # beyond which observations are images, whose columns no r
 FENCE = 3.0  # * distances of the upper quartile from the lower one, in logarithms, that a value may lie above it
 TAIL = 2.5  # * distances of a quartile from the median, or standard deviations, within which clean demonstrations lie
 LARGEST_SPREAD = 8.0  # * times above the upper quartile by `FENCE`; beyond it clean ones differ too much to know
+FEW, FEW_SHARE, MOST_FEW = 4, 0.1, 0.25  # demonstrations, or share, that may have a fault before it is usual; at most
 USUAL_FACTOR = 3.0  # times the usual number of idle steps, and the usual gain in agreement by a shift
 
 # Leaps
@@ -35,11 +36,14 @@ FROZEN_FACTOR = 2.5  # * times the usual longest run of one value
 SMALLEST_RUN = 2.0  # steps by which such runs do not differ
 MIN_FROZEN = 12  # steps; shorter runs of one value are no fault
 FRAME_GAP = 0.5  # share of the time between two frames by which a time may be off
+OTHER_RATE = 0.01  # share by which frames a second may differ from those that are declared, or usual
 REPEAT_MOTION = 0.5  # motion, relative to the usual one, around a repeated frame: what moves does not stop for one step
 SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
 SETTLING = 1.25  # times by which motion decays from the first to the last third of a tail of a controller that settles
+NOISE_BAND = 5.0  # standard deviations of the noise of a state within which it is at rest
+LARGEST_BAND = 0.5  # spreads of a state: where rest may be farther apart, it does not tell rest from motion
 
 # Lags
 MAX_LAG = 20  # steps between action and state that are looked at, in both directions
@@ -48,6 +52,7 @@ MAX_SHIFT = 10  # steps by which a lag may differ from the usual one at most
 MEMORIES = 3, 1  # * steps that an action remembers, taken out before it is correlated: the first with a correlation
 MIN_CORRELATION = 0.3  # * of an action with the state, from which their lag is looked at
 SMALLEST_GAIN = 0.03  # * gain by a shift, relative to the usual agreement, by which clean ones do not differ
+LEAST_RELATED = 0.5  # correlation of an observation with an action from which on they go together
 
 # Maps
 MAP_COLUMNS = 16  # states, and actions, of the map between them, at most
@@ -62,6 +67,8 @@ MAP_REACH = 16.0  # * times the variance of a column in the others, up to which 
 LEAST_GAIN = 1.0  # logarithm of likelihood that undoing a fault gains at least
 OFFSET_GAIN = 25.0  # * the same of an offset: seven standard deviations between demonstrations
 LEAST_OFFSET = 0.5  # standard deviations of a column from which on an offset shall be named
+EXPLAINED = 2.0  # times what undoing a fault gains that may be unusual before: it explains at least half
+CONSTANT = 1.1  # the same of an offset, which explains nine tenths
 
 # Whole demonstrations
 LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse, and the usual squared distance of last steps
@@ -72,3 +79,7 @@ NEAR_DUPLICATE = 0.02, 0.2  # times the median distance from the nearest one: ne
 MIN_DUPLICATE = 50  # steps from which equal demonstrations of codes are duplicates: shorter ones are equal by chance
 LEAST_RANGE = 0.005  # range of a column, relative to the median, below which it never moves
 STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie in which it moves
+FARTHEST = 25.0  # squared distance of a last step in one column, in spreads, at most
+LEAST_SPREAD = 0.02  # standard deviations of a column by which last steps do not differ
+LEAST_STEPS = 20  # steps of a demonstration from which its scale, and the sign of a column, are known
+MOST_ABSENT = 0.5  # share of demonstrations without a column, and of steps of others in which it is 0, at most
