@@ -163,7 +163,6 @@ BY_LOOKING = _rules(
         "black frames": "frames of a video are black",
         "frozen picture": "the picture of a video stays the same for long",
         "repeated pictures": "many frames of a video repeat the one before while others move",
-        "exchanged cameras": "two cameras show each what the other shows elsewhere",
     }
 )
 """What is seen only where videos are looked at."""

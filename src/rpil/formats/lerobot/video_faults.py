@@ -1,11 +1,9 @@
-"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen, repeated or exchanged."""
+"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen or repeated."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +34,7 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
     for shot in shots:
         by_file[shot.path].append(shot)
     lost = {path for path in by_file if not path.is_file()}
-    seen = _Seen(fps)
+    still = defaultdict[str, dict[int, tuple[int, int, float]]](dict)
     for camera in sorted({shot.camera for shot in shots}):
         paths = dict.fromkeys(shot.path for shot in shots if shot.camera == camera)
         if missing := [path for path in paths if path in lost]:
@@ -54,35 +52,20 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
             inside = (times >= shot.start - 0.5 / fps) & (times < shot.end - 0.5 / fps)
             yield from _of_times(shot, np.sort(times[inside]), fps)
             if frames is not None and inside.any():
-                yield from seen.take(shot, frames[inside])
-    yield from seen.compare(states or {})
+                is_black = frames[inside].max(axis=(1, 2)) <= DARK
+                yield from _black(shot, is_black, fps)
+                if not is_black.all():
+                    still[shot.camera][shot.episode] = _stillness(frames[inside], is_black)
+    for camera, of_episode in still.items():
+        yield from _unchanged(camera, of_episode, fps, states or {})
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """What is kept of the pictures, by camera and episode, to compare the episodes."""
-
-    fps: float
-    means: dict[str, dict[int, Array]] = field(default_factory=lambda: defaultdict(dict))  # (R, C) each
-    still: dict[str, dict[int, tuple[int, int, float]]] = field(default_factory=lambda: defaultdict(dict))
-
-    def take(self, shot: Shot, frames: Array) -> Iterator[Defect]:
-        """Take the frames of an episode, (F, R, C); black ones are found."""
-        camera, m = shot.camera, shot.episode
-        is_black = frames.max(axis=(1, 2)) <= DARK
-        if is_black.any():
-            black = np.flatnonzero(is_black)
-            said = f"is black in {len(black)} frames of {len(frames)}, from {duration(black[0], 1 / self.fps)}"
-            yield Defect("black frames", str(m), f"{camera} {said}")
-        if not is_black.all():
-            self.means[camera][m] = frames.mean(axis=0)
-            self.still[camera][m] = _stillness(frames, is_black)
-
-    def compare(self, states: Mapping[int, Array]) -> Iterator[Defect]:
-        """The faults of pictures that only others show."""
-        for camera, of_episode in self.still.items():
-            yield from _unchanged(camera, of_episode, self.fps, states)
-        yield from _exchanged(self.means)
+def _black(shot: Shot, is_black: Array, fps: float) -> Iterator[Defect]:
+    """The frames of an episode that are black, (F,)."""
+    if is_black.any():
+        black = np.flatnonzero(is_black)
+        said = f"is black in {len(black)} frames of {len(is_black)}, from {duration(black[0], 1 / fps)}"
+        yield Defect("black frames", str(shot.episode), f"{shot.camera} {said}")
 
 
 def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
@@ -145,17 +128,3 @@ def _unchanged(
     if np.median(shares) >= REPEATED_SHARE:
         slow = f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data"
         yield Defect("repeated pictures", "all", slow)
-
-
-def _exchanged(means: Mapping[str, Mapping[int, Array]]) -> Iterator[Defect]:
-    """Episodes in which two cameras have each the mean picture that is usual for the other."""
-    middle = {camera: np.median([*own.values()], axis=0) for camera, own in means.items() if len(own) >= LEAST_EPISODES}
-    for one, other in combinations(middle, 2):
-        if middle[one].shape != middle[other].shape:
-            continue
-        for episode in sorted(means[one].keys() & means[other].keys()):
-            a, b = means[one][episode], means[other][episode]
-            own = np.abs(a - middle[one]).mean() + np.abs(b - middle[other]).mean()
-            if np.abs(a - middle[other]).mean() + np.abs(b - middle[one]).mean() < 0.5 * own:
-                said = f"{one} and {other} show what the other shows elsewhere"
-                yield Defect("exchanged cameras", str(episode), said)
