@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from rpil.formats.format import StepTables
 
 _TIMESTAMP = "timestamp"
-"""The column of the seconds in texts."""
+"""The column of the times in texts."""
 
 
 def with_facts(
@@ -54,17 +56,13 @@ def made(found: StepTables, options: ColumnOptions) -> StepTables:
     if first is None:
         return found
     clock, unit = _find_clock(first, columns)
-    is_text = flat.kind_of_type(first[clock].type) == "text"
-    renamed = replace(
-        columns,
-        orders=(_TIMESTAMP,) if is_text else columns.orders,
-        times=tuple(name for name in columns.times if name != clock or not is_text),
-        parts=(),
-        id_chosen=True,
-        made=tuple(name for name in columns.made if name != STRETCH),
-    )
     split: Iterable[pa.Table] = chain([first], tables)
-    notes = list[str]()
+    if flat.kind_of_type(first[clock].type) == "text":
+        split = map(partial(_with_times, name=clock, source=columns.source), split)
+        columns = replace(columns, orders=(_TIMESTAMP,), times=tuple(name for name in columns.times if name != clock))
+        clock, unit = _TIMESTAMP, 1e-3
+    made = tuple(name for name in columns.made if name != STRETCH)
+    renamed, notes = replace(columns, parts=(), id_chosen=True, made=made), list[str]()
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
         split = _split(split, columns, options.split_gap, clock, unit)
@@ -90,13 +88,13 @@ def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
 
 
 def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str, unit: float) -> Iterator[pa.Table]:
-    """The tables with new ids, and with the seconds of a `clock` that is text."""
+    """The tables with new ids."""
     import pyarrow as pa
 
     is_new, counts = columns.episode in columns.made, Counter[object]()
     last_time, last_id, label = np.nan, object(), 0 if is_new else ""
     for table in (one for one in tables if len(one)):
-        seconds = _seconds(table[clock], unit, columns)
+        seconds = _seconds(table[clock], unit)
         names, codes = _ids(table, columns)
         steps = np.diff(seconds, prepend=last_time)
         starts = (steps > gap) | (steps < 0) | (np.diff(codes, prepend=codes[0]) != 0)
@@ -106,7 +104,7 @@ def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str,
             labels.append(counts[name] if is_new else f"{name}-{counts[name]}")
             counts[name] += 1
         last_time, last_id, label = seconds[-1], names[codes[-1]], labels[-1]
-        yield _with_ids(table, columns, pa.array(labels).take(pa.array(np.cumsum(starts))), clock, seconds)
+        yield _with_ids(table, columns, pa.array(labels).take(pa.array(np.cumsum(starts))))
 
 
 def _divided(
@@ -117,7 +115,7 @@ def _divided(
 
     first: dict[Id, float] = {}
     for table in (one for one in tables if len(one)):
-        seconds = _seconds(table[clock], unit, columns)
+        seconds = _seconds(table[clock], unit)
         if np.isnan(seconds).any():
             raise DataError(f"{columns.source}: column {clock!r} lacks values; fill it in.")
         names, codes = _ids(table, columns)
@@ -126,7 +124,7 @@ def _divided(
         part = np.floor((seconds - np.array([first.get(name, 0.0) for name in names])[codes]) / length)
         pairs, rows = np.unique(np.stack([codes, part]), axis=1, return_inverse=True)
         said = (f"{names[int(k)]} [{p * length:.10g}, {(p + 1) * length:.10g}) s" for k, p in pairs.T.tolist())
-        yield _with_ids(table, columns, pa.array(said).take(pa.array(rows.reshape(-1))), clock, seconds)
+        yield _with_ids(table, columns, pa.array(said).take(pa.array(rows.reshape(-1))))
 
 
 def _ids(table: pa.Table, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
@@ -136,34 +134,29 @@ def _ids(table: pa.Table, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]
     return flat.id_codes(table, columns.episode, lambda row: f"{columns.source}, row {row + 1}")
 
 
-def _with_ids(table: pa.Table, columns: Columns, ids: pa.Array, clock: str, seconds: Float[Array, " N"]) -> pa.Table:
-    """The table with new ids, and with the seconds of a `clock` that is text."""
+def _with_ids(table: pa.Table, columns: Columns, ids: pa.Array) -> pa.Table:
+    """The table with new ids."""
+    there = columns.episode in table.column_names
+    return (table.drop_columns([columns.episode]) if there else table).append_column(columns.episode, ids)
+
+
+def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
+    """The table with the times in the texts of a column in its place."""
     import pyarrow as pa
 
-    new = {columns.episode: ids}
-    if flat.kind_of_type(table[clock].type) == "text":
-        new[_TIMESTAMP] = pa.array(seconds)
-    kept = [name for name in table.column_names if name not in new]
-    return pa.table({**dict(zip(kept, table.select(kept).columns, strict=True)), **new})
+    found = [re.search(TIME_OF_DAY, text or "") for text in table[name].to_pylist()]
+    if None in found:
+        raise DataError(f"{source}: a text has no time such as 2021_10_25_16_31_20_658; correct it.")
+    parts = ([part.replace("_", "-") for part in one.groups("000")] for one in found if one)
+    moments = np.array(["{}T{}:{}:{}.{}".format(*own) for own in parts], dtype="datetime64[ms]")
+    return table.drop_columns([name]).append_column(_TIMESTAMP, pa.array(moments))
 
 
-def _seconds(column: pa.ChunkedArray, unit: float, columns: Columns) -> Float[Array, " N"]:
+def _seconds(column: pa.ChunkedArray, unit: float) -> Float[Array, " N"]:
     """A column of time in seconds; NaN where it has no value."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    if flat.kind_of_type(column.type) == "text":
-        parts = pc.extract_regex(column.cast(pa.string()), TIME_OF_DAY)
-        if parts.null_count:
-            raise DataError(f"{columns.source}: a text has no time such as 2021_10_25_16_31_20_658; correct it.")
-        date, hour, minute, second, millisecond = (pc.struct_field(parts, k) for k in range(5))
-        millisecond = pc.if_else(pc.equal(millisecond, ""), "000", millisecond)
-        day = pc.replace_substring(date, "_", "-")
-        clock = pc.binary_join_element_wise(hour, minute, second, ":")
-        whole = pc.binary_join_element_wise(pc.binary_join_element_wise(day, clock, " "), millisecond, ".")
-        column, unit = whole.cast(pa.timestamp("ms")), 1e-3
     if flat.kind_of_type(column.type) == "time":
         is_missing = np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
-        values = column.to_numpy().astype(np.int64)
-        return np.where(is_missing, np.nan, values * unit)
+        return np.where(is_missing, np.nan, column.to_numpy().astype(np.int64) * unit)
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
