@@ -93,8 +93,7 @@ def test_csv_ids_are_numbers_only_where_that_loses_nothing(tmp_path):
     assert d.ids == ("01", "1")
     assert d.actions.tolist() == [1, 1, 2]
     large = [str(2**63), str(2**63 + 1), "1"]  # the same float
-    d = formats.read(write_table(path, **columns(episode_index=large, action=large)))
-    assert (d.ids, d.actions.tolist()) == (tuple(large), large)
+    assert formats.read(write_table(path, **columns(episode_index=large))).ids == tuple(large)
 
 
 @pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float32()), pa.list_(pa.float32(), 2)])

@@ -103,14 +103,22 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
 
 
-def test_observations_that_are_too_small_are_said(tmp_path):
-    moves = np.random.default_rng(0).normal(size=N)
-    pq.write_table(
-        pa.table({"episode": np.arange(N) // 10, "x": moves, "y": 1e-300 * moves, "action": moves}),
-        tmp_path / "a.parquet",
-    )
-    (note,) = read_recording(tmp_path / "a.parquet").description.notes
-    assert note.startswith("Too small: values of y differ by less than 1e-150")
+def test_on_disk_weights_have_the_numbers_of_the_file(folder, tmp_path):
+    recording = read_recording(folder, on_disk=True)
+    each = np.zeros(M)
+    offsets = recording.demonstrations.offsets
+    write_weights(tmp_path / "w.csv", range(M), offsets, np.zeros(N), each, each, recording.step_columns)
+    assert pa.csv.read_csv(tmp_path / "w.csv")["index"].to_pylist() == list(range(N))
+
+
+def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):
+    table = {"episode": [1, 1, 2], "step_index": [2, 1, 1], "x": [0.5, 0.25, 0.125], "action": [0, 1, 1]}
+    pq.write_table(pa.table(table), tmp_path / "a.parquet")
+    recording = read_recording(tmp_path / "a.parquet")
+    d = recording.demonstrations
+    assert d.observations[:, 0].tolist() == [0.25, 0.5, 0.125]
+    write_weights(tmp_path / "w.csv", d.ids, d.offsets, np.zeros(3), np.zeros(2), np.zeros(2), recording.step_columns)
+    assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
 
 
 def test_a_column_that_repeats_values_is_no_order(tmp_path):

@@ -88,13 +88,12 @@ def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
     assert len(rpil.read(path)) == 3
 
 
-@pytest.mark.parametrize("tables", ["text", "others"])
-def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch, tables):
+def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch):
     def fail(*_):
         raise OverflowError("never seen before")
 
     Path("mine").write_text("x")
-    own = Format("mine", lambda path: path.name == "mine", fail, keep=fail, tables=lambda _: tables)
+    own = Format("mine", lambda path: path.name == "mine", fail, fail)
     monkeypatch.setattr(registry, "FORMATS", (own,))
     for use in (lambda: find("mine").keep("out", [0]), lambda: rpil.read("mine")):
         with pytest.raises(DataError, match=r"^mine: .*OverflowError: never seen before.*;.*[.]$"):

@@ -129,6 +129,7 @@ class Columns:
     id_chosen: bool = False  # by the user, or by a guess, and not by its name
     guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
+    id_written: bool = False  # ids are text, of which whole numbers are numbers
     intervention: str | None = None  # a flag of the steps in which a person had taken over
 
     def without_observations(self, reasons: Mapping[str, str]) -> Columns:

@@ -8,6 +8,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeVar, cast
 
@@ -36,9 +37,6 @@ if TYPE_CHECKING:
 
 _Result = TypeVar("_Result")
 
-Texts = tuple["pa.ChunkedArray", "pa.Array"]
-"""The different texts of a column, and the number of that of each row."""
-
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
 _BLOCK_BYTES = MIB
@@ -48,27 +46,31 @@ _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where t
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
-    file = find_dialect(path, options)
-    note = () if file.encoding in ("utf-8", "utf-16") else (f"Text is not UTF-8: read as {file.encoding}.",)
-    skipped = (parts_in_words(file.skipped, "line", [path.name]),) if file.skipped else ()
-    origin = Origin(path.name, file.words, notes=note, skipped=skipped)
-    return _read({path.name: file}, find_text_columns(file, options), origin)
+    return _read({path.name: path}, options, path.name)
 
 
 def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; where no column names the demonstration, each file is one."""
-    files, skipped = readable(names_in_folder(paths), options)
+    return _read(names_in_folder(paths), options, source, FILE)
+
+
+def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
+    """The recording in files by their names."""
+    files, skipped = readable(paths, options)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
             raise other_columns(name, first_name, file.names, first.names)
-    columns = find_text_columns(first, options, FILE)
+    columns = find_text_columns(first, options, default_id)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():
         other = seen.setdefault(without_suffix(name), name)
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
-    return _read(files, columns, Origin(source, f"{first.words}, {counted(len(files), 'file')}", skipped=skipped))
+    words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
+    other = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
+    notes = (f"Text is not UTF-8: read as {' and '.join(other)}.",) if other else ()
+    return _tables(files, columns, Origin(source, words, notes=notes, skipped=skipped))
 
 
 def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
@@ -78,78 +80,28 @@ def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[st
     return files, (*damaged, *lines)
 
 
-def _read(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
-    """The recording in text tables, one below the other, by their names.
+def _tables(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
+    """The recording in text tables, one below the other, by their names."""
+    found = _rows_of(files, columns)
 
-    All texts of a column decide its type; for data on disk they are looked at twice, in a temporary file.
-    """
-    any_file = next(iter(files.values()))
-    found = {name: _read_table(file, columns) for name, file in files.items()}
-
-    def tables() -> Iterator[tuple[pa.Table, dict[str, Texts]]]:
+    def tables() -> Iterator[pa.Table]:
         for name, rows in found.items():
             for _, table, _ in rows.tables(0, len(rows), _names_in(files[name], columns)):
                 if columns.episode == FILE:
                     table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-                yield table, _texts_of(table, columns, any_file.decimal)
+                yield _cleaned(table, columns)
 
-    whole = None if any_file.on_disk else [*tables()]
-    written: dict[str, set[str]] = {}
-    for _, texts in whole or tables():
-        for name, (different, _) in texts.items():
-            written.setdefault(name, set()).update(_written_as(different, name in columns.actions))
-    sizes = {name: len(rows) for name, rows in found.items()}
-    exact = (_exact(table, texts, written) for table, texts in whole or tables())
-    return StepTables(exact, columns, origin, sizes)
+    return StepTables(tables(), replace(columns, id_written=True), origin, {m: len(rows) for m, rows in found.items()})
 
 
-def _texts_of(table: pa.Table, columns: Columns, decimal: str) -> dict[str, Texts]:
-    """The columns of text but observations, without spaces around each text; "" as null."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    found: dict[str, Texts] = {}
-    for name in {*table.column_names} - {*columns.observations}:
-        if flat.kind_of_type(table[name].type) == "text":
-            encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-            texts = each_text(from_cell, pa.chunked_array([pc.utf8_trim_whitespace(encoded.dictionary)]))
-            if name in columns.actions and decimal == ",":
-                texts = pc.replace_substring(texts, ",", ".")
-            found[name] = pc.if_else(pc.equal(texts, ""), None, texts), encoded.indices
-    return found
-
-
-def _written_as(texts: pa.ChunkedArray, floats: bool) -> set[str]:
-    """How texts are written, all together: as whole numbers that come back ("number"), that do not, as 01 and -0 do
-    ("digits"), as decimals if `floats` ("decimal"), or otherwise ("text"); and whether any has more digits than a float
-    ("long")."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    long = {"long"} if pc.any(pc.match_substring_regex(texts, r"^[+-]?\d{19,}$")).as_py() else set()
-    with suppress(pa.ArrowInvalid):
-        return long | {"number" if texts.cast(pa.int64()).cast(pa.string()).equals(texts) else "digits"}
-    with suppress(pa.ArrowInvalid):
-        if floats:
-            texts.cast(pa.float64())
-            return long | {"decimal"}
-    return {"text"}
-
-
-def _exact(table: pa.Table, texts: Mapping[str, Texts], written: Mapping[str, set[str]]) -> pa.Table:
-    """Columns of text as integers if that loses nothing, else as floats where there are decimals, else as text.
-
-    `written` is how all of their texts are. Whole numbers of over 64 bits stay text, because several would become the
-    same float.
-    """
+def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
+    """The table without spaces around texts, and null for "", but for observations."""
     import pyarrow as pa
 
-    for name, (different, rows) in texts.items():
-        kinds, kind = written[name], pa.int64()
-        if kinds & {"text", "decimal", "digits"}:
-            is_float = "decimal" in kinds and not kinds & {"text", "long"}
-            kind = pa.float64() if is_float else pa.string()
-        table = table.set_column(table.column_names.index(name), name, different.cast(kind).take(rows))
+    for k, field in enumerate(table.schema):
+        if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
+            texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
+            table = table.set_column(k, field.name, texts)
     return table
 
 
@@ -202,17 +154,43 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(file.path.name, *_FAULT):
-        first = _parsed(file, head, {})
+        first = _parsed(file, head)
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
         floats = [one.name for one in first.schema if options.guess and pa.types.is_floating(one.type)]
         # Ids of more digits than numbers have would be one id.
         if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
-            first = _parsed(file, head, {"column_types": dict.fromkeys(long, pa.string())})
-    return find_columns(file.names, kinds, file.path.name, options, default_id, first)
+            first = _parsed(file, head, column_types=dict.fromkeys(long, pa.string()))
+    return find_columns(file.names, kinds, file.path.name, replace(options, columns=()), default_id, first)
 
 
-def _read_table(file: TextTable, columns: Columns) -> Rows:
-    """The columns to read, ids and single actions as text; a copy of them on disk."""
+class _OtherTypeError(DataError):
+    """A value is not of the type of its column."""
+
+
+def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Rows]:
+    """The rows of the files, in the first types that fit all values: observations are floats, or what they seem; a
+    single action is a whole number, a float or text."""
+    import pyarrow as pa
+
+    named = columns.episode, columns.operator, columns.task, columns.session
+    texts = dict.fromkeys((name for name in named if name), pa.string())  # else 01 and 1 would be one id
+    floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
+    kinds = (pa.int64(), pa.float64(), pa.string()) if columns.one_action else (None,)
+    own = [dict.fromkeys(columns.actions, kind) if kind else {} for kind in kinds]
+    *tried, last = [{**others, **action, **texts} for others in (floats, {}) for action in own]
+    for types in tried:
+        with suppress(_OtherTypeError):
+            return {name: _read_table(file, columns, types) for name, file in files.items()}
+    try:
+        return {name: _read_table(file, columns, last) for name, file in files.items()}
+    except _OtherTypeError:
+        for file in files.values():
+            file.check()
+        raise
+
+
+def _read_table(file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Rows:
+    """The columns to read; a copy of them on disk."""
     import pyarrow as pa
     from pyarrow import csv
 
@@ -222,32 +200,18 @@ def _read_table(file: TextTable, columns: Columns) -> Rows:
         with csv.open_csv(text, *options) as reader:
             return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), file.path.name), {})
 
-    # By default the reader takes the ids 01 and 1 for the same number, and -0 for the integer 0.
-    named = columns.episode, columns.operator, columns.task, columns.session
-    as_text = {*named, *(columns.actions if columns.one_action else ())}
     names = _names_in(file, columns)
-    texts = {name: pa.string() for name in names if name in as_text}
-    floats = {name: pa.float64() for name in (*columns.observations, *columns.actions) if name not in as_text}
-    common = {"include_columns": names, "strings_can_be_null": False}
     with guarded(file.path.name, *_FAULT):
-        try:
-            # Where there is text, or true and false, they are read as such, so that the message can say where.
-            found = _parsed(file, rows, *(common | {"column_types": types} for types in (texts | floats, texts)))
-            if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
-                file.check()
-            return found
-        except pa.ArrowInvalid as error:
-            if "CSV conversion error" not in str(error):
-                raise
-        said = "a column holds values of another type further on; read it into memory with <option>"
-        raise DataError(f"{file.path.name}: {said}.", "no_stream")
+        found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
+        if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
+            file.check()
+        return found
 
 
-def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[str, object]) -> _Result:
+def _parsed(file: TextTable, take: Callable[..., _Result], **conversion: object) -> _Result:
     """What `take` makes of the bytes and the options for reading, parsing and converting them.
 
-    They are read again with the next of the `conversions` where values are of another type, and in larger blocks where
-    a field does not fit in.
+    They are read again in larger blocks where a field does not fit in.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -260,14 +224,15 @@ def _parsed(file: TextTable, take: Callable[..., _Result], *conversions: dict[st
     reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
     while True:
-        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversions[0])
+        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversion)
         try:
             with file.without_skipped() if file.skipped else text_bytes(file.path) as text:
                 return take(text, reading, parsing, converting)
         except pa.ArrowInvalid as error:
-            if "CSV conversion error" in str(error) and conversions[1:]:
-                conversions = conversions[1:]
-            elif "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
+            if "CSV conversion error" in str(error):
+                said = "a column holds values of another type further on; read it into memory with <option>"
+                raise _OtherTypeError(f"{file.path.name}: {said}.", "no_stream") from error
+            if "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
                 reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
             else:
                 file.check()
@@ -297,5 +262,4 @@ FORMAT = Format(
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
     write=write,
-    tables=lambda _: "text",
 )

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -133,9 +133,8 @@ class Format:
         Sentences on how that tool takes weights.
     read_address : function of a pattern or an address of several files, and the options for columns, optional
         The `StepTables`.
-    tables : function of a path
-        "Parquet" where rows may stay in files of Parquet, as those of folders do where the user does not say; "text"
-        for tables of text.
+    stays : bool
+        Whether rows stay in files of Parquet, if there are such, where the user does not say.
     """
 
     name: str
@@ -154,7 +153,7 @@ class Format:
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
     read_address: Callable[[StrPath, ColumnOptions], StepTables] | None = None
-    tables: Callable[[StrPath], Literal["Parquet", "text", "others"]] = lambda _: "others"
+    stays: bool = False
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

@@ -173,6 +173,5 @@ FORMAT = Format(
     read=read,
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
-    tables=lambda _: "Parquet",
     write=write,
 )

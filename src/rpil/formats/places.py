@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, repeat
@@ -21,6 +22,7 @@ from rpil.numerics.types import Array, Int
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_WHOLE = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
@@ -76,7 +78,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     for row, part, place in rows.tables(0, len(rows), [columns.episode]):
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
-    names_of = list(numbers)
+    names_of = _as_written(numbers) if columns.id_written else list(numbers)
     table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
@@ -107,6 +109,13 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
     by = f"rows are not in the order of {order.column!r}"
     raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
+
+
+def _as_written(ids: Iterable[Id]) -> list[Id]:
+    """Texts as whole numbers, where all are written so and none has over 64 bits."""
+    texts = list(map(str, ids))
+    are_whole = all(_WHOLE.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
+    return list(map(int, texts)) if are_whole else list(texts)
 
 
 def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:

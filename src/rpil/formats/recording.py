@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import SMALLEST, Id
+from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
@@ -273,20 +273,13 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
 
 
 def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
-    """Sentences on `ids` of single steps, on frames a second, and on observations that hardly differ."""
+    """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
     places, layout, names = found.places, found.layout, found.layout.names
     if 1 < len(places.ids) == places.offsets[-1]:
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
     constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
-    halves = {name: high / 2 - low / 2 for name, (low, high) in found.statistics.ranges(names).items()}
-    tiny = [name for name in layout.observation_names if 0 < halves.get(name, 0.0) < SMALLEST]
     if constant:
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
-    if tiny:
-        yield (
-            f"Too small: values of {commas(tiny)} differ by less than {SMALLEST:g}, whose square is no number; use "
-            "smaller units, or leave them out."
-        )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
-from functools import cached_property, partial
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from rpil.formats.format import Format, kept_of
 from rpil.formats.made_columns import made
 from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.store import may_be_many_files
+from rpil.formats.store import find_files, may_be_many_files
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -94,7 +94,7 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
-            stays = self._tables == "Parquet" and not Path(self.path).is_file()
+            stays = self.format.stays and bool(find_files(self.path)[1])
             with suppress(UnsortedError if stays else TooLargeError):
                 return self.read(options, on_disk=stays)
             return self.read(options, on_disk=not stays)
@@ -115,13 +115,7 @@ class ClaimedPath:
             check_readable(place)
         elif self.format.read_address is not None and not place.exists():
             tables = partial(self.format.read_address, self.path, options)
-        if options.columns and self._tables != "text":
-            raise DataError(f"{self.path}: only text tables without names take <option>; leave it out.", "columns")
         return from_tables(made(tables(), options), options.on_disk)
-
-    @cached_property
-    def _tables(self) -> str:
-        return self.format.tables(self.path)
 
     def keep(
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()

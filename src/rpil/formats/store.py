@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath, PurePosixPath
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -63,8 +63,6 @@ class ParquetRows:
     """What keeps a copy for as long as its rows are needed."""
     sizes: Mapping[str, int] = field(default_factory=dict)
     """The numbers of rows from each file."""
-    stamps: Mapping[str, Sequence[int]] = field(default_factory=dict)
-    """Size and time of each local file of others, when it was opened."""
 
     def __len__(self) -> int:
         return self.groups[-1].last
@@ -89,8 +87,6 @@ class ParquetRows:
         for path, groups in itertools.groupby(there, key=lambda group: group.path):
             changed = f"{PurePosixPath(path).name}: it has changed since the data set was opened; open it again."
             with opened(self.filesystem, path) as file:
-                if path in self.stamps and _stamp(path) != self.stamps[path]:
-                    raise DataError(changed)
                 for group in groups:
                     n_rows = group.last - group.first
                     if group.number >= file.num_row_groups or file.metadata.row_group(group.number).num_rows != n_rows:
@@ -105,11 +101,6 @@ class ParquetRows:
                         row += len(batch)
                     if row != group.last:
                         raise ValueError(f"{row - group.first} of {n_rows} rows are there")
-
-
-def _stamp(path: str) -> list[int]:
-    found = os.stat(path)
-    return [found.st_size, found.st_mtime_ns]
 
 
 @contextmanager
@@ -134,30 +125,16 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     except DataError:
         raise
     except Exception:
-        fault = "not a Parquet file, or a damaged or truncated one"
-        if _is_unfinished(filesystem, path):
-            fault = "a damaged or truncated Parquet file, which was never finished, as when a recording is cut off"
-        with guarded(PurePosixPath(path).name, fault, "write it again"):
+        name = PurePosixPath(path).name
+        with input_file(filesystem, path) as stream:
+            refuse_pointer(stream.read_at(100, 0), name)
+        with guarded(name, "not a Parquet file, or a damaged or truncated one", "write it again"):
             raise
-
-
-def _is_unfinished(filesystem: fs.FileSystem, path: str) -> bool:
-    """Whether a file begins as Parquet does, and lacks the end."""
-    with input_file(filesystem, path) as stream:
-        refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
-        size = stream.size()
-        return bool(size > 8 and stream.read_at(4, 0) == b"PAR1" != stream.read_at(4, size - 4))
 
 
 def may_be_many_files(path: StrPath) -> bool:
     """Whether `path` may name several files: a folder, a pattern, an address."""
     return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
-
-
-def tables_of(path: StrPath) -> Literal["Parquet", "text"]:
-    """The kind of the tables that are read: "Parquet" where one of the files that `path` names is such."""
-    files = _listed(path)[2] if may_be_many_files(path) else [str(path)]
-    return "Parquet" if any(file.lower().endswith(".parquet") for file in files) else "text"
 
 
 def has_tables(path: StrPath) -> bool:
@@ -290,7 +267,6 @@ def open_rows(
     A `DataError` where the columns of the files differ.
     """
     import pyarrow as pa
-    from pyarrow import fs
 
     from rpil.formats.meta_folder import read_metadata
 
@@ -323,9 +299,8 @@ def open_rows(
             layout = replace(this, observation=np.result_type(this.observation, other.observation), action=action)
     if columns is None or layout is None:
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    stamps = {path: _stamp(path) for path in paths} if isinstance(filesystem, fs.LocalFileSystem) else {}
     named = dict(zip(file_names(paths), sizes, strict=True))
-    return ParquetRows(filesystem, tuple(groups), n_bytes, sizes=named, stamps=stamps), columns, layout, metadata
+    return ParquetRows(filesystem, tuple(groups), n_bytes, sizes=named), columns, layout, metadata
 
 
 def _place(path: str, first: int, shift: int, demonstration: Place) -> Place:

@@ -18,7 +18,7 @@ from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import find_dialect
 from rpil.formats.format import Format, StepTables
-from rpil.formats.store import find_files, tables_of
+from rpil.formats.store import find_files
 
 if TYPE_CHECKING:
     from pyarrow import fs
@@ -91,4 +91,4 @@ def refuse_others(path: StrPath, names: Iterable[str]) -> None:
             raise DataError(f"{path}: a {what} ({name}) is never opened; {way}.")
 
 
-FORMAT = Format(name="a folder of tables", claims=Path.is_dir, read=read, read_address=read, tables=tables_of)
+FORMAT = Format(name="a folder of tables", claims=Path.is_dir, read=read, read_address=read, stays=True)

@@ -27,7 +27,6 @@ from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_
 from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
-from rpil.formats.store import tables_of
 
 read = table_folder.read
 
@@ -188,7 +187,7 @@ FORMAT = Format(
     name="LeRobot",
     claims=claims,
     read=read,
-    tables=tables_of,
+    stays=True,
     keep=keep,
     keep_list=keep_list,
     has_own_ids=True,
