@@ -154,7 +154,7 @@ REFUSED = {
     "a row too short": (text(BASE) + "3,1\n", "row 61: 2 values for 5 columns in '3,1'"),
     "an action for each step": (
         text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),
-        "the action takes 60 different texts in 60 steps, nearly one for each step; name the column of the action",
+        "the action takes 60 different texts in 60 steps, too many to compare; name a column of classes",
     ),
     "spaces": (text(BASE, " "), "it has one column, 'episode step x v action'; write commas, semicolons or tabs"),
 }

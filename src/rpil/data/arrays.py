@@ -133,7 +133,7 @@ def action_kind(
     """Whether actions of one number or text each are "discrete" or "continuous", and why in words.
 
     That is by how many of them differ, and by whether they are text or `whole` numbers. A `DataError` where they cannot
-    be what is `wanted`, or where nearly every step has a text of its own.
+    be what is `wanted`, or where there are too many texts.
     """
     if wanted != "auto":
         if (is_text and wanted == "continuous") or (not whole and wanted == "discrete"):
@@ -143,10 +143,10 @@ def action_kind(
     if not whole:
         return "continuous", "not all of its numbers are whole"
     if is_text:
-        if n_classes > FEW_CLASSES and n_steps < 2 * n_classes:
+        if n_classes > (MAX_CLASSES if n_steps >= 2 * n_classes else FEW_CLASSES):
             raise DataError(
-                f"{where}: the action takes {n_classes:,} different texts in {n_steps:,} steps, nearly one for each "
-                "step; name the column of the action, or, if they are classes, give <option> discrete.",
+                f"{where}: the action takes {n_classes:,} different texts in {n_steps:,} steps, too many to compare; "
+                "name a column of classes, or, if they are classes, give <option> discrete.",
                 "action_kind",
             )
         return "discrete", f"{n_classes:,} different texts"

@@ -44,8 +44,6 @@ class Layout:
         Names of those that are not, and why.
     allows_missing : bool
         Whether numbers may be NaN or infinite.
-    classes : tuple of str
-        The texts that are actions, where all others are one class, `rpil.formats.table.RARE`; else none.
     """
 
     observations: Widths
@@ -58,7 +56,6 @@ class Layout:
     masks: Mapping[str, Array] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     allows_missing: bool = False
-    classes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -136,8 +133,6 @@ class Layout:
                 fault = f"holds {block.shape[1]} numbers, not {len(mask)} as elsewhere"
                 raise DataError(f"{at(0)}: column {name!r} {fault}.")
             block = block[:, mask] if name in self.masks else block
-            if self.classes and out.dtype.kind == "U":
-                block = np.where(np.isin(block, self.classes), block, flat.RARE)
             out[:, start : start + width] = block
             start += width
 

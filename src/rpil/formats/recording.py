@@ -263,7 +263,6 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ranges=found.statistics.ranges(layout.names),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
-            *filter(None, [found.actions.note]),
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),

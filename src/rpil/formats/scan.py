@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.arrays import FEW_CLASSES, MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
+from rpil.data.arrays import MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
@@ -38,8 +37,6 @@ class ScannedActions:
         The first value that cannot be an action.
     kind, reason : str
         "discrete", "continuous" or, where they cannot be what is wanted, "refused"; and why.
-    note : str
-        A sentence about texts that are rare, where there are such.
     """
 
     layout: Layout
@@ -48,11 +45,9 @@ class ScannedActions:
     fault: DataError | None = None
     kind: str = "continuous"
     reason: str = ""
-    note: str = ""
     _texts: dict[str, None] = field(default_factory=dict)
     _n_steps: int = 0
     _whole: bool = True
-    _counts: Counter[str] = field(default_factory=Counter)
 
     @property
     def _is_text(self) -> bool:
@@ -91,9 +86,7 @@ class ScannedActions:
             values = values[~np.isnan(values)]
             self._whole = self._whole and are_whole(values)
         if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
-            classes, counts = np.unique(as_actions(values, at(0), "discrete"), return_counts=True)
-            if self._is_text:
-                self._counts.update(dict(zip(classes.tolist(), counts.tolist(), strict=True)))
+            classes = np.unique(as_actions(values, at(0), "discrete"))
             self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
 
     def finish(self, source: str) -> Layout:
@@ -102,7 +95,6 @@ class ScannedActions:
         if layout.n_parts:
             self._refuse_classes_among(source)
             return layout
-        self._pool()
         try:
             count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
             self.kind, self.reason = action_kind(*count, "")
@@ -111,20 +103,9 @@ class ScannedActions:
             self.fault = self.fault or DataError(f"{source}{error}")
             return layout
         if self.kind == "discrete":
-            classes = tuple(self.classes.tolist()) if self.note else ()
-            return replace(layout, action=self.classes.dtype, classes=classes)
+            return replace(layout, action=self.classes.dtype)
         self.classes = np.empty(0)
         return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
-
-    def _pool(self) -> None:
-        """Make one class of the rare ones among many texts."""
-        n_texts, n_steps = len(self._counts), self._n_steps
-        frequent = [text for text, n in self._counts.most_common(MAX_CLASSES - 1) if n >= _FEW_STEPS]
-        if frequent and n_texts > (MAX_CLASSES if n_steps >= 2 * n_texts else FEW_CLASSES):
-            self.classes = np.unique([*frequent, flat.RARE])
-            share = 1 - sum(self._counts[text] for text in frequent) / n_steps
-            kept = f"{self.layout.actions[0][0]}: {len(frequent)} of {n_texts:,} texts are classes"
-            self.note = f"{kept}, all others ({share:.0%} of the steps) one, {flat.RARE}."
 
     def _refuse_classes_among(self, source: str) -> None:
         """Set the `fault` where an action of several numbers or texts is not of numbers alone, or is to be discrete."""
@@ -139,7 +120,7 @@ class ScannedActions:
         self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
 
-_FEW_STEPS = 10  # with fewer a text is rare; and changes of the action, to see that a column repeats the last one
+_FEW_STEPS = 10  # changes of the action, to see that a column repeats the last one
 _ROUNDING = 1e-3  # of the steps of a time, as texts round them
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
 
-RARE = "(rare)"  # the class of the rare ones among many texts
-
 _WRITTEN = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 _WRITTEN_LIST = re.compile(rf"\[.*\]|\(?{_WRITTEN}(?:(?:\s*[,;]\s*|\s+){_WRITTEN})+\)?", re.IGNORECASE | re.DOTALL)
 """Numbers in one text, as "0.1, 0.2"; where all are whole, as in "1 0", it may be a class."""
