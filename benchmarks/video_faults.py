@@ -41,7 +41,6 @@ def frozen(own: Frames) -> Frames:
 KINDS: dict[str, tuple[str, Callable[[Frames], Frames]]] = {
     "frozen": ("frozen picture", frozen),
     "black": ("black frames", lambda own: [0 * one if 20 <= k < 50 else one for k, one in enumerate(own)]),
-    "half the frames": ("repeated pictures", lambda own: [own[k - k % 2] for k in range(len(own))]),
 }
 
 

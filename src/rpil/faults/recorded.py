@@ -162,7 +162,6 @@ BY_LOOKING = _rules(
     {
         "black frames": "frames of a video are black",
         "frozen picture": "the picture of a video stays the same for long",
-        "repeated pictures": "many frames of a video repeat the one before while others move",
     }
 )
 """What is seen only where videos are looked at."""

@@ -1,4 +1,4 @@
-"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black, frozen or repeated."""
+"""Faults of LeRobot's videos: files, numbers of frames, and pictures: black or frozen."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ SAME_MEAN, SAME_MOST = 0.5, 8  # change of brightness, of all pixels and of one,
 LEAST_SAME = 0.8  # of the frames of a run, that repeat the one before
 FROZEN_SECONDS = 1.0  # for which a picture may stay the same
 REST = 0.05  # of the range of a joint: less is no motion
-REPEATED_SHARE = 0.3  # of the frames of an episode
 TIMES_USUAL = 3.0  # by which an episode must exceed the upper quartile of the others
 LEAST_EPISODES = 4  # to know what is usual
 
@@ -34,7 +33,7 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
     for shot in shots:
         by_file[shot.path].append(shot)
     lost = {path for path in by_file if not path.is_file()}
-    still = defaultdict[str, dict[int, tuple[int, int, float]]](dict)
+    still = defaultdict[str, dict[int, tuple[int, int]]](dict)
     for camera in sorted({shot.camera for shot in shots}):
         paths = dict.fromkeys(shot.path for shot in shots if shot.camera == camera)
         if missing := [path for path in paths if path in lost]:
@@ -78,8 +77,8 @@ def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
         yield Defect("frame times", name, f"{said}; correct from_timestamp, or write the video again")
 
 
-def _stillness(seen: Array, is_black: Array) -> tuple[int, int, float]:
-    """The longest run of frames that repeat the one before, its first, and the share of repeats while all moves.
+def _stillness(seen: Array, is_black: Array) -> tuple[int, int]:
+    """The longest run of frames that repeat the one before, and its first.
 
     A codec refines a picture that stays, and renews it at key frames: a few such changes between repeats end no run.
     """
@@ -88,8 +87,6 @@ def _stillness(seen: Array, is_black: Array) -> tuple[int, int, float]:
     same = (mean <= SAME_MEAN) & (most <= SAME_MOST) & ~is_black[1:]
     small = (mean <= 2 * SAME_MEAN) & (most <= 4 * SAME_MOST)
     moves = (mean > 8 * SAME_MEAN) | (most > 4 * SAME_MOST)
-    repeats_one = mean[1:-1] <= 0.25 * np.minimum(mean[:-2], mean[2:])
-    share = float(np.sum(repeats_one & moves[:-2] & moves[2:])) / len(seen)
     first = length = 0
     for repeats in (same | (small & (np.convolve(same, [1, 0, 1], "same") == 2)), same):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
@@ -102,29 +99,22 @@ def _stillness(seen: Array, is_black: Array) -> tuple[int, int, float]:
         off = np.abs(seen[:first].astype(float) - seen[first]).mean(axis=(1, 2)) > 0.5 * np.median(mean[moves])
         before = first - int(np.flatnonzero(np.append(True, off))[-1])
         first, length = first - before, length + before
-    return length, first, share
+    return length, first
 
 
 def _unchanged(
-    camera: str, of_episode: Mapping[int, tuple[int, int, float]], fps: float, states: Mapping[int, Array]
+    camera: str, of_episode: Mapping[int, tuple[int, int]], fps: float, states: Mapping[int, Array]
 ) -> Iterator[Defect]:
-    """Frozen and repeated frames of a camera: beyond what is usual in it, or beyond a share of an episode.
+    """Frozen frames of a camera, beyond what is usual in it.
 
     A picture may stay while the joints, of which the `states` are, do not move either.
     """
-    runs, firsts, shares = (np.array(values) for values in zip(*of_episode.values(), strict=True))
-    usual = TIMES_USUAL * np.quantile([runs, shares], 0.75, axis=1)
-    known = len(runs) >= LEAST_EPISODES
-    for k, episode in enumerate(of_episode):
+    runs, firsts = (np.array(values) for values in zip(*of_episode.values(), strict=True))
+    usual = TIMES_USUAL * np.quantile(runs, 0.75)
+    for k, episode in enumerate(of_episode if len(runs) >= LEAST_EPISODES else ()):
         state = states.get(episode, np.zeros((0, 1)))
         part = state[firsts[k] : firsts[k] + runs[k]]
         rests = len(part) > 0 and (np.ptp(part, axis=0) <= REST * np.ptp(state, axis=0)).all()
-        if runs[k] >= FROZEN_SECONDS * fps and known and runs[k] > usual[0] and not rests:
+        if runs[k] >= FROZEN_SECONDS * fps and runs[k] > usual and not rests:
             words = f"shows one picture for {duration(runs[k], 1 / fps)} from {duration(firsts[k], 1 / fps)} on"
             yield Defect("frozen picture", str(episode), f"{camera} {words}")
-        elif shares[k] >= REPEATED_SHARE and known and shares[k] > usual[1]:
-            words = f"{camera} repeats {shares[k]:.0%} of its frames while all moves"
-            yield Defect("repeated pictures", str(episode), words)
-    if np.median(shares) >= REPEATED_SHARE:
-        slow = f"{camera} repeats {np.median(shares):.0%} of its frames: it is slower than data"
-        yield Defect("repeated pictures", "all", slow)
