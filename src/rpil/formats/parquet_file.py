@@ -114,13 +114,11 @@ def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -
 
 def _parts_of(file: pq.ParquetFile, columns: Collection[str]) -> dict[int, str]:
     """The parts of the `columns` by number, with the column of each."""
-    names, schema = {*file.schema_arrow.names}, file.schema
-    owners = {k: _column_of(schema.column(k).path, names) for k in range(len(schema))}
-    return {k: column for k, column in owners.items() if column in columns}
+    owners = (field.name for field in file.schema_arrow for _ in range(_n_parts(field.type)))
+    return {k: column for k, column in enumerate(owners) if column in columns}
 
 
-def _column_of(path: str, names: Collection[str]) -> str:
-    """The column, one of the `names`, which may have dots, of a part of it at a path such as ``x.list.element``."""
-    while path not in names and path:
-        path = path.rpartition(".")[0]
-    return path
+def _n_parts(kind: pa.DataType) -> int:
+    """The parts of a column of nested values, which have a column of their own in the file each; else 1."""
+    stored = getattr(kind, "storage_type", kind)
+    return sum(_n_parts(stored.field(k).type) for k in range(stored.num_fields)) or 1

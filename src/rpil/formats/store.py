@@ -120,15 +120,12 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
             yield file
     except FileNotFoundError as error:
         raise DataError(f"{path}: there is no such file here; check the path.") from error
-    except PermissionError as error:
-        raise DataError(f"{path}: it may not be read; change its permissions.") from error
     except DataError:
         raise
     except Exception:
-        name = PurePosixPath(path).name
-        with input_file(filesystem, path) as stream:
-            refuse_pointer(stream.read_at(100, 0), name)
-        with guarded(name, "not a Parquet file, or a damaged or truncated one", "write it again"):
+        with guarded(PurePosixPath(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
+            with input_file(filesystem, path) as stream:
+                refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
             raise
 
 
@@ -157,13 +154,12 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
 
 def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
     """The file system, the folder if it is one, and all Parquet files and text tables; none of them is opened."""
-    import pyarrow as pa
     from pyarrow import fs
 
     where = str(path)
     if where.startswith(("http://", "https://")):
         raise DataError(f"{where}: addresses of the web are not read; download the file, and give its path.")
-    with guarded(where):
+    with guarded(where, "it cannot be listed", "check the path"):
         try:
             if "://" in where:
                 filesystem, place = fs.FileSystem.from_uri(where)
@@ -185,10 +181,6 @@ def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
         except ImportError as error:
             reason = in_words(error)
             raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
-        except PermissionError:  # which the guard names
-            raise
-        except (pa.ArrowException, OSError) as error:
-            raise DataError(f"{where}: it cannot be listed ({in_words(error)}); check the path.") from error
         return filesystem, place, *_tables(sorted(i.path for i in entries if i.type == fs.FileType.File), place)
 
 
