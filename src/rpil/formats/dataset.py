@@ -13,6 +13,7 @@ from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.memory import Size, check_memory
 from rpil.formats.layout import Layout
+from rpil.formats.places import Places
 from rpil.formats.rows import Rows, shifted
 from rpil.numerics.types import Array
 
@@ -24,8 +25,7 @@ class Shard:
     rows: Rows
     layout: Layout
     bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
-    offsets: NDArray[np.int64]  # first rows of the demonstrations ``bounds[0]`` .. ``bounds[-1]``
-    ids: tuple[Id, ...]  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
+    places: Places  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
 
     @property
     def demonstrations(self) -> slice:
@@ -33,11 +33,11 @@ class Shard:
         return slice(self.bounds[0], self.bounds[-1])
 
     def __iter__(self) -> Iterator[Block]:
-        layout, row = self.layout, int(self.offsets[0])
-        tables = self.rows.tables(row, int(self.offsets[-1]), layout.columns, self.demonstration_of)
+        layout, every, row = self.layout, self.places.offsets, int(self.places.offsets[0])
+        tables = self.rows.tables(row, int(every[-1]), layout.columns, self.places.demonstration_of)
         begin, table, at = next(tables)
         for first, end in itertools.pairwise(self.bounds):
-            offsets = self.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
+            offsets = every[first - self.bounds[0] : end - self.bounds[0] + 1]
             start, stop = int(offsets[0]), int(offsets[-1])
             block = Block(first, *layout.empty(stop - start), offsets - start)
             while row < stop:
@@ -48,10 +48,6 @@ class Shard:
                 layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
                 row = until
             yield block
-
-    def demonstration_of(self, row: int) -> str:
-        """The demonstration of a row of the data set, for messages."""
-        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,8 +113,8 @@ class Dataset(DemonstrationSet):
         return [self._shard(bounds) for bounds in shard_bounds(self.offsets, n_shards, block_steps)]
 
     def _shard(self, bounds: Sequence[int]) -> Shard:
-        offsets = self.offsets[bounds[0] : bounds[-1] + 1]
-        return Shard(self.rows, self.layout, tuple(bounds), offsets, self.ids[bounds[0] : bounds[-1]])
+        places = Places(self.ids[bounds[0] : bounds[-1]], self.offsets[bounds[0] : bounds[-1] + 1])
+        return Shard(self.rows, self.layout, tuple(bounds), places)
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
@@ -146,7 +142,7 @@ class Dataset(DemonstrationSet):
         heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
         ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
         rows = self.rows.chosen(np.stack([self.offsets[order[heads]], ends], axis=1))
-        (block,) = Shard(rows, self.layout, (0, len(order)), offsets, ids)
+        (block,) = Shard(rows, self.layout, (0, len(order)), Places(ids, offsets))
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
         selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)

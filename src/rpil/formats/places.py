@@ -44,7 +44,7 @@ class Places:
 
     ids: tuple[Id, ...]
     offsets: Int[Array, " _"]
-    order: Order
+    order: Order = Order()
 
     def demonstration_of(self, row: int) -> str:
         """The demonstration of a row, for messages."""

@@ -176,23 +176,20 @@ class Recording:
 
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
-    """The recording in tables; `on_disk` they never are in memory all."""
-    source = found.origin.source
+    """The recording in tables, which in memory may lie in any order; `on_disk` they never are in memory all."""
+    columns, origin, layout, source = found.columns, found.origin, found.layout, found.origin.source
+    rows: Rows
     if found.in_place is not None:
-        return from_rows(found.in_place, found)
-    if on_disk:
-        return from_rows(copied_rows(spool(found.tables, source), found.sizes), found)
-    return from_rows(TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes), found)
-
-
-def from_rows(rows: Rows, found: StepTables) -> Recording:
-    """The recording in rows, which in memory may lie in any order; a `DataError` where ids are missing."""
-    columns, origin, layout = found.columns, found.origin, found.layout
-    places, rows = find_places(rows, columns, origin.source)
+        rows = found.in_place
+    elif on_disk:
+        rows = copied_rows(spool(found.tables, source), found.sizes)
+    else:
+        rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
+    places, rows = find_places(rows, columns, source)
     if layout is None:
         head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
         layout = Layout.of(head, columns, origin.metadata.names)
-    return from_scan(rows, columns, scan(rows, layout, columns, origin.source, places), origin)
+    return from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
 
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
