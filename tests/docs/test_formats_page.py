@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rpil.formats import table_folder
 from rpil.formats.format import Format
 from rpil.formats.registry import FORMATS
 
@@ -23,7 +24,7 @@ def row(one: Format) -> str:
     can = {
         f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
         "`rpil check` compares the folder with itself": one.find_defects,
-        "patterns and addresses": one.read_address,
+        "patterns and addresses": one if one is table_folder.FORMAT else None,
     }
     return f"| {suffixes} | {'; '.join(name for name, function in can.items() if function is not None)} |"
 

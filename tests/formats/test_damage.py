@@ -204,13 +204,6 @@ def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
     assert len(json.loads(Path("new.json").read_text())["episodes"]) == n
 
 
-def test_where_no_file_is_sound_the_first_is_named():
-    folder = lerobot_folders.write(Path("arm"), [9, 8], cameras=())
-    for file in folder.rglob("data/**/*.parquet"):
-        file.write_bytes(b"PAR1" + bytes(80))
-    refused(r"file-000\.parquet: .*a damaged or truncated one", "info", "arm", "--skip-bad")
-
-
 def test_a_file_that_may_not_be_read_is_not_damaged(monkeypatch):
     Path("runs").mkdir()
     tables(Path("runs"))

@@ -68,8 +68,8 @@ def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, defaul
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
-    other = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
-    notes = (f"Text is not UTF-8: read as {' and '.join(other)}.",) if other else ()
+    encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
+    notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
     return _tables(files, columns, Origin(source, words, notes=notes, skipped=skipped))
 
 

@@ -131,8 +131,6 @@ class Format:
         Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
     notes_on_weights : tuple of str
         Sentences on how that tool takes weights.
-    read_address : function of a pattern or an address of several files, and the options for columns, optional
-        The `StepTables`.
     stays : bool
         Whether rows stay in files of Parquet, if there are such, where the user does not say.
     """
@@ -152,7 +150,6 @@ class Format:
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
-    read_address: Callable[[StrPath, ColumnOptions], StepTables] | None = None
     stays: bool = False
 
 

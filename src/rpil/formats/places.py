@@ -22,7 +22,7 @@ from rpil.numerics.types import Array, Int
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_WHOLE = re.compile(r"0|-?[1-9]\d{0,18}")
+_WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
@@ -114,7 +114,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
 def _as_written(ids: Iterable[Id]) -> list[Id]:
     """Texts as whole numbers, where all are written so and none has over 64 bits."""
     texts = list(map(str, ids))
-    are_whole = all(_WHOLE.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
+    are_whole = all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
     return list(map(int, texts)) if are_whole else list(texts)
 
 

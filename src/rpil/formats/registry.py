@@ -76,8 +76,7 @@ def find_format(path: StrPath) -> Format | None:
     """
     place = Path(path)
     if not place.exists():
-        many = may_be_many_files(path)
-        return next((one for one in FORMATS if many and one.read_address is not None), None)
+        return table_folder.FORMAT if may_be_many_files(path) else None
     check_folder(check_exists(place))
     return next((one for one in FORMATS if _claims(one, place)), None)
 
@@ -110,12 +109,11 @@ class ClaimedPath:
 
     def _recording(self, options: ColumnOptions) -> Recording:
         """The recording in all that is at the path."""
-        place, tables = Path(self.path), partial(self.format.read, Path(self.path), options)
+        place = Path(self.path)
         if place.is_file():
             check_readable(place)
-        elif self.format.read_address is not None and not place.exists():
-            tables = partial(self.format.read_address, self.path, options)
-        return from_tables(made(tables(), options), options.on_disk)
+        tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
+        return from_tables(made(tables, options), options.on_disk)
 
     def keep(
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()

@@ -91,4 +91,4 @@ def refuse_others(path: StrPath, names: Iterable[str]) -> None:
             raise DataError(f"{path}: a {what} ({name}) is never opened; {way}.")
 
 
-FORMAT = Format(name="a folder of tables", claims=Path.is_dir, read=read, read_address=read, stays=True)
+FORMAT = Format(name="a folder of tables", claims=Path.is_dir, read=read, stays=True)
