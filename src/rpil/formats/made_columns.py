@@ -61,8 +61,8 @@ def made(found: StepTables, options: ColumnOptions) -> StepTables:
         split = map(partial(_with_times, name=clock, source=columns.source), split)
         columns = replace(columns, orders=(_TIMESTAMP,), times=tuple(name for name in columns.times if name != clock))
         clock, unit = _TIMESTAMP, 1e-3
-    made = tuple(name for name in columns.made if name != STRETCH)
-    renamed, notes = replace(columns, parts=(), id_chosen=True, made=made), list[str]()
+    others = tuple(name for name in columns.made if name != STRETCH)
+    renamed, notes = replace(columns, parts=(), id_chosen=True, made=others), list[str]()
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
         split = _split(split, columns, options.split_gap, clock, unit)

@@ -142,8 +142,7 @@ class Recording:
         with guarded(self.description.source):
             places = self.found.places
             table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
-            origin = replace(self.origin, files=self.rows.files(places.offsets[:-1]))
-            return find_facts(table, self.columns, places.offsets, places.ids, origin)
+            return find_facts(table, self.columns, places, self.origin, self.rows.files(places.offsets[:-1]))
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:

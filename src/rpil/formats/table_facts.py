@@ -16,6 +16,7 @@ from rpil.data.names import EPISODE, plain_name, quoted
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
+from rpil.formats.places import Places
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
@@ -78,8 +79,6 @@ class Origin:
         Of LeRobot.
     notes : tuple of str
         What a user should know, in sentences.
-    files : sequence of M str
-        The file of each; empty for formats in which files say nothing of order and sessions.
     ignored : mapping of str to str
         Parts of the file that are no columns, and why they are not read.
     skipped : tuple of str
@@ -90,7 +89,6 @@ class Origin:
     format_name: str
     metadata: Metadata = Metadata()
     notes: tuple[str, ...] = ()
-    files: Sequence[str] = ()
     ignored: Mapping[str, str] = field(default_factory=dict)
     skipped: tuple[str, ...] = ()
 
@@ -100,42 +98,38 @@ class Origin:
         return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
 
 
-def find_facts(table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin) -> Facts:
-    """The facts about the M demonstrations of a table, whose rows are in their order.
+def find_facts(table: pa.Table, columns: Columns, places: Places, origin: Origin, files: Sequence[str]) -> Facts:
+    """The facts about the M demonstrations of a table, whose rows are in their order, and that are in these M files.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    order, order_source = _order(table, columns, offsets, ids, origin)
-    sessions = () if columns.session is None else _sessions(table, columns.session, offsets, ids, origin)
-    outcome = None if columns.outcome is None else _outcome(table, columns, offsets, origin.source)
+    order, order_source = _order(table, columns, places, origin) if files else (None, "")
+    sessions = () if columns.session is None else _sessions(table, columns.session, places, origin.source, files)
+    outcome = None if columns.outcome is None else _outcome(table, columns, places.offsets, origin.source)
     return Facts(order, order_source, sessions, outcome, columns.outcome or "")
 
 
-def _order(
-    table: pa.Table, columns: Columns, offsets: Array, ids: Sequence[Id], origin: Origin
-) -> tuple[Float[Array, " M"] | None, str]:
+def _order(table: pa.Table, columns: Columns, places: Places, origin: Origin) -> tuple[Float[Array, " M"] | None, str]:
     """The place of each demonstration, and what states it: LeRobot's index, or wall-clock times."""
-    if not origin.files:
-        return None, ""
-    if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(ids[0], int):
-        return np.array(ids, dtype=float), columns.episode
-    return start_times({name: table[name] for name in clock_columns(columns)}, offsets)
+    if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int):
+        return np.array(places.ids, dtype=float), columns.episode
+    return start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
 
 
-def _sessions(table: pa.Table, name: str, offsets: Array, ids: Sequence[Id], origin: Origin) -> tuple[str, ...]:
+def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in table.column_names:
-        if not origin.files:
-            raise DataError(f"{origin.source}: its files make no sessions; name a column with <option>.", "session")
-        return tuple(origin.files)
+        if not files:
+            raise DataError(f"{source}: its files make no sessions; name a column with <option>.", "session")
+        return tuple(files)
     encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
     codes = encoded.indices.fill_null(-1).to_numpy()
-    low, high = (extreme.reduceat(codes, offsets[:-1]) for extreme in (np.minimum, np.maximum))
+    low, high = (extreme.reduceat(codes, places.offsets[:-1]) for extreme in (np.minimum, np.maximum))
     wrong = np.flatnonzero((low < 0) | (low != high))
     if len(wrong):
         fault = "has no value" if low[wrong[0]] < 0 else "changes"
         raise DataError(
-            f"{origin.source}, demonstration {ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
+            f"{source}, demonstration {places.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
         )
     names = [str(value) for value in encoded.dictionary.to_pylist()]
     return tuple(names[code] for code in low.tolist())
