@@ -36,7 +36,7 @@ _OF_RECORDINGS = (
 )
 _OF_FOLDERS = "timestamps, totals, episode table, statistics, metadata"
 _OF_VIDEOS = (
-    "video file, video frames, frame times, black frames, frozen picture, "
+    "video file, video frames, frame times, black frames, frozen picture, repeated pictures, exchanged cameras, "
     "turned camera, video time, other video"
 )
 _GROUPS = {"RPIL-1": _OF_RECORDINGS, "RPIL-2": _OF_FOLDERS, "RPIL-3": _OF_VIDEOS, "RPIL-4": ", ".join(OF_AUDIT)}
