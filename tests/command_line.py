@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
-import pty
 import re
-import struct
-import subprocess
-import sys
-import termios
 from pathlib import Path
 
-import click
 import numpy as np
 from click.testing import CliRunner
 
@@ -50,24 +41,6 @@ def refused(match, *arguments, settings=FAST):
     assert re.search(match, result.stderr), result.stderr
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
     return result.stderr
-
-
-def at_terminal(width, *arguments):
-    """What a command prints at a terminal of so many columns."""
-    main_end, other_end = pty.openpty()
-    fcntl.ioctl(other_end, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
-    unset = {"COLUMNS", "LINES", "FORCE_COLOR"}
-    environment = {name: value for name, value in os.environ.items() if name not in unset} | {"TERM": "xterm"}
-    command = [sys.executable, "-c", "from rpil.cli.entry import main; main()", *map(str, arguments)]
-    with subprocess.Popen(command, stdout=other_end, stderr=subprocess.PIPE, env=environment) as process:
-        os.close(other_end)
-        printed = b""
-        with contextlib.suppress(OSError):  # the end of a terminal whose last user has gone
-            while block := os.read(main_end, 4096):
-                printed += block
-        assert process.wait() == 0, process.stderr.read()
-    os.close(main_end)
-    return click.unstyle(printed.decode()).replace("\r\n", "\n")
 
 
 def npz(name, **changes):

@@ -14,7 +14,6 @@ typecheck.install()
 TESTS = Path(__file__).parent
 
 SLOW_FILES = {
-    "cli/test_audit_command.py",
     "cli/test_commands.py",
     "cli/test_demo.py",
     "cli/test_info.py",

@@ -84,10 +84,3 @@ def test_the_hook_fails_on_a_finding(environment):
     for args, code in ((["bad.parquet"], 1), (["good.parquet"], 0), (["bad.parquet", "--fail-on", "jump"], 0)):
         words = [*shlex.split(hook["entry"]), *args]
         assert subprocess.run(words, env=environment, check=False, capture_output=True).returncode == code
-
-
-@pytest.mark.slow
-def test_pre_commit_takes_the_hook():
-    subprocess.run(
-        [sys.executable, "-m", "pre_commit", "validate-manifest", ROOT / ".pre-commit-hooks.yaml"], check=True
-    )

@@ -106,8 +106,6 @@ def test_no_circle_between_files():
     [
         ("rpil.numerics.blocks", "def f():\n    from rpil.policies.folds import deal"),
         ("rpil.data.archive", "from rpil import __version__"),
-        ("rpil.scale.fit", "def f():\n    import rpil.estimators.persistence"),
-        ("rpil.mixture.em", "from rpil.inference import trust"),
         ("rpil.data.files", "from ..cli import main"),
         ("rpil.simulation.experts", "if TYPE_CHECKING:\n    from rpil.estimators.rpil import RPIL"),
     ],
@@ -208,9 +206,13 @@ def test_tests_mirror_the_rooms():
     assert without == set(WITHOUT_TESTS)
 
 
-@pytest.mark.parametrize("path", sorted(Path(__file__).parent.rglob("*.py")), ids=lambda path: path.name)
-def test_test_files_are_short(path):
-    assert len(path.read_text().splitlines()) <= MAX_LINES
+def test_files_are_short():
+    long = [path for root in (ROOT, Path(__file__).parent) for path in root.rglob("*.py") if n_lines(path) > MAX_LINES]
+    assert long == []
+
+
+def n_lines(path):
+    return len(path.read_text().splitlines())
 
 
 def test_types_are_precise():
@@ -286,8 +288,7 @@ def default_settings(source: str) -> list[str]:
     "source",
     [
         "def score(data, settings=JudgeSettings()): ...",
-        "def score(data, *, settings: AuditSettings = AUDIT_SETTINGS): ...",
-        "class Groups:\n    def told_apart(self, settings=GroupSettings()): ...",
+        "class Groups:\n    def told_apart(self, *, settings: GroupSettings = GROUP_SETTINGS): ...",
         "class Policy:\n    settings: CrossFitSettings = CrossFitSettings()",
         "class Choice:\n    ridge: float = FeatureSettings.ridge_per_step",
     ],
@@ -296,12 +297,11 @@ def test_default_settings_are_seen(source):
     assert len(default_settings(source)) == 1
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
-def test_file(path):
-    source = path.read_text()
-    assert len(source.splitlines()) <= MAX_LINES
-    assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", source, re.MULTILINE)
-    assert [name for name, lines, _ in functions(path) if lines > MAX_BODY] == []
-    assert [name for name, _, n in functions(path) if n > MAX_PARAMETERS and name != "__init__"] == []
-    assert calls_through_any(source) == []
-    assert default_settings(source) == []
+def test_every_file():
+    for path in ROOT.rglob("*.py"):
+        source = path.read_text()
+        assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", source, re.MULTILINE), path
+        assert [name for name, lines, _ in functions(path) if lines > MAX_BODY] == [], path
+        assert [name for name, _, n in functions(path) if n > MAX_PARAMETERS and name != "__init__"] == [], path
+        assert calls_through_any(source) == [], path
+        assert default_settings(source) == [], path

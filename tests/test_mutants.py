@@ -28,11 +28,9 @@ def changes(source):
         ("x = not a", {("not a", "a")}),
         ("x = a and b", {("a and b", "a or b")}),
         ("x = 5", {("5", "6"), ("5", "10")}),
-        ("x = 0", {("0", "1")}),
         ("x = True", {("True", "False")}),
         ("x = zip(a, b, strict=True)", set()),
         ("x = np.min(a)", {("np.min", "np.max")}),
-        ("x = max(a)", {("max", "min")}),
         ("def f():\n    'text'\n    return a", {("return a", "return None")}),
         ("def f(x: A[2]) -> B[3]:\n    return x == y", {
             ("return x == y", "return None"), ("return x == y", "return not x == y"), ("x == y", "x != y")}),
@@ -73,21 +71,6 @@ def test_each_module_has_its_own_tests_and_those_beside():
     assert named["trust"] == ["inference/test_trust.py"]
     assert {"inference/test_claims.py", "inference/test_trust.py"} <= {*named["claims"]}
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
-
-
-def test_any_module_is_named_by_its_room_with_more_tests():
-    """Modules of a name in two rooms stay apart; a module of `ROOMS` has the same tests with its room."""
-    root = TOOL["ROOT"]
-    assert TOOL["path_of"]("data/cells") == root / "src" / "rpil" / "data" / "cells.py"
-    assert TOOL["path_of"]("results/settings") != TOOL["path_of"]("inference/settings")
-    assert TOOL["tests_of"]("results/choice") == TOOL["tests_of"]("choice")
-    assert [Path(name).name for name in TOOL["tests_of"]("results/facts")] == [
-        "test_facts.py",
-        "-m",
-        "not slow",
-    ]
-    named = TOOL["tests_of"]("choice", "cli/test_keep_rules.py", "results/test_text.py")
-    assert [Path(name).name for name in named[:-2]] == ["test_choice.py", "test_keep_rules.py", "test_text.py"]
 
 
 @pytest.mark.parametrize(

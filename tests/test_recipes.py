@@ -173,22 +173,15 @@ def test_format_recipe(package, monkeypatch, tmp_path):
     registry.find(path).keep(kept, ["d3", "d1"])
     assert formats.read(kept).ids == ("d1", "d3")
     assert {*kept.read_text().splitlines()} < {*path.read_text().splitlines()}
+    formats.open(path).keep(["d1"], tmp_path / "cut.jsonl", {"d1": (1, 3)})
+    np.testing.assert_array_equal(formats.read(tmp_path / "cut.jsonl").actions, toy.select([1]).actions[1:3])
+    rpil.write(tmp_path / "toy.csv", toy)
+    ok("convert", tmp_path / "toy.csv", "-o", path)
+    assert "JSON lines" in ok("info", path).stdout
     with pytest.raises(DataError, match=r"give it the extension \.jsonl"):
         registry.find(path).keep(tmp_path / "kept.csv", ["d1"])
     with pytest.raises(DataError, match="no demonstration is called '9'"):
         registry.find(path).keep(tmp_path / "none.jsonl", [9])
-
-
-def test_format_in_commands_recipe(package, monkeypatch, tmp_path):
-    monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
-    toy, path = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations, tmp_path / "toy.jsonl"
-    rpil.write(tmp_path / "toy.csv", toy)
-    (tmp_path / "labels.csv").write_text("id,label\nd0,bad\nd1,bad\nd3,bad\n")
-    ok("convert", tmp_path / "toy.csv", "-o", path)
-    assert "JSON lines" in ok("info", path).stdout
-    assert "4 demonstrations" in ok("check", path).stdout
-    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--verdicts", tmp_path / "labels.csv")
-    assert formats.read(tmp_path / "kept.jsonl").ids == ("d2",)
 
 
 @dataclass(frozen=True)

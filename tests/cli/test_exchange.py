@@ -116,12 +116,12 @@ def test_json_of_an_audit_is_as_its_schema_says(folder):
         check_schema(printed, "audit")
 
 
-@pytest.mark.parametrize("change", [{"schema": 1}, {"steps": 1.5}, {"findings": [{}]}, {"more": 1}])
-def test_json_of_another_form_is_seen(change):
+def test_json_of_another_form_is_seen():
     write_recording("data.parquet")
     printed = json.loads(ok("check", "data.parquet", "--json").stdout)
-    with pytest.raises(AssertionError):
-        check_schema(printed | change, "check")
+    for change in ({"schema": 1}, {"steps": 1.5}, {"findings": [{}]}, {"more": 1}):
+        with pytest.raises(AssertionError):
+            check_schema(printed | change, "check")
 
 
 def check_sarif(log):

@@ -58,23 +58,13 @@ def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, comm
     np.testing.assert_array_equal(given[1].answers.outcome, [float(m in BAD) for m in range(24)])
 
 
-def test_a_fit_is_given_the_order_that_the_file_states(given):
-    wall = 1.7e9 + np.repeat(np.arange(24)[::-1] * 100.0, N_STEPS) + np.tile(np.arange(N_STEPS), 24)
-    ok("audit", write("d.parquet", 24, BAD, 1, timestamp=wall), "--observations", "x,v")
-    assert np.argsort(given[0].order).tolist() == list(range(24))[::-1]
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--outcome", "half"], "'half' changes within demonstrations.*'next.success', 'length'"),
-        (["--outcome", "nothing"], "no column is called 'nothing'"),
         (["--outcome", "x"], "'x' is the id, an observation"),
         (["--outcome", "-length"], "the outcome '-length' is -40 for every demonstration"),
         (["--session", "episode_index"], "a value of 'episode_index' of their own each"),
         (["--session", "file"], "come from one file"),
-        (["--session", "nothing"], "no column is called 'nothing'"),
-        (["--session", "half"], "demonstration 0: column 'half' changes within it"),
         (["--reference", "d.parquet"], "the reference is the data themselves"),
         (["--reference", "nothing.parquet"], "there is no such file"),
         (["--reference", "good.parquet", "--stream"], "needs all data in memory: leave out --stream"),
@@ -83,22 +73,6 @@ def test_a_fit_is_given_the_order_that_the_file_states(given):
 def test_what_cannot_be_used_is_refused(data, options, words):
     write("good.parquet", 10, {}, 2)
     refused(words, "audit", data, "-q", "--observations", "x,v", *options)
-
-
-def test_demonstrations_are_judged_within_their_sessions(data, given):
-    found = audited(data, "--session", "day", "--outcome", "next.success")
-    assert found["assumptions"][0].startswith("Demonstrations are judged within their sessions: tue (12: ")
-    # Of Monday's demonstrations 3, 5 and 9 fail, of Tuesday's 8.
-    assert [np.nansum(task.answers.outcome) for task in given] == [11, 9]
-    assert {row["id"] for row in found["demonstrations"]} == set(range(24))
-    assert found["n_demonstrations"] == 24
-
-
-def test_sessions_divide_tasks(data):
-    task = np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS)
-    found = audited(write("t.parquet", 24, BAD, 1, task=task), "--session", "day", "-q")
-    assert "within their tasks and sessions: lift, tue (6" in found["assumptions"][0]
-    assert "turn, mon (6" in found["assumptions"][0]
 
 
 def test_small_sessions_are_named_with_the_remedy():
@@ -113,14 +87,8 @@ def test_files_are_sessions(given):
     for k, name in enumerate("ab"):
         owner = np.repeat(np.arange(10 * k, 10 * k + 10), N_STEPS)
         write(f"many/{name}.parquet", 10, {3}, k, episode_index=owner)
-    for options in ([], ["--no-stream"]):
-        found = audited("many", "--session", "file", *options)
-        assert "sessions: a.parquet (10: " in found["assumptions"][0]
-    write("many/c.parquet", 1, {}, 3, episode_index=np.full(N_STEPS, 20))
-    for name in "ab":
-        Path(f"many/{name}.parquet").unlink()
-    write("many/d.parquet", 1, {}, 4, episode_index=np.full(N_STEPS, 21))
-    refused("come from one file each", "audit", "many", "--session", "file", "-q", "--observations", "x,v")
+    found = audited("many", "--session", "file")
+    assert "sessions: a.parquet (10: " in found["assumptions"][0]
 
 
 def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, given):
@@ -157,29 +125,6 @@ def test_a_reference_says_which_of_two_groups_is_good():
     for reference, good in (("good.parquet", range(10, 20)), ("other.parquet", range(10))):
         rows = audited("two.parquet", "--reference", reference)["demonstrations"]
         assert {row["id"] for row in rows[:10]} == set(good)
-
-
-def test_keep_judges_beside_a_reference(data):
-    write("good.parquet", 10, {}, 2)
-    options = ["--reference", "good.parquet", "--outcome", "next.success"]
-    ok("keep", data, "-o", "kept.parquet", *options, "--observations", "x,v")
-    assert set(formats.read("kept.parquet").ids) == set(range(24)) - BAD
-
-
-def test_a_reference_alone_ranks_the_bad_last_and_calls_nobody_good_who_is_not(data):
-    write("good.parquet", 10, {}, 2)
-    rows = audited(data, "--reference", "good.parquet")["demonstrations"]
-    assert {row["id"] for row in rows[-4:]} == BAD
-    for row in rows:
-        assert row["verdict"] in (("outlier", "open") if row["id"] in BAD else ("good", "similar", "open"))
-
-
-def test_a_reference_with_other_columns_is_refused(data):
-    write("good.parquet", 10, {}, 2)
-    columns = pq.read_table("good.parquet")
-    pq.write_table(columns.append_column("w", columns["x"]), "wider.parquet")
-    refused("wider.parquet: its observations are not those of d.parquet: it has 'w' too", "audit", data, "-q",
-            "--exclude", "half", "--reference", "wider.parquet")  # fmt: skip
 
 
 def with_missing(name, *bad):
@@ -219,7 +164,6 @@ def test_answers_about_demonstrations_that_are_left_out_do_not_count(data):
     said = audited(data, "--labels", "labels.csv", "--operator", "who.json", "--without", "3,5")
     assert "3" not in {str(one["id"]) for one in said["demonstrations"]}
     refused("no demonstration is called '99'", "audit", data, "--labels", wrong_labels(), "--without", "3")
-    ok("audit", data, "--without", "3", "--verdicts", "v.csv", "-q", "--observations", "x,v")
     ok("audit", data, "--verdicts", "all.csv", "-q", "--observations", "x,v")
     ok("keep", data, "--verdicts", "all.csv", "--only", "1,3,0", "-o", "k.parquet", "-q", "--share", "1")
     assert formats.read("k.parquet").ids == (0, 1, 3)
@@ -230,32 +174,21 @@ def wrong_labels():
     return "wrong.csv"
 
 
-def test_a_reference_is_read_whole(data):
-    good = write("good.parquet", 4, set(), 2)
-    said = json.loads(ok("audit", data, "--reference", good, "--only", "5-20", "--json", "--exclude", "half").stdout)
-    assert len(said["demonstrations"]) == 16
-
-
 LINE = "Set aside: 4, 20, because a value is missing or infinite."
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["info"], ["audit"], ["fit", "-o", "policy"], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"]],
-    ids=lambda words: words[0],
-)
 @pytest.mark.parametrize("stream", [[], ["--stream"]], ids=["memory", "disk"])
-def test_demonstrations_with_missing_values_never_stop_the_rest(command, stream):
+def test_demonstrations_with_missing_values_never_stop_the_rest(stream):
     data = with_missing("d.parquet", 4, 20)
-    if stream and command[0] in ("convert", "fit"):
-        pytest.skip("is done in memory")
-    words = [command[0], data, *command[1:], "--observations", "x,v", *stream]
-    if command != ["info"]:  # which describes them
-        refused("demonstration 4", *words)
-    result = ok(*words, "--skip-bad")
-    assert (result.stdout + result.stderr).count(LINE) == 1
-    if "-o" in command and command[2] != "policy":
-        assert not {4, 20} & {*formats.read(command[2]).ids}
+    in_memory = [["fit", "-o", "policy"], ["convert", "-o", "k.csv"]]
+    for command in (["info"], ["audit"], ["keep", "-o", "k.parquet"], *([] if stream else in_memory)):
+        words = [command[0], data, *command[1:], "--observations", "x,v", *stream]
+        if command != ["info"]:  # which describes them
+            refused("demonstration 4", *words)
+        result = ok(*words, "--skip-bad")
+        assert (result.stdout + result.stderr).count(LINE) == 1
+        if "-o" in command and command[2] != "policy":
+            assert not {4, 20} & {*formats.read(command[2]).ids}
 
 
 def test_what_has_missing_values_is_not_kept_whatever_its_verdict():
@@ -271,23 +204,12 @@ def test_check_names_what_is_missing_and_checks_the_rest():
     assert (said["set_aside"], said["counts"]["missing values"], said["demonstrations"]) == ([4], 1, 23)
 
 
-@pytest.mark.parametrize(
-    "option", ["id", "action", "observations", "exclude", "operator", "outcome", "order", "task", "session"]
-)
-def test_a_column_that_is_not_there_is_named_with_the_option(option):
-    message = refused_with(option, "nowhere")
-    assert "no column is called 'nowhere'" in message
-
-
-@pytest.mark.parametrize("option", ["only", "without"])
-def test_a_demonstration_that_is_not_there_is_named_with_the_option(option):
-    assert "no demonstration is called '99'" in refused_with(option, "99")
-
-
-def refused_with(option, value):
-    """The message about an option of the command, which names no argument of Python."""
-    result = call("audit", write("b.parquet", 10, {3}, 1), f"--{option}", value)
-    assert result.exit_code == 2
-    assert f"correct --{option}" in result.stderr
-    assert re.search(r"\w=", result.stderr) is None, result.stderr
-    return result.stderr
+def test_what_is_not_there_is_named_with_the_option():
+    """And not with the argument of Python."""
+    data = write("b.parquet", 10, {3}, 1)
+    columns = "id", "action", "observations", "exclude", "operator", "outcome", "order", "task", "session"
+    wrong = dict.fromkeys(columns, "no column is called 'nowhere'")
+    for option, said in (wrong | dict.fromkeys(("only", "without"), "no demonstration is called '99'")).items():
+        error = refused(said, "audit", data, f"--{option}", said.split("'")[1])
+        assert f"correct --{option}" in error
+        assert re.search(r"\w=", error) is None, error

@@ -31,16 +31,13 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
     together = table.sort_by([("episode", "ascending"), ("frame_index", "ascending")])
     pq.write_table(together, tmp_path / "b.parquet")
     said = "Demonstrations by episode; steps in the order of frame_index; rows of a demonstration lay apart."
-    for command, path in (("info", tmp_path / "many"), ("audit", tmp_path / "many")):
-        text = ok(command, path).stdout
-        assert "8 demonstrations, 400 steps" in text
-        assert (said in text) == (command == "info")
+    text = ok("info", tmp_path / "many").stdout
+    assert "8 demonstrations, 400 steps" in text
+    assert said in text
     found, expected = (
         json.loads(ok("check", path, "--json").stdout) for path in (tmp_path / "many", tmp_path / "b.parquet")
     )
     assert found == expected
-    ok("keep", tmp_path / "many", "-o", "kept.json", "--share", ".5")
-    assert len(json.loads(Path("kept.json").read_text())["episodes"]) == 4
     assert (
         "sort them by episode, or read it into memory with --no-stream"
         in call("info", tmp_path / "many", "--stream").stderr
@@ -83,11 +80,6 @@ def test_a_missing_value_is_described_and_refused(folder):
 
 def test_a_value_that_is_not_finite_names_the_option_that_leaves_it_out(folder):
     table = pq.read_table(folder / "good.parquet")
-    values = table["action"].to_numpy().astype(float)
-    values[5] = np.nan
-    pq.write_table(table.set_column(table.column_names.index("action"), "action", [values]), "n.parquet")
-    said = call("audit", "n.parquet").stderr
-    assert "repair it, or read with --skip-bad." in said
     x = next(name for name in table.column_names if name.startswith("observation"))
     values = table[x].to_numpy().copy()
     values[5] = np.inf

@@ -10,12 +10,8 @@ import types
 import warnings
 from pathlib import Path
 
-import pytest
-
 import rpil
-from command_line import ENV, call, ok, refused
-from rpil import formats
-from rpil.estimators.persistence import load
+from command_line import call, ok, refused
 
 
 def test_help_and_version():
@@ -41,12 +37,11 @@ def test_help_of_every_command_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
 
 
-@pytest.mark.parametrize("command", [[], ["audit"]])
-def test_help_is_fast(command):
+def test_help_is_fast():
     took = []
     for _ in range(3):
         before = os.times()
-        subprocess.run([Path(sys.executable).parent / "rpil", *command, "--help"], check=True, capture_output=True)
+        subprocess.run([Path(sys.executable).parent / "rpil", "audit", "--help"], check=True, capture_output=True)
         after = os.times()  # of the processor: other processes take time, too
         took.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert min(took) < 0.3
@@ -66,15 +61,6 @@ def test_fit_reports_two_groups_until_an_answer(folder):
     assert max(good, bad) <= 6
     assert good + unsure + bad == 12
     assert "Two groups" not in result.stdout
-
-
-def test_fit_saves_a_policy_that_plays(folder):
-    model = load(folder / "policy")
-    assert model.features == "auto"
-    assert model.observation_names_ == formats.read(folder / "good.parquet").observation_names
-    assert rpil.rollout(model, ENV, n_episodes=5, seed=3).mean > -150  # the expert's is -103, a random policy's -200
-    with pytest.raises(ValueError, match="X has 4 features, but RPIL is expecting 2 features"):
-        rpil.rollout(model, "CartPole-v1", n_episodes=1, seed=0)
 
 
 class FakeDemo:

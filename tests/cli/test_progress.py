@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import time
@@ -98,28 +97,9 @@ def test_slow_imports_are_reported_within_two_seconds():
         "sys.meta_path.insert(0, Slow())\n"
         "main(sys.argv[1:])\n"
     )
-    for options in ([], ["--features", "nystroem"], ["--report", "r.html"]):
-        start = time.monotonic()
-        command = [sys.executable, "-c", script, "audit", "data.npz", *options]
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stderr.readline() == "rpil: 1 s: loading the libraries\n"
-            assert time.monotonic() - start < 30  # long before the first import ends
-            process.kill()
-
-
-@pytest.mark.slow
-def test_long_command_reports_its_stage_within_two_seconds():
-    script = (
-        "import sys, time, types\n"
-        "def run(progress, **_):\n"
-        "    progress('waiting')\n"
-        "    time.sleep(2)\n"
-        "    raise SystemExit(7)\n"
-        "sys.modules['rpil.cli.demo'] = types.SimpleNamespace(run=run)\n"
-        "from rpil.cli.main import main\n"
-        "main(['demo', *sys.argv[1:]])\n"
-    )
-    for options, pattern in (([], r"rpil: 1 s: waiting\n"), (["--quiet"], "")):
-        done = subprocess.run([sys.executable, "-c", script, *options], capture_output=True, text=True)
-        assert done.returncode == 7
-        assert re.fullmatch(pattern, done.stderr), done.stderr
+    start = time.monotonic()
+    command = [sys.executable, "-c", script, "audit", "data.npz", "--report", "r.html"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr.readline() == "rpil: 1 s: loading the libraries\n"
+        assert time.monotonic() - start < 30  # long before the first import ends
+        process.kill()

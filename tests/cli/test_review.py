@@ -7,7 +7,6 @@ import json
 import re
 import signal
 import sys
-from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
 from urllib.parse import unquote, urlsplit
@@ -15,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 import pyarrow.parquet as pq
 import pytest
 
-from asked import BAD, N_STEPS, write
+from asked import BAD, N_STEPS
 from command_line import ok, refused
 from rpil.cli.questions.security import Gate
 from rpil.data.id_values import read_answers
@@ -44,6 +43,8 @@ def test_what_was_answered_outlives_the_server(data):
         assert client.answer(1, "g", 3)[0] == 200, "another label for one of the first run"
         status, seen = client.post("/api/finish", version=2)
         assert (status, Path("labels-keep.json").exists()) == (200, False), "nothing is written before it is seen"
+        spared = client.post("/api/finish", version=2, spared=["5"], rules=["no rule"])[1]
+        assert (spared["kept"], spared["rejected"]["labels"]) == (seen["kept"] + 1, [8, 9])
         finished = client.post("/api/finish", version=2, write=True)[1]
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
         assert finished["files"]["keep"] == "labels-keep.json"
@@ -72,18 +73,6 @@ def test_the_port_can_be_chosen_and_the_page_needs_its_token(data):
         connection.close()
         page = client.ask("GET", "/")[2].decode()
         assert "Audit of d.parquet" in page
-
-
-@pytest.mark.slow
-def test_nothing_that_is_finished_joins_the_data(tmp_path):
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    write(folder / "d.parquet")
-    with reviewing(str(folder), "--observations", "x,v", "--labels", str(folder / "labels.json")) as (_, client):
-        status, answer = client.post("/api/finish", version=0, write=True)
-        assert status == 400
-        assert "would join the data" in answer["error"]
-    assert [path.name for path in folder.iterdir()] == ["d.parquet"]
 
 
 FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]
@@ -115,24 +104,6 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
         )
     assert {Path(name).read_text() for name in (*others[:3], "mine-keep.json")} == {"MINE"}
     assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.json"})
-
-
-@pytest.mark.slow
-def test_no_link_is_written_through(data, tmp_path):
-    precious = tmp_path / "precious"
-    with reviewing(data, "--labels", "mine.csv") as (_, client):
-        for name, is_there in product(FINISHED, (True, False)):
-            if is_there:
-                precious.write_text("MINE")
-            Path(name).symlink_to(precious)
-            for agreed in (None, [name], FINISHED):
-                status, answer = client.post("/api/finish", version=0, write=True, replace=agreed)
-                assert (status, answer["error"][: len(name) + 14]) == (400, f"{name}: it is a link")
-            assert precious.exists() == is_there
-            assert Path(name).is_symlink()
-            Path(name).unlink()
-            precious.unlink(missing_ok=True)
-    assert list(Path().iterdir()) == []
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):

@@ -2,43 +2,22 @@
 
 from __future__ import annotations
 
-import json
-
-import numpy as np
+import click
 import pyarrow.parquet as pq
 import pytest
 
-import rpil
 from command_line import call, ok
-from recorded import demonstrations, written
+from recorded import demonstrations
 from rpil import Dataset, formats
 from rpil.cli import commands
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
-from small import SMALL, small_rpil
+from small import SMALL
 
 
 def command(*arguments):
     return ok(*arguments, settings=SMALL).stdout
-
-
-def test_a_folder_is_read_block_by_block(tmp_path):
-    folder, weights = written(tmp_path), tmp_path / "w.parquet"
-    outputs = ["--weights", weights, "--report", tmp_path / "r.html", "--json"]
-    found = json.loads(command("audit", folder, *outputs))
-    data = rpil.open(folder, on_disk=True).demonstrations
-    model = small_rpil(features="folded").fit(data)
-    assert [d["id"] for d in found["demonstrations"]] == [data.ids[m] for m in model.audit_.ranking()]
-    assert found["n_steps"] == data.n_steps
-    table = pq.read_table(weights)
-    np.testing.assert_array_equal(table["weight"].to_numpy(), 1.0)
-    np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
-    np.testing.assert_array_equal(table["step_index"].to_numpy()[: data.lengths[0]], np.arange(data.lengths[0]))
-    assert "</html>" in (tmp_path / "r.html").read_text()
-    command("audit", folder, "--weights", tmp_path / "w.csv", "--features", "raw")
-    assert len((tmp_path / "w.csv").read_text().splitlines()) == data.n_steps + 1
-    command("fit", folder, "-o", tmp_path / "policy", "--features", "raw", "--no-stream")
 
 
 def test_a_large_file_is_read_block_by_block(tmp_path):
@@ -46,7 +25,8 @@ def test_a_large_file_is_read_block_by_block(tmp_path):
 
     def read(stream, memory=None):
         path = str(tmp_path / "a.parquet")
-        return commands.open_recording(path, ColumnOptions(memory=memory), lambda _: None, stream).demonstrations
+        with click.Context(click.Command("audit")):
+            return commands.open_recording(path, ColumnOptions(memory=memory), lambda _: None, stream).demonstrations
 
     assert isinstance(read(None), Demonstrations)
     on_disk = read(None, "100kB")

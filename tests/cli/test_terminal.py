@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import click
 
 from rpil.cli import terminal
@@ -29,12 +27,6 @@ def test_numbers_stand_at_the_right_and_the_last_column_is_cut():
         f"10  {verdict}  +12.0  {'c' * 17}...",
     ]
     assert [*terminal.table_lines(columns, None)][2].endswith("c" * 40)
-
-
-def test_a_note_keeps_the_secrets_of_an_address(capsys):
-    with terminal.print_warnings():
-        warnings.warn("s3://KEY:HIDDEN@bucket/a.csv: it is old.", stacklevel=1)
-    assert capsys.readouterr().err == "note: s3://***@bucket/a.csv: it is old.\n"
 
 
 def test_a_terminal_has_long_lines_in_several_but_for_code(monkeypatch, capsys):

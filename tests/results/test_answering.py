@@ -12,7 +12,7 @@ from problems import make, refused
 from rpil import RPIL, DataError, Demonstrations, Settings, load, save
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.results.answering import NEXT_STEPS, NOT_USED, question, shown_proba
+from rpil.results.answering import NEXT_STEPS, NOT_USED, shown_proba
 from rpil.results.record import Audit
 from rpil.results.vocabulary import VOCABULARIES
 
@@ -126,33 +126,11 @@ def test_no_answer_changes_nothing(audit):
     assert audit.answered({}, []) is audit
 
 
-def test_a_saved_audit_keeps_its_answers(tmp_path):
-    outcome = np.where(TOY.is_good, 1.0, np.nan)
-    outcome[-2:] = 0.0
-    fitted = RPIL().fit(TOY.demonstrations, labels=[*LABELS.items(), ("d3", "better than d8")], outcome=outcome)
-    save(fitted, tmp_path / "model.rpil")
-    kept = load(tmp_path / "model.rpil").audit_
-    for name in ("labels", "pairs", "outcome"):
-        np.testing.assert_array_equal(getattr(kept.answers, name), getattr(fitted.audit_.answers, name))
-    np.testing.assert_array_equal(kept.columns, fitted.audit_.columns)
-    assert kept.labelled == tuple(LABELS)
-    more = {"d4": "good"}
-    np.testing.assert_array_equal(kept.answered(more).log_odds, fitted.audit_.answered(more).log_odds)
-
-
-@pytest.mark.parametrize(
-    ("labels", "pairs", "match"),
-    [
-        ({"nobody": "good"}, (), "no demonstration is called 'nobody'"),
-        ({"d0": "perhaps"}, (), "unknown label 'perhaps'; write 'good', 'bad', 'better than ID'"),
-        ({}, [("d0", "d0")], "it is compared with itself; name two"),
-        ({}, [("d0", "d1"), ("d1", "d0")], "two answers contradict each other; keep one answer"),
-        ({}, [("d0", "nobody")], "no demonstration is called 'nobody'"),
-    ],
-)
-def test_unusable_answers_are_refused_in_one_sentence(audit, labels, pairs, match):
-    with refused(match):
-        audit.answered(labels, pairs)
+def test_unusable_answers_are_refused_in_one_sentence(audit):
+    with refused("no demonstration is called 'nobody'"):
+        audit.answered({"nobody": "good"})
+    with refused("two answers contradict each other; keep one answer"):
+        audit.answered({}, [("d0", "d1"), ("d1", "d0")])
 
 
 @pytest.fixture(scope="module")
@@ -182,25 +160,15 @@ def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
 
 
-def test_a_label_that_contradicts_the_others_is_obeyed_and_named():
-    toy = make("random", 0, n_good=10, n_bad=10, steps=(60, 60))
-    right = {f"d{m}": "good" if m < 10 else "bad" for m in (0, 1, 2, 3, 10, 11, 12)}
-    audit = RPIL().fit(toy.demonstrations).audit_.answered(right | {"d13": "good"})
-    assert audit.contradicting == ("d13",)
-    assert audit.verdicts[13] == "good"
-    assert audit.log_odds[13] == audit.log_odds.max()
-    assert "Labelled good, which contradicts the other answers: look again" in audit.reasons[13]
-
-
 @pytest.mark.parametrize("operators", [None, ["a"] * 10 + ["b"] * 10])
 def test_every_label_is_obeyed_whatever_the_other_labels_say(operators):
     toy = make("random", 0, n_good=10, n_bad=10, steps=(30, 30))
     audit = RPIL().fit(toy.demonstrations, demonstrators=operators).audit_
-    for seed in range(10):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         chosen = rng.choice(20, rng.integers(1, 12), replace=False)
         labels = {audit.ids[m]: str(rng.choice(["good", "bad"])) for m in chosen}
-        fits = [RPIL().fit(toy.demonstrations, demonstrators=operators, labels=labels)] if seed < 3 else []
+        fits = [RPIL().fit(toy.demonstrations, demonstrators=operators, labels=labels)] if seed < 1 else []
         for judged in (audit.answered(labels), *(model.audit_ for model in fits)):
             assert {name: judged.verdicts[judged.index(name)] for name in labels} == labels
             odds = {word: [judged.log_odds[judged.index(m)] for m in labels if labels[m] == word] for word in WORD}
@@ -213,27 +181,6 @@ WORD = ("good", "bad")
 
 def labelled(audit):
     return np.isin(audit.ids, audit.labelled)
-
-
-def test_question_names_two_demonstrations_and_where_to_look(audit):
-    ratio = np.ones(80)
-    ratio[45:48] = -3.0
-    made = make_audit(("similar", "outlier"), lengths=[40, 40], step_log_ratio=ratio, pair=(0, 1))
-    assert question(made) == "Which is better: 0 or 1 (look at steps 5 to 7)?"
-    assert len(set(audit.pair)) == 2
-    good, bad = (TOY.ids.index(name) for name in audit.pair)
-    assert TOY.is_good[good]
-    assert not TOY.is_good[bad]
-
-
-def test_suggested_labels_have_no_label_yet(audit):
-    assert len(set(audit.suggest_labels(4))) == 4
-    assert audit.suggest_labels(2) == audit.suggest_labels(4)[:2]
-    known = audit.answered(dict.fromkeys(audit.suggest_labels(4), "good"))
-    assert not {*known.labelled} & {*known.suggest_labels(100)}
-    assert len(known.suggest_labels(100)) == len(audit.ids) - 4
-    with pytest.raises(DataError, match="ask for one at least"):
-        audit.suggest_labels(0)
 
 
 def test_weights_of_steps_follow_the_answers(audit):

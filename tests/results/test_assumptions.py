@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from audits import make_audit
@@ -11,13 +13,12 @@ from rpil.results.answering import NOT_USED
 from rpil.results.vocabulary import VOCABULARIES
 
 
-@pytest.mark.parametrize("finding", FINDINGS)
-@pytest.mark.parametrize("anchor", VOCABULARIES)
-def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability(finding, anchor):
-    sentences = assumptions.assumption_sentences(make_audit(finding=finding, anchor=anchor))
-    assert sentences[:2] == (FINDINGS[finding], VOCABULARIES[anchor].explanation)
-    assert len(sentences) == 3 + (anchor == "named adversary")
-    assert all(sentence.endswith(".") for sentence in sentences)
+def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability():
+    for finding, anchor in product(FINDINGS, VOCABULARIES):
+        sentences = assumptions.assumption_sentences(make_audit(finding=finding, anchor=anchor))
+        assert sentences[:2] == (FINDINGS[finding], VOCABULARIES[anchor].explanation)
+        assert len(sentences) == 3 + (anchor == "named adversary")
+        assert all(sentence.endswith(".") for sentence in sentences)
 
 
 @pytest.mark.parametrize(

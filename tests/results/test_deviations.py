@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import rpil
 from audits import make_audit
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.settings import HeldOutSettings
@@ -129,23 +126,3 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
 @pytest.mark.parametrize("changes", [{"finding": "no outliers"}, {"verdicts": ("open", "outlier")}])
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
     assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2), no_outputs) == ()
-
-
-def test_fit_names_the_corrupted_window_and_the_action_and_a_file_keeps_both(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    episodes = []
-    for m in range(12):
-        states = rng.normal(size=(60, 2))
-        actions = np.where(states[:, 0] > 0, "right", "left")
-        if m >= 9:
-            actions[20:50] = rng.choice(["left", "right", "stop", "stop"], 30)
-        episodes.append((states, actions))
-    model = rpil.RPIL().fit(Demonstrations.from_episodes(episodes))
-    assert model.audit_.verdicts[9:] == ("outlier",) * 3
-    for reason in model.audit_.reasons[9:]:
-        first, last = (int(word) for word in re.findall(r"\d+", reason)[:2])
-        assert abs(first - 20) <= 1
-        assert abs(last - 49) <= 1
-        assert re.search("it takes action (stop|left|right) where others most likely take (left|right)", reason)
-    rpil.save(model, tmp_path / "model.rpil")
-    assert rpil.load(tmp_path / "model.rpil").audit_.reasons == model.audit_.reasons

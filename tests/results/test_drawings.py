@@ -67,10 +67,3 @@ def test_of_very_many_discrete_actions_the_most_frequent_are_named():
     shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
     assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
     assert None not in shown[100:200]
-
-
-def test_drawings_of_several_are_those_of_each():
-    audit = make_audit()
-    members = [7, 0, 5]
-    assert drawings(audit, members) == {str(m): drawings(audit, [m])[str(m)] for m in members}
-    assert drawings(audit, []) == {}

@@ -18,8 +18,7 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.results.evidence import by_held_out_policies, with_fewer_traces, worth_a_look
-from rpil.results.judged import MAX_POINTS
+from rpil.results.evidence import by_held_out_policies, worth_a_look
 from rpil.results.record import Audit
 
 NAMES = ("shoulder", "elbow", "wrist")
@@ -121,8 +120,7 @@ def test_discrete_actions_are_drawn_by_their_probability() -> None:
             assert (part.value[20:50] < part.low[20:50]).all()
 
 
-@pytest.mark.parametrize("discrete", [False, True])
-@pytest.mark.parametrize("options", [{"adversary": "marginal"}, {"policy": True}])
+@pytest.mark.parametrize(("discrete", "options"), [(False, {"adversary": "marginal"}), (True, {"policy": True})])
 def test_other_ways_to_judge_have_traces_too(discrete: bool, options: dict[str, object]) -> None:
     own = LogisticRegression() if discrete else Ridge()
     options = {"policy": own} if "policy" in options else options
@@ -138,36 +136,8 @@ def test_other_ways_to_judge_have_traces_too(discrete: bool, options: dict[str, 
     assert audit.traces[0].compared_with == ("similar" if held_out else "trusted")
 
 
-def test_long_demonstrations_have_fewer_points() -> None:
-    audit = rpil.RPIL().fit(demonstrations(n_steps=2 * MAX_POINTS + 1)).audit_
-    for own in audit.traces.values():
-        assert {len(values) for p in own.parts for values in (p.value, p.low, p.high)} == {MAX_POINTS}
-
-
-def test_a_copy_has_the_traces_of_the_one_that_was_judged(audit: Audit) -> None:
-    found = episodes()
-    given = replace(Demonstrations.from_episodes([found[17], *found]), action_names=NAMES)
-    traces = rpil.RPIL().fit(given).audit_.traces
-    assert len(traces) == 21
-    for one, other in zip(traces[0].parts, traces[18].parts, strict=True):
-        np.testing.assert_array_equal(one.value, other.value)
-        np.testing.assert_array_equal(one.low, other.low)
-    assert traces[0].parts[0].name == "elbow"
-
-
-def test_what_is_as_the_median_typical_one_has_no_traces() -> None:
-    given = Demonstrations.from_episodes([episodes()[0]] * 5)
-    assert rpil.RPIL().fit(given).audit_.traces == {}
-
-
-def test_answers_change_no_trace_and_files_hold_them(audit: Audit, tmp_path) -> None:
+def test_answers_change_no_trace(audit: Audit) -> None:
     assert audit.answered({0: "good", 19: "bad"}).traces is audit.traces
-    model = rpil.RPIL().fit(demonstrations())
-    rpil.save(model, tmp_path / "model.rpil")
-    again = rpil.load(tmp_path / "model.rpil").audit_.traces
-    for name, own in model.audit_.traces.items():
-        for one, other in zip(again[name].parts, own.parts, strict=True):
-            np.testing.assert_array_equal([one.value, one.low, one.high], [other.value, other.low, other.high])
 
 
 def test_those_are_drawn_that_are_looked_at_first() -> None:
@@ -177,10 +147,3 @@ def test_those_are_drawn_that_are_looked_at_first() -> None:
     assert worth_a_look(audit, 31).tolist() == [29, 31, 28, 30, *range(27)]
     assert worth_a_look(audit, 5).tolist() == [29, 31, 28, 30, 0]
     assert worth_a_look(audit).tolist() == list(range(32))
-
-
-def test_fewer_traces_are_those_most_worth_a_look(audit: Audit) -> None:
-    fewer = with_fewer_traces(audit, 4)
-    assert list(fewer.traces) == [audit.ids[m] for m in worth_a_look(audit, 4)]
-    assert len(fewer.traces) == 4
-    assert all(own is audit.traces[name] for name, own in fewer.traces.items())

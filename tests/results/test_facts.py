@@ -71,11 +71,3 @@ def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
     assert style_in_words(facts, lengths, [2]) == "1.11 of the median length"
     assert style_in_words(facts, lengths, [2, 3]) == "1.67 of the median length, more pauses, smoother"
     assert style_in_words({}, lengths, [0, 1, 2, 3]) == "1.00 of the median length"
-
-
-def test_the_words_of_a_style_follow_what_is_measured():
-    moved = columns(motion=[1.0, 2.0, 3.0, 4.0], smoothness=[1.0, 2.0, 3.0, 4.0], short_path=[1.0, 2.0, 3.0, 4.0])
-    found = known_facts(moved, LENGTHS, None)
-    assert style_in_words(found, np.full(4, 7), [0]) == (
-        "1.00 of the median length, more pauses, less smooth, longer path"
-    )

@@ -39,15 +39,6 @@ def test_the_only_one_that_starts_somewhere_is_named_with_its_observation():
     assert lost_places(demonstrations, [*kept, 30]) == ()
 
 
-def test_several_that_start_there_share_a_sentence_and_one_that_is_kept_is_enough():
-    rng = np.random.default_rng(1)
-    starts = np.vstack([usual_starts(30, rng), [[-5.0, 0.0], [-5.2, 0.1], [-4.9, -0.1]]])
-    demonstrations = reaches(starts, rng)
-    (found,) = lost_places(demonstrations, range(30))
-    assert re.fullmatch(r"No kept demonstration starts with hand below -0\.\d+; 30, 31 and 32 do\.", found)
-    assert lost_places(demonstrations, range(31)) == ()
-
-
 def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
     rng = np.random.default_rng(2)
     usual = reaches(usual_starts(25, rng), rng)
@@ -68,7 +59,7 @@ def test_a_hole_within_all_ranges_is_named_without_an_observation():
     assert found == ("No kept demonstration starts near the start of 60.",)
 
 
-@pytest.mark.parametrize(("n", "width", "n_left_out"), [(30, 6, 10), (30, 6, 25), (100, 4, 10), (12, 2, 4)])
+@pytest.mark.parametrize(("n", "width", "n_left_out"), [(30, 6, 25), (12, 2, 4)])
 def test_demonstrations_that_are_alike_hardly_ever_lose_a_place(n, width, n_left_out):
     alarms = 0
     for seed in range(20):
@@ -81,27 +72,6 @@ def test_demonstrations_that_are_alike_hardly_ever_lose_a_place(n, width, n_left
             episodes.append((x, np.zeros(len(x), int)))
         alarms += bool(lost_places(Demonstrations.from_episodes(episodes), rng.permutation(n)[n_left_out:].tolist()))
     assert alarms <= 1
-
-
-def test_units_change_nothing():
-    rng = np.random.default_rng(5)
-    demonstrations = reaches(np.vstack([usual_starts(20, rng), [[0.0, 4.0]], usual_starts(5, rng)]), rng)
-    millimetres = [(observations * [1000, 1, 0.001], actions) for observations, actions in demonstrations]
-    changed = Demonstrations.from_episodes(millimetres, observation_names=NAMES)
-    assert lost_places(changed, range(20)) == lost_places(demonstrations, range(20)) != ()
-
-
-def test_more_states_than_are_compared():
-    rng = np.random.default_rng(6)
-    starts = np.vstack([usual_starts(300, rng), [[0.0, 9.0]]])
-    (found,) = lost_places(reaches(starts, rng), range(300))  # 12,000 states
-    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
-
-
-def test_equal_starts_and_columns_that_never_change_are_no_place():
-    rng = np.random.default_rng(7)
-    episodes = [(np.hstack([np.arange(20)[:, None], np.ones((20, 1))]), rng.integers(2, size=20)) for _ in range(8)]
-    assert lost_places(Demonstrations.from_episodes(episodes), range(5)) == ()
 
 
 def test_nothing_is_said_where_nothing_is_left_out_or_too_few_are_kept():
@@ -120,8 +90,9 @@ def test_ids_are_compared_as_text_and_many_are_cut_short():
     assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")
 
 
-@pytest.mark.parametrize(("scale", "offset"), [(1, 0), (10, 1234.4), (0.1, 5e6), (1, -1e4)])
-@pytest.mark.parametrize("kind", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    ("scale", "offset", "kind"), [(1, 0, np.float64), (10, 1234.4, np.float32), (0.1, 5e6, np.float64)]
+)
 def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset, kind):
     rng = np.random.default_rng(10)
     starts = [*rng.normal(size=40), 30.0, 34.0, -30.0]
@@ -136,17 +107,6 @@ def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset
         sign = 1 if side == "above" else -1
         assert all(sign * value <= sign * float(bound) for value in first[:40])
         assert all(sign * first[int(name)] > sign * float(bound) for name in who.split(" and "))
-
-
-def test_where_two_are_left_out_in_the_same_place_each_sentence_is_true():
-    rng = np.random.default_rng(11)
-    starts = np.vstack([0.3 * rng.normal(size=(10, 2)), [[20.0, 25.0], [25.0, 20.0]]])
-    episodes = [(start + 0.3 * rng.normal(size=(20, 2)), np.zeros(20, int)) for start in starts]
-    found = lost_places(Demonstrations.from_episodes(episodes), range(10))
-    assert sorted(re.sub(r"above \S+;", "above x;", sentence) for sentence in found) == [
-        "No kept demonstration starts with observation 0 above x; 11 does.",
-        "No kept demonstration starts with observation 1 above x; 10 does.",
-    ]
 
 
 def test_states_in_a_hole_are_named_without_an_observation():

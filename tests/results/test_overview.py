@@ -26,21 +26,10 @@ def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
     assert "to_frame()" in last
 
 
-def test_without_doubts_and_question_there_are_fewer_lines():
-    text = overview_text(make_audit())
-    assert len(text.splitlines()) == 7
-    assert "Doubt" not in text
-    assert "Question" not in text
-
-
 def test_the_words_are_those_of_the_anchor():
     audit = make_audit(("good",) * 2 + ("bad",), anchor="answers", finding="answered", lengths=[700, 700, 1])
     assert "\n3 demonstrations, 1,401 steps: 2 good, 1 bad.\n" in overview_text(audit)
     assert "bad, P(good)" in overview_text(audit)
-
-
-def test_one_demonstration_has_no_plural():
-    assert "\n1 demonstration, 5 steps: " in overview_text(make_audit(("open",), lengths=[5]))
 
 
 def test_names_stay_in_one_short_line():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,11 +14,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from audits import make_audit
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import MissingExtraError
 from rpil.results import plots
 from rpil.results.vocabulary import COLOURS, SIDES
-
-PICTURES = "ranking", "steps", "sessions"
 
 
 @pytest.fixture(autouse=True)
@@ -31,26 +28,27 @@ def closed_figures() -> Iterator[None]:
     plt.close("all")
 
 
-def test_importing_plots_does_not_import_matplotlib() -> None:
-    code = "import sys, rpil.results.plots; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("picture", PICTURES)
-def test_without_matplotlib_the_extra_is_named(picture: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
-    with pytest.raises(MissingExtraError, match=r"^To draw a picture needs an optional package.*rpil\[plot\]"):
-        getattr(make_audit().plot, picture)()
-
-
-@pytest.mark.parametrize("picture", PICTURES)
-def test_a_picture_is_drawn_on_given_axes_without_pyplot_or_on_new_ones(picture: str) -> None:
+def test_a_picture_is_drawn_on_given_axes_or_on_new_ones_and_needs_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     import matplotlib.pyplot as plt
 
-    ax, plot = Figure().subplots(), make_audit().plot
-    assert getattr(plot, picture)(ax=ax) is ax
+    pictures, ax = [getattr(make_audit().plot, name) for name in ("ranking", "steps", "sessions")], Figure().subplots()
+    for picture in pictures:
+        assert picture(ax=ax) is ax
     assert plt.get_fignums() == []
-    assert getattr(plot, picture)().figure is not getattr(plot, picture)().figure
+    assert pictures[0]().figure is not pictures[0]().figure
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    for picture in pictures:
+        with pytest.raises(MissingExtraError, match=r"^To draw a picture needs an optional package.*rpil\[plot\]"):
+            picture()
+
+
+def test_names_are_text_and_not_formulas(tmp_path: Path) -> None:
+    audit = make_audit(("similar", "outlier"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
+    shown = audit.plot.ranking()
+    assert r"cost $5$ \x07" in {text.get_text() for text in shown.get_yticklabels()}
+    assert audit.plot.steps().title.get_text() == r"Demonstration cost $5$ \x07"
+    shown.figure.savefig(tmp_path / "picture.svg")
+    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
 
 
 def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
@@ -78,12 +76,6 @@ def test_ranking_shows_every_demonstration_in_order_with_its_interval_and_colour
     assert [text.get_text() for text in ax.get_legend().texts] == ["similar (5)", "open (1)", "outlier (4)"]
 
 
-def test_ranking_of_many_demonstrations_shows_ranks_and_no_ids() -> None:
-    ax = make_audit(("similar", "outlier") * 50).plot.ranking()
-    assert ax.get_ylabel() == "Rank"
-    assert len(ax.get_yticks()) < 20
-
-
 def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
     audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
     ax = audit.plot.steps("h")
@@ -94,28 +86,6 @@ def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None
     assert list(marks.get_xdata()) == audit.worst_steps(7)
     assert str(audit.worst_steps(7)[0]) in [text.get_text().strip() for text in ax.texts]
     assert ax.get_title() == "Demonstration h"
-
-
-def test_timeline_shows_the_least_trusted_demonstration_by_default() -> None:
-    audit = make_audit()
-    ax = audit.plot.steps()
-    assert ax.get_title() == f"Demonstration {audit.ids[audit.ranking()[-1]]}"
-
-
-def test_timeline_of_an_unknown_demonstration_is_refused() -> None:
-    with pytest.raises(DataError, match=r"No demonstration is called 'x'; choose one of the ids 0, 1, 2, 3, 4, \.\.\."):
-        make_audit().plot.steps("x")
-
-
-@pytest.mark.parametrize("picture", ["ranking", "steps"])
-def test_names_are_text_and_not_formulas(picture: str, tmp_path: Path) -> None:
-    audit = make_audit(("similar", "outlier"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
-    shown = getattr(audit.plot, picture)()
-    texts = [*shown.get_yticklabels(), shown.title]
-    assert r"cost $5$ \x07" in {text.get_text().removeprefix("Demonstration ") for text in texts}
-    for ending in ("png", "svg"):
-        shown.figure.savefig(tmp_path / f"picture.{ending}")
-    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
 
 
 def drawn(ax: Axes) -> dict[float, float]:
@@ -134,11 +104,3 @@ def test_sessions_are_drawn_one_after_the_other_in_the_order_of_recording() -> N
     bounds = [line.get_xdata()[0] for line in shown.lines if line.get_linestyle() == ":"]
     assert bounds == [5.5]
     assert [text.get_text() for text in shown.get_xticklabels()] == ["early", "late"]
-
-
-def test_without_sessions_the_order_of_the_data_is_drawn() -> None:
-    audit = make_audit()
-    shown = audit.plot.sessions()
-    assert drawn(shown) == dict(enumerate(audit.log_odds.tolist()))
-    assert shown.get_xlabel() == "Place in the data"
-    assert not [line for line in shown.lines if line.get_linestyle() == ":"]

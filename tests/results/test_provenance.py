@@ -65,21 +65,12 @@ def test_settings_that_differ_are_named():
     assert changed_settings(math.inf, 1.0, "x") == {"x": "inf"}  # which JSON does not have
 
 
-def made(path):
-    return Provenance.of("rpil audit x", 3, {"features": "raw"}, [path, None])
-
-
-def test_it_names_the_files(tmp_path):
-    (tmp_path / "a.csv").write_bytes(b"1,2\n")
-    found = made(tmp_path / "a.csv")
-    assert (found.command, found.seed) == ("rpil audit x", 3)
-    assert found.files == (digest(tmp_path / "a.csv"),)
-    assert json.loads(json.dumps(found.to_dict()))["settings"] == {"features": "raw"}
-
-
 def test_outputs_carry_it_and_the_run_does_not_depend_on_it(tmp_path):
     bare = make_audit()
-    audit = replace(bare, provenance=made(None))
+    (tmp_path / "a.csv").write_bytes(b"1,2\n")
+    made = Provenance.of("rpil audit x", 3, {"features": "raw"}, [tmp_path / "a.csv", None])
+    assert made.files == (digest(tmp_path / "a.csv"),)
+    audit = replace(bare, provenance=made)
     assert audit.run_id == bare.run_id
     expected = json.loads(json.dumps(audit.provenance.to_dict()))
     write_verdicts(tmp_path / "v.parquet", audit, verdict_columns(audit, {}))

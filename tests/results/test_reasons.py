@@ -14,23 +14,19 @@ from rpil.results.reasons import FIFTHS, MIN_STRETCH, worst_stretch
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_worst_stretch_has_the_lowest_sum_of_all_stretches(seed: int) -> None:
-    ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
-    sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
-    lowest = min(sums, key=sums.__getitem__)
-    stretch = worst_stretch(ratio)
-    if sums[lowest] > -MIN_STRETCH:
-        assert stretch is None
-    else:
-        assert stretch is not None
-        assert (stretch.first, stretch.last) == lowest
-        assert stretch.nats == pytest.approx(sums[lowest])
-
-
-def test_steps_without_evidence_against_an_expert_do_not_stand_out() -> None:
-    assert worst_stretch(np.ones(5)) is None
+def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
     assert worst_stretch(np.array([1.0, -MIN_STRETCH / 2, 1.0])) is None
+    for seed in range(20):
+        ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
+        sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
+        lowest = min(sums, key=sums.__getitem__)
+        stretch = worst_stretch(ratio)
+        if sums[lowest] > -MIN_STRETCH:
+            assert stretch is None
+        else:
+            assert stretch is not None
+            assert (stretch.first, stretch.last) == lowest
+            assert stretch.nats == pytest.approx(sums[lowest])
 
 
 def test_reason_names_the_stretch_of_the_audit() -> None:
@@ -45,11 +41,6 @@ def test_reason_names_the_stretch_of_the_audit() -> None:
     assert replace(audit, step_log_ratio=ratio).reasons[1] == "Different nearly throughout."
     ratio[3] = -9.0
     assert replace(audit, step_log_ratio=ratio).reasons[0] == "Acts like most others; most different at step 3."
-
-
-def test_without_a_stretch_an_outlier_differs_a_little_everywhere() -> None:
-    audit = make_audit(("similar", "outlier"), **NO_STRETCH)
-    assert audit.reasons[1] == "Its actions differ from those of most others."
 
 
 def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
@@ -140,9 +131,3 @@ def test_impossible_steps_do_not_make_a_reason_infinite() -> None:
     reason = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
     assert "inf" not in reason
     assert "at step 10" in reason
-
-
-def test_reasons_are_in_the_dict_in_the_order_of_the_ranking() -> None:
-    audit = make_audit()
-    rows = audit.to_dict()["demonstrations"]
-    assert [row["reason"] for row in rows] == [audit.reasons[m] for m in audit.ranking()]

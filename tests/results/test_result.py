@@ -21,25 +21,6 @@ def test_worst_steps_are_the_most_negative_and_never_positive():
     np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
 
 
-def test_to_dict_has_the_documented_keys_and_is_json():
-    log_odds = np.array([1.0, 2.0, -30.0, 0.0, -1.0])
-    audit = make_audit(("similar",) * 5, ids=list("abcde"), lengths=[3, 1, 4, 2, 5], log_odds=log_odds)
-    content = json.loads(json.dumps(audit.to_dict(), allow_nan=False))
-    keys = {"n_demonstrations", "n_steps", "finding", "anchor", "adversary", "prior", "identifiable", "demonstrations"}
-    assert set(content) == keys | {
-        *("groups", "pair", "question", "notes", "doubts", "contradicting", "assumptions", "demonstrators")
-    }
-    assert set(content["prior"]) == {"mean", "low", "high"}
-    keys = {"id", "verdict", "label", "rank", "expert_proba", "log_odds", "evidence", "reliability", "n_steps"}
-    keys |= {"reason", "worst_steps", "facts", "said", "rejected_by"}
-    assert all(set(entry) == keys for entry in content["demonstrations"])
-    assert [entry["id"] for entry in content["demonstrations"]] == ["b", "a", "d", "e", "c"]  # the most trusted first
-    assert [entry["rank"] for entry in content["demonstrations"]] == [1, 2, 3, 4, 5]
-    assert content["groups"] == []
-    assert (content["n_demonstrations"], content["n_steps"]) == (5, 15)
-    assert [entry["n_steps"] for entry in content["demonstrations"]] == [1, 3, 2, 5, 4]
-
-
 def test_index_of_an_id():
     audit = make_audit(ids=list("abcdefghij"))
     assert audit.index("c") == 2

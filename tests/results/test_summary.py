@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logit
 
-from problems import make, pooled_state
+from problems import pooled_state
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.claims import Doubt
-from rpil.mixture.em import MixtureFit, Posterior, run_em
-from rpil.mixture.settings import MixtureSettings
+from rpil.mixture.em import MixtureFit, Posterior
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_mixture, doubt_sentence, parts_not_judged
@@ -43,11 +42,6 @@ def test_verdicts_change_at_the_thresholds():
     np.testing.assert_allclose(audit.expert_proba, 1 / (1 + np.exp(-audit.log_odds)))
 
 
-def test_verdict_threshold_is_a_setting():
-    audit = mixture_audit((1.0, -1.0, 0.1, -0.1, 0.0), settings=AuditSettings(min_verdict_proba=0.6))
-    assert audit.verdicts == ("expert", "adversary", "open", "open", "open")
-
-
 def test_labels_are_as_good_as_certain():
     audit = mixture_audit((-50.0, 50.0, -1.0, 1.0, 3.0), labels=(1, -1, 1, -1, 0))
     assert audit.verdicts == ("expert", "adversary", "expert", "adversary", "expert")
@@ -61,23 +55,6 @@ def test_infinite_log_odds_become_finite():
     assert np.isfinite(audit.log_odds).all()
     assert audit.verdicts[:2] == ("expert", "adversary")
     np.testing.assert_allclose(audit.log_odds[2:], [0.0, 1e6, 1e6])
-
-
-def test_mixture_trusts_all_steps_of_a_demonstration_alike():
-    audit = mixture_audit((50.0, -50.0, 0.0, 2.0, -2.0))
-    assert audit.identifiable
-    assert audit.prior == SHARE
-    np.testing.assert_array_equal(audit.reliability, audit.expert_proba)
-    np.testing.assert_array_equal(audit.reliability_interval, audit.expert_proba[:, None] * [1, 1])
-    np.testing.assert_array_equal(audit.step_weight, np.repeat(audit.expert_proba, LENGTHS))
-
-
-def test_audit_keeps_the_adversary_of_em():
-    toy = make("random", 0)
-    data = toy.problem()
-    result = run_em(data, pooled_state(data, "uniform"), MixtureSettings(max_iter=5))
-    audit = audit_from_mixture(data, result, SHARE, toy.ids, AuditSettings())
-    assert audit.adversary == "uniform"
 
 
 def test_a_doubt_names_demonstrations():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from audits import make_audit, make_traces
+from audits import make_audit
 from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
@@ -66,19 +66,6 @@ def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, 
     assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
 
 
-def test_the_time_limit_is_that_of_all_tasks():
-    parts = {"one": make_audit(("open",) * 4, lengths=[5, 5, 5, 2]), "other": make_audit(("open",) * 2, lengths=[9, 9])}
-    places = {"one": [0, 1, 2, 3], "other": [4, 5], "alone": [6]}
-    audit = join_audits(parts, places, range(7), np.cumsum([0, 5, 5, 5, 2, 9, 9, 9]))
-    assert parts["one"].facts == {"time limit": (1, 1, 1, 0)}
-    assert audit.facts == {"time limit": (0, 0, 0, 0, 1, 1, 1)}
-
-
-def test_traces_stay_with_their_demonstrations():
-    one, other = {1: make_traces(3)}, {"a": make_traces(1, seed=1)}
-    assert joined({"traces": one}, {"traces": other}).traces == {**one, **other}
-
-
 def test_without_any_audit_nothing_is_known():
     audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
     assert audit.finding == "nothing could be learned"
@@ -115,12 +102,6 @@ def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
     assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
     assert [[IDS[m] for m in pair] for pair in answers.tied.tolist()] == [[0, 1], ["b", "a"]]
     np.testing.assert_array_equal(answers.outcome, [np.nan, 0.5, 2.0, np.nan, np.nan])
-
-
-@pytest.mark.parametrize("is_known", [False, True])
-def test_deviations_are_kept_where_some_are_known(is_known):
-    audit = joined({"deviations": ("It drops.", "") if is_known else ("", "")}, {"deviations": ()})
-    assert audit.deviations == (("It drops.", "", "", "", "") if is_known else ())
 
 
 def test_of_a_demonstration_that_is_alone_nothing_is_known():

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from audits import make_audit
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS, normal_scores
 from rpil.inference.rivals import Contrast
-from rpil.results.facts import TWO_GROUPS, groups_differ
+from rpil.results.facts import groups_differ
 
 GROUPS = np.arange(8), np.arange(8, 14)
 
@@ -84,18 +83,3 @@ def test_what_may_be_chance_is_not_said():
     few = np.arange(2), np.arange(2, 4)
     for groups, values in ((GROUPS, mixed), (few, UP), (GROUPS, np.zeros(14))):
         assert "they hardly differ" in groups_differ(groups, columns(length=values), contrast(), data())[0]
-
-
-def test_nothing_is_said_of_parts_that_no_policy_has():
-    assert len(groups_differ(GROUPS, columns(), contrast((0.0, 0.0, 0.0)), data())) == 1
-    assert groups_differ(GROUPS, columns(), None, data()) == ()
-
-
-def test_an_answer_takes_the_sentences_back():
-    sentence = f"{TWO_GROUPS}A has 5 demonstrations and B 4."
-    values = np.column_stack([normal_scores(np.random.default_rng(0).normal(size=(10, len(CHANNELS)))), np.ones(10)])
-    known = {"notes": ("Kept.", sentence), "assumptions": ("Kept.", sentence), "columns": values}
-    audit = make_audit(finding="two groups", competing=((0, 1), (2, 3)), **known).answered({0: "good", 2: "bad"})
-    assert audit.notes == ("Kept.",)
-    assert "Kept." in audit.assumptions
-    assert sentence not in audit.assumptions

@@ -54,25 +54,6 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
 
 
 @pytest.mark.parametrize(
-    ("verdicts", "ids", "kept", "rejected"),
-    [
-        (("similar", "outlier", "similar", "open", "open"), (7, 3, 1, 5, 4), [7, 3, 1, 5, 4], {}),
-        (("good", "bad"), ("a", 7), ["a"], {"labels": ["7"]}),
-        (("good", "bad", "bad", "adversary"), (0, 1, 2, 3), [0], {"labels": [1], "answers": [2], "adversary": [3]}),
-        (("bad", "bad"), (0, 1), [0], {"labels": [1]}),
-    ],
-)
-def test_kept_are_in_the_form_of_lerobot(tmp_path, verdicts, ids, kept, rejected):
-    labels = {one: {"good": 1, "bad": -1}[word] for one, word in zip(ids[:2], verdicts[:2], strict=True) if rejected}
-    if verdicts[0] == "bad":
-        labels.pop(ids[0])
-    audit = make_audit(verdicts, ids=ids, labels=labels)
-    write_kept(tmp_path / "keep.json", audit, audit.choice)
-    found = {"episodes": kept, "rejected": rejected, "run": audit.run_id}
-    assert json.loads((tmp_path / "keep.json").read_text()) == found
-
-
-@pytest.mark.parametrize(
     "write",
     [
         lambda path, audit: write_kept(path, audit, audit.choice),

@@ -13,7 +13,6 @@ from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results.answering import looking_order, stretch_of
 from rpil.results.facts import TWO_GROUPS
-from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.view import About, make_view
 
@@ -67,12 +66,6 @@ def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
     assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"], [6, "same as 7"]]
 
 
-def test_seconds_are_said_where_frames_a_second_are_known():
-    audit = make_audit(pair=(6, 9))
-    assert " s)" not in view(audit)["question"]
-    assert " s)" in view(replace(audit, fps=10.0))["question"]
-
-
 def test_facts_beside_the_audit_are_those_of_each_demonstration():
     audit = make_audit(("similar", "outlier"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
     found = view(audit, tasks={"b": "pour"}, demonstrators={"a": "ann"})
@@ -113,12 +106,6 @@ def test_groups_and_demonstrators():
     assert found["demonstrators"][0]["style"].endswith(" of the median length")
     without = replace(who, trust=None)
     assert view(make_audit(ids=ids, demonstrators=(without,)))["demonstrators"][0]["mean"] is None
-
-
-def test_those_most_worth_a_look_are_drawn():
-    n = MAX_DRAWN + 20
-    audit = make_audit(("similar",) * (n - 5) + ("outlier",) * 5, lengths=[6] * n)
-    assert [*map(int, view(audit)["drawings"])] == looking_order(audit)[0][:MAX_DRAWN]
 
 
 def test_infinite_log_odds_are_numbers():

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 from audits import make_audit
-from problems import make
-from rpil.estimators.rpil import RPIL
 from rpil.results.vocabulary import SIDES, VOCABULARIES
 
 
@@ -33,26 +31,6 @@ def test_counts_have_the_words_of_the_audit_and_those_that_occur():
     audit = make_audit(("good", "good", "similar", "outlier"))
     assert audit.verdict_counts() == {"similar": 1, "good": 2, "open": 0, "outlier": 1}
     assert audit.verdict_counts((3,)) == {"similar": 0, "good": 0, "open": 0, "outlier": 1}
-
-
-@pytest.mark.parametrize(
-    ("options", "anchor", "finding"),
-    [
-        ({}, "none", "outliers"),
-        ({"labels": {"d0": "good", "d11": "bad"}}, "answers", "answered"),
-        ({"labels": {"d0": "expert", "d11": "adversary"}}, "answers", "answered"),
-        ({"adversary": "uniform"}, "named adversary", "mixture"),
-        ({"adversary": "uniform", "labels": {"d0": "good"}}, "named adversary", "mixture"),
-    ],
-)
-def test_a_fit_uses_the_words_of_its_anchor(options, anchor, finding):
-    data = make("random", 0).demonstrations
-    audit = RPIL(**options).fit(data).audit_
-    assert (audit.anchor, audit.finding) == (anchor, finding)
-    said_before = {"similar", "outlier"} if anchor == "answers" else set()
-    assert set(audit.verdicts) <= {audit.vocabulary.upper, "open", audit.vocabulary.lower} | said_before
-    assert audit.vocabulary.lower in audit.verdicts
-    assert audit.assumptions[1] == VOCABULARIES[anchor].explanation
 
 
 def test_experience_is_said_where_probabilities_are_graded():

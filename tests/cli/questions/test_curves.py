@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import json
 
 import numpy as np
 import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.curves import MAX_CURVES, N_POINTS, Recorded
+from rpil.cli.questions.curves import N_POINTS, Recorded
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 
@@ -52,17 +51,6 @@ def test_actions_that_are_words_are_numbers_of_their_classes():
     assert values(recorded.curves("a")[0]) == pytest.approx([2, 0, 1], abs=0.01)
 
 
-def test_the_largest_numbers_have_a_spread_that_json_can_hold():
-    huge = Demonstrations(np.array([[1e308], [-1e308]]), np.zeros((2, 1)), np.array([0, 2]))
-    columns = Recorded(huge).columns
-    assert json.loads(json.dumps(columns, allow_nan=False)) == columns
-
-
-def test_of_very_many_columns_the_first_are_drawn():
-    recorded = Recorded(Demonstrations(np.zeros((4, 300)), np.zeros((4, 2)), np.array([0, 2, 4])))
-    assert len(recorded.columns) == len(recorded.curves(0)) == MAX_CURVES
-
-
 def test_a_column_of_all_is_drawn_on_one_scale(data):
     recorded = Recorded(read(data, observations=["x", "v"]))
     curves = recorded.column(2)
@@ -71,11 +59,3 @@ def test_a_column_of_all_is_drawn_on_one_scale(data):
     for k in (-1, 3):
         with pytest.raises(DataError, match="There is no such column"):
             recorded.column(k)
-
-
-def test_of_all_actions_that_are_words_are_drawn_by_their_order():
-    episodes = [(np.zeros((n, 1)), np.array(["left", "right"])[np.arange(n) % 2]) for n in (1, 5)]
-    recorded = Recorded(Demonstrations.from_episodes(episodes))
-    assert [one["name"] for one in recorded.columns] == ["action", "0"]
-    curves = recorded.column(0)
-    assert (curves["from"], curves["to"]) == (0, 1)

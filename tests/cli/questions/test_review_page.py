@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from browser import browsing, needs_chromium
 from rpil.cli.questions.server import page_of
-from rpil.data.id_values import read_answers
+from rpil.data.id_values import read_answer_rows, read_answers
 from served import need_server, review_of, serving
 
 need_server()
@@ -81,8 +79,12 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         browser.press("j")
         other = browser.evaluate(CHOSEN)
         assert other != str(asked)
+        browser.press("n")
+        browser.wait("document.activeElement.dataset.role === 'note'")
+        browser.type(".why [data-role=note]", "<b>=slips")
+        browser.press("Enter")
         after(browser, 2, "b")
-        assert read_answers("labels.csv")[0] == {other: "bad"}
+        assert read_answer_rows("labels.csv")[-1] == (other, "bad", "<b>=slips")
         assert browser.evaluate(CHOSEN) == other, "another one than that of the question stays"
         assert browser.evaluate("document.querySelector('[data-mark=bad]').getAttribute('aria-pressed')") == "true"
         browser.press("k")
@@ -98,36 +100,6 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         browser.evaluate("location.reload()")
         browser.wait("document.querySelector('.ask')?.innerText.includes('3 answers of this run')")
         assert all(url.startswith((f"http://{client.host}/", "data:", "blob:")) for url in browser.requests[1:])
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_no_difference_has_a_button_and_a_key(audit, browser):
-    a, b = map(str, audit.pair)
-    with serving(review_of(audit, page=page_of)) as client:
-        browser.open(client.gate.url)
-        browser.wait(f"{VERSION} === 0")
-        assert browser.text(".ask [data-key='5']").split() == ["No", "difference", "5"]
-        after(browser, 1, "5")
-        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
-        after(browser, 2, "z")
-        browser.click(".ask [data-key='5']")
-        browser.wait(f"{VERSION} === 3")
-        assert read_answers("labels.csv") == ({}, {(min(a, b), max(a, b)): "same as"})
-        browser.press("5")  # no pair is asked about
-        after(browser, 4, "s")
-        assert client.get("/api/view")["n_answers"] == 1
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_the_private_page_of_a_browser_leads_to_the_question(audit, browser, tmp_path):
-    with serving(review_of(audit, page=page_of)) as client:
-        page = tmp_path / "review.html"
-        page.write_text(f'<meta http-equiv="refresh" content="0; url={client.gate.url}">')  # as the command writes it
-        browser.open(page)
-        browser.wait(f"{VERSION} === 0")
-        assert re.fullmatch(address_of(client), browser.evaluate("location.href"))
 
 
 @needs_chromium
@@ -155,59 +127,3 @@ def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser)
     browser.press("g")
     browser.wait("document.querySelector('[data-role=said]').innerText.includes('The server has ended')")
     browser.errors = [error for error in browser.errors if "ERR_CONNECTION" not in error]
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_files_that_would_be_replaced_are_asked_about(audit, browser):
-    agreed = []
-
-    def finish(given):
-        if "write" not in given:
-            return {"kept": 20, "rejected": {}, "notes": [], "outcome": ""}
-        agreed.append(given.get("replace"))
-        question = {"lines": ["Replace <b>-keep.json?"], "exists": ["<b>-keep.json"]}
-        done = {"files": {"keep": "<b>-keep.json"}, "command": "rpil keep <b>", "lost": []}
-        return question if agreed[-1] is None else done
-
-    said = "document.querySelector('[data-role=written]').innerText"
-    with serving(review_of(audit, page=page_of, finish=finish)) as client:
-        browser.open(client.gate.url)
-        browser.wait(f"{VERSION} === 0")
-        browser.click(".ask [data-role=finish]")
-        browser.wait("document.querySelector('dialog.finish')?.open")
-        browser.click("[data-role=write]")
-        browser.wait(f"{said}.includes('Replace <b>-keep.json?')")
-        assert agreed == [None]
-        browser.press("Escape")
-        after(browser, 1, "s")
-        browser.click(".ask [data-role=finish]")
-        browser.wait("document.querySelector('dialog.finish').open")
-        browser.wait(f"{said} === ''")  # what was asked is gone
-        browser.click("[data-role=write]")
-        browser.wait("document.querySelector('[data-role=replace]') !== null")
-        browser.click("[data-role=replace]")
-        browser.wait(f"{said}.includes('<b>-keep.json') && !{said}.includes('Replace')")
-        assert agreed == [None, None, ["<b>-keep.json"]]
-        assert browser.text("[data-role=keep-command]") == "rpil keep <b>"
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_a_label_that_contradicts_that_of_a_copy_is_told_beside_the_buttons(audit, browser):
-    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
-    with serving(review_of(copies, page=page_of)) as client:
-        client.answer(0, "g", 1)
-        browser.open(client.gate.url)
-        browser.wait(f"{VERSION} === 1")
-        for _ in range(24):
-            if browser.evaluate(CHOSEN) != "7":
-                browser.press("j")
-        assert browser.evaluate(CHOSEN) == "7"
-        browser.click("[data-mark=bad]")
-        sentence = "1 is labelled good and 7, a copy of it, bad; change one of the labels."
-        browser.wait(f"document.querySelector('.ask [data-role=said]').innerText.includes('{sentence}')")
-        assert client.get("/api/version") == {"version": 1}
-        after(browser, 2, "g")  # a key, because the sentence moves the buttons
-        browser.errors = [error for error in browser.errors if "400" not in error]
-    assert read_answers("labels.csv")[0] == {"1": "good", "7": "good"}

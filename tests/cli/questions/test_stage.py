@@ -1,9 +1,9 @@
-"""What a review shows to answer by, in a browser: films in step, curves of what was recorded, sliders, and links."""
+"""What a review shows to answer by, in a browser: films, curves, all at a glance, and the end of the review."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +14,18 @@ from rpil import RPIL, read
 from rpil.cli.questions.curves import Recorded
 from rpil.cli.questions.server import page_of
 from rpil.cli.questions.videos import EpisodeVideos
+from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
 from small import FAST
 
 need_server()
-pytestmark = [needs_chromium, pytest.mark.slow]
 
 VERSION = "Number(document.querySelector('.ask').dataset.version)"
 CLOCK = "document.querySelector('.ask .clock').value"
 FILMS = "[...document.querySelectorAll('.ask .screen video')]"
 TIMES = f"{FILMS}.map((film) => film.currentTime - Number(film.src.split('#t=')[1]))"
-TOPS = "[{}].map((one) => document.querySelector(one).getBoundingClientRect().top)"
+TILES = "[...document.querySelectorAll('dialog.sweep .tile')]"
+CHOSEN = f"{TILES}.filter((one) => one.getAttribute('aria-pressed') === 'true').map((one) => Number(one.dataset.m))"
 PLAY = "document.querySelector('.ask .controls button').textContent"
 WHILE_SEEKING = """(() => {
   const film = HTMLMediaElement.prototype, { play } = film, time = Object.getOwnPropertyDescriptor(film, "currentTime");
@@ -74,6 +75,8 @@ def review_with_films(audit, folder):
     return review_of(audit, videos=EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS), page=page_of)
 
 
+@needs_chromium
+@pytest.mark.slow
 def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, filmed):
     with serving(review_with_films(filmed, episodes)) as client:
         ask_about((browser, client))
@@ -107,24 +110,16 @@ def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, f
         browser.wait(f"{VERSION} === 1 && old.every((film) => !film.hasAttribute('src'))")  # no connection is kept
 
 
-def test_pictures_are_shown_where_the_browser_cannot_play_a_video(browser, tmp_path):
-    pytest.importorskip("av")
-    folder = lerobot_folders.write(tmp_path / "set", [30] * 12, codec="mpeg4", options={})
-    audit = RPIL(settings=FAST).fit(read(folder)).audit_
-    pictures = "[...document.querySelectorAll('.ask .screen img')]"
-    with serving(review_with_films(audit, folder)) as client:
-        ask_about((browser, client))
-        n_asked = len(client.get("/api/view")["asked"]["demonstrations"])
-        browser.wait(f"{pictures}.length === {n_asked + 1} && {pictures}.every((one) => one.naturalWidth === 320)")
-        browser.press(".")
-        browser.wait(f"{pictures}.every((one) => one.src.endsWith('/1') && one.complete)")
-        assert browser.evaluate("document.querySelector('.ask .screen video')") is None
-
-
+@needs_chromium
+@pytest.mark.slow
 def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(audit, data, browser):
     recorded = read(data, observations=["x", "v"])
     with serving(review_of(audit, page=page_of, data=recorded)) as client:
         ask_about((browser, client))
+        pair, said = [audit.index(name) for name in audit.pair], ("similar", "outlier", "score", "P(")
+        rows = [browser.text(f'tr[data-row="{m}"]') for m in pair]  # the opinion of the audit comes after the answer
+        shown = (*rows, browser.text(".ask"), browser.text(".detail"), browser.text("article > header"))
+        assert not [word for text in shown for word in said if word in text]
         browser.wait("document.querySelectorAll('.ask .overlays canvas').length === 2")
         names = browser.evaluate("[...document.querySelector('.overlays select').options].map((one) => one.text)")
         assert sorted(names) == ["action (action)", "v", "x"]
@@ -142,6 +137,9 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
         )
         browser.press("1")
         browser.wait(f"{VERSION} === 1 && document.querySelectorAll('.ask .overlays canvas').length === 2")
+        asked = client.get("/api/view")["asked"]["demonstrations"]
+        told = next(m for m in pair if m not in asked)
+        assert f"{told} {audit.verdicts[told]}, place {audit.ranks[told]}" in browser.text(".ask [role=status]")
         tops = browser.evaluate("tops")
         assert len(tops) > 1
         a_line = 30  # more or less of the sentence above them
@@ -171,98 +169,110 @@ def _values(recorded, m):
     return actions.reshape(len(actions), -1), observations
 
 
-def test_the_opinion_of_the_audit_comes_after_the_answer(audit, browser):
-    row = "document.querySelector('tr[data-row=\"{}\"]').innerText"
-    with serving(review_of(audit, page=page_of)) as client:
-        ask_about((browser, client))
-        pair = [audit.index(name) for name in audit.pair]
-        said = ("similar", "outlier", "score", "P(")
-        assert not [word for m in pair for word in said if word in browser.evaluate(row.format(m))]
-        for text in (browser.text(".ask"), browser.text(".detail"), browser.text("article > header")):
-            assert not [word for word in said if word in text]
-        assert browser.evaluate("document.querySelectorAll('.ask .sliders .rank').length % 2") == 0
-        browser.press("1")
+@pytest.fixture
+def review(audit, data):
+    return review_of(audit, page=page_of, data=read(data, observations=["x", "v"]))
+
+
+def test_many_are_answered_at_once_and_taken_back_in_one_step(review):
+    with serving(review) as client:
+        assert [one["name"] for one in client.get("/api/view")["view"]["columns"]] == ["action", "x", "v"]
+        assert client.ask("GET", "/api/column/9")[0] == 404
+        status, state = client.answer(0, "b", 2, 5, 8, 11)
+        assert status == 200
+        assert state["lines"][0].startswith("Now: "), "the audit's opinion of many is no line"
+        assert client.answer(1, "g", 1, 2)[0] == 200, "two are no pair here"
+        assert read_answers("labels.csv")[0] == {"5": "bad", "8": "bad", "11": "bad", "1": "good", "2": "good"}
+        assert client.get("/api/view")["asked"]["buttons"].keys() >= {"1", "2"}, "the pair is still asked about"
+        assert client.post("/api/undo", version=2)[1]["n_answers"] == 4
+        assert read_answers("labels.csv")[0] == dict.fromkeys(("2", "5", "8", "11"), "bad")
+        assert client.answer(3, "u", 2, 5, 8)[0] == 400
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_a_sweep_chooses_by_clicks_and_keys_and_answers_for_all(review, browser):
+    with serving(review) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        browser.press("v")
+        browser.wait(
+            f"{TILES}.length === 24 && {TILES}.every((one) => one.querySelector('polyline').points.length > 9)"
+        )
+        row = browser.evaluate(f"{TILES}.map((one) => Number(one.dataset.m))")
+        browser.click(".tile")
+        browser.press("ArrowRight")
+        browser.press("x")
+        assert browser.evaluate(CHOSEN) == row[:2]
+        shift = "new MouseEvent('click', {bubbles: true, shiftKey: true})"
+        browser.evaluate(f"{TILES}[4].dispatchEvent({shift})")
+        browser.click(".tile")
+        assert browser.evaluate(CHOSEN) == row[1:5]
+        browser.type("dialog.sweep input", "drop")
+        browser.evaluate("document.querySelector('dialog.sweep input').dispatchEvent(new Event('input'))")
+        browser.click("[data-all=b]")
         browser.wait(f"{VERSION} === 1")
-        asked = client.get("/api/view")["asked"]["demonstrations"]
-        (shown,) = [m for m in pair if m not in asked][:1]
-        assert f"{shown} {audit.verdicts[shown]}, place {audit.ranks[shown]}" in browser.text(".ask [role=status]")
-        assert any(word in browser.evaluate(row.format(shown)) for word in ("similar", "outlier", "open"))
-
-
-def test_a_link_names_a_demonstration_and_a_time(audit, browser):
-    with serving(review_of(audit, page=page_of)) as client:
-        ask_about((browser, client))
-        browser.open(f"http://{client.host}/favicon.ico")
-        browser.open(f"http://{client.host}/#episode=7&t=1.2")
-        browser.wait("document.querySelector('.detail h3')?.innerText === '7'")
-        browser.wait("document.querySelector('.detail .clock').value === '1.2 / 4.0 s'")
-        browser.evaluate("location.hash = '#episode=7&t=0.6'")
-        browser.wait("document.querySelector('.detail .clock').value === '0.6 / 4.0 s'")
-        browser.evaluate("location.hash = '#episode=11&t=0.5'")
-        browser.wait("document.querySelector('.detail h3').innerText === '11'")
-        browser.wait("document.querySelector('.detail .clock').value === '0.5 / 4.0 s'")
-        browser.press("j")
-        name = browser.text(".detail h3")
-        browser.wait(f"location.hash === '#episode={name}'")
-        browser.evaluate("location.hash = '#episode=nobody'")
-        assert browser.text(".detail h3") == name
-
-
-def test_the_box_stays_where_it_is_and_the_changed_are_shown_at_a_click(audit, browser):
-    place = TOPS.format("'.answers', '.told', '.work'")
-    with serving(review_of(audit, page=page_of)) as client:
-        version = 1
-        client.answer(0, "1", *(audit.index(name) for name in audit.pair))
-        ask_about((browser, client), 1)
-        drawn = "document.querySelector('.ask .overlays canvas') !== null"
-        browser.wait(drawn)
-        before = browser.evaluate(place)
-        while not client.get("/api/view")["changed"]:
-            browser.press("g" if client.get("/api/view")["asked"]["demonstrations"][0] not in (3, 5, 8, 9) else "b")
-            version += 1
-            browser.wait(f"{VERSION} === {version} && {drawn}")
-            assert browser.evaluate(place) == before
-        n = len(client.get("/api/view")["changed"])
-        assert browser.text("[data-role=changed]") == f"Show the {n} that changed"
-        browser.click("[data-role=changed]")
-        assert browser.text("[data-role=shown]") == f"{n} of 24 demonstrations"
-
-
-def test_keys_are_listed_and_play_no_part_while_they_are(audit, browser):
-    with serving(review_of(audit, page=page_of)) as client:
-        ask_about((browser, client))
-        browser.press("?")
-        listed = browser.text("dialog.keys")
-        assert all(words in listed for words in ("play, pause", "no difference", "undo the last answer", "space"))
-        browser.press("g")
+        browser.wait(
+            "document.querySelector('[data-role=told]').textContent === '4 marked bad; z takes them all back.'"
+        )
+        assert {tuple(one) for one in read_answer_rows("labels.csv")} == {
+            AnswerRow(str(m), "bad", "drop") for m in row[1:5]
+        }
+        assert browser.evaluate("document.querySelectorAll('dialog.sweep .mark.bad').length") == 4
+        assert browser.evaluate(CHOSEN) == []
+        browser.press("z")
+        browser.wait(f"{VERSION} === 2 && !document.querySelector('dialog.sweep .mark.bad')")
+        assert not Path("labels.csv").exists()
+        browser.evaluate(f"{TILES}[0].focus()")
+        browser.press("x", "g")
+        browser.wait(f"{VERSION} === 3")
+        assert read_answers("labels.csv")[0] == {str(row[0]): "good"}
+        browser.wait("document.querySelector('[data-role=told]').textContent.includes('z takes it back')")
         browser.press("Escape")
-        browser.wait("document.querySelector('dialog') === null")
-        browser.click("[data-role=keys]")
-        browser.wait("document.querySelector('dialog[open]') !== null")
-        assert client.get("/api/version") == {"version": 0}
+        browser.wait("!document.querySelector('dialog.sweep').open")
+        browser.press("z")
+        browser.wait(f"{VERSION} === 4")
 
 
-def test_on_a_narrow_screen_the_films_stand_between_question_and_buttons(browser, episodes, filmed):
-    browser.resize(390, 844)
-    with serving(review_with_films(filmed, episodes)) as client:
-        ask_about((browser, client))
-        browser.wait("document.querySelector('.ask .screen video') !== null")
-        question, films, buttons = browser.evaluate(TOPS.format("'.ask h2', '.ask .screen', '.ask .answers'"))
-        assert 0 < question < films < buttons < 844
-        assert browser.evaluate("document.documentElement.scrollWidth") == 390
+@needs_chromium
+@pytest.mark.slow
+def test_the_end_shows_who_rejects_what_and_each_can_be_kept(audit, browser):
+    asked = []
 
+    def finish(given):
+        asked.append(given)
+        if given.get("write") and "replace" not in given:
+            return {"lines": ["Replace <b>-keep.json?"], "exists": ["<b>-keep.json"]}
+        if given.get("write"):
+            return {"files": {"keep": "<b>-keep.json"}, "command": "rpil keep <b>", "lost": []}
+        rejected = {"labels": [3, 5], "answers": [8], "faults": [9]}
+        left = {rule: [m for m in own if str(m) not in given["spared"]] for rule, own in rejected.items()}
+        kept = 24 - sum(map(len, left.values()))
+        return {"kept": kept, "rejected": {rule: own for rule, own in left.items() if own}, "notes": [], "outcome": ""}
 
-def test_an_answer_about_one_of_many_takes_two_requests(browser):
-    """What is drawn and played comes after the page."""
-    rng, owner = np.random.default_rng(0), np.repeat(np.arange(300), 10)
-    audit = RPIL(settings=FAST).fit(rng.normal(size=(3000, 2)), rng.normal(size=(3000, 1)), groups=owner).audit_
-    with serving(review_of(replace(audit, fps=10.0), page=page_of)) as client:
-        ask_about((browser, client))
-        browser.wait("document.querySelector('.ask .overlays canvas') !== null")
-        browser.requests.clear()
-        browser.press("g")
-        browser.wait(f"{VERSION} === 1")
-        paths = [url.partition(client.host)[2] for url in browser.requests]
-        paths = [path for path in paths if path not in ("/api/version", "/favicon.ico")]
-        after = paths[paths.index("/api/answer") :]
-        assert after[:2] == ["/api/answer", "/"]
+    text = "document.querySelector('dialog.finish').innerText"
+    with serving(review_of(audit, page=page_of, finish=finish)) as client:
+        browser.open(client.gate.url)
+        browser.wait(f"{VERSION} === 0")
+        browser.click(".ask [data-role=finish]")
+        browser.wait("document.querySelector('dialog.finish')?.open")
+        assert browser.text("dialog.finish h2") == "20 of 24 kept."
+        assert browser.text("[data-role=counts]") == "Rejected: 2 by you, 1 by inference, 1 with odd recordings."
+        browser.click("dialog.finish summary")
+        browser.wait("document.querySelector('[data-spare=\"5\"]') !== null")
+        browser.click('[data-spare="5"]')
+        browser.wait(f"{text}.includes('21 of 24 kept.') && {text}.includes('1 kept all the same')")
+        assert browser.text("[data-role=counts]") == "Rejected: 1 by you, 1 by inference, 1 with odd recordings."
+        browser.evaluate("location.reload()")
+        browser.wait(f"{VERSION} === 0 && !document.querySelector('dialog.finish')")
+        browser.click(".ask [data-role=finish]")
+        browser.wait(f"{text}.includes('21 of 24 kept.')")  # what is kept all the same outlives a reload
+        assert not any(one.get("write") for one in asked)
+        browser.click("[data-role=write]")
+        browser.wait("document.querySelector('[data-role=written]').innerText.includes('Replace <b>-keep.json?')")
+        browser.click("[data-role=replace]")
+        browser.wait("document.querySelector('[data-role=keep-command]')?.innerText === 'rpil keep <b>'")
+        given = {"version": 0, "spared": ["5"], "rules": [], "write": True}
+        assert asked[-2:] == [given, given | {"replace": ["<b>-keep.json"]}]
+        browser.press("Escape")
+        browser.wait("!document.querySelector('dialog.finish').open")

@@ -6,8 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders
@@ -46,15 +44,6 @@ def test_the_frame_of_a_step_is_that_of_its_video(folder):
                 assert np.argmin(np.abs(truth - found).mean(axis=(1, 2))) == step
 
 
-def test_cameras_and_seconds(folder):
-    videos = EpisodeVideos.of(str(folder), ("0", "1", "2", "3"), lerobot_folders.FPS)
-    found = videos.cameras(1)
-    assert [one["camera"] for one in found] == ["observation.images.front", "observation.images.side"]
-    start = 1.0 if folder.joinpath("meta/episodes").exists() else 0.0
-    np.testing.assert_allclose([found[0]["start"], found[0]["end"]], [start, start + 1.5])
-    assert videos.cameras(4) == []
-
-
 def test_what_is_not_there_is_said(folder, tmp_path, monkeypatch):
     assert EpisodeVideos.of("d.parquet", (0,), 20.0).note == "These data have no videos."
     assert EpisodeVideos.of("hf://datasets/a/b", (0,), 20.0).note == "These data have no videos."
@@ -88,16 +77,3 @@ def test_a_damaged_video_is_named(tmp_path):
     Path(file).write_bytes(file.read_bytes()[:500])
     with pytest.raises(DataError, match="it is no video, or a damaged one"):
         videos.frame(0, 0, 0)
-
-
-@pytest.mark.parametrize("start", [None, float("nan"), float("inf")])
-def test_a_folder_whose_videos_have_no_times_shows_none(tmp_path, start):
-    root = lerobot_folders.write(tmp_path / "set", [8, 8])
-    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
-    table, name = pq.read_table(place), "videos/observation.images.front/from_timestamp"
-    column = pa.array([0.0, start], pa.float64())
-    pq.write_table(table.set_column(table.column_names.index(name), name, column), place)
-    videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
-    assert not videos.shots
-    assert videos.cameras(1) == []
-    assert f"demonstration 1: from_timestamp is {start}, to_timestamp 0.8; correct them." in videos.note

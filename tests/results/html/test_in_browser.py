@@ -6,7 +6,6 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +77,7 @@ def downloaded(folder: Path, browser: Browser, role: str, name: str) -> str:
     raise AssertionError(name)
 
 
-def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> None:
+def test_it_opens_on_what_needs_a_person_and_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
     audit = make_audit(pair=(0, 7))
     browser.open(write(tmp_path / "r.html", audit))
     assert browser.text("[data-role=review]") == "Show the 5 to look at"
@@ -87,52 +86,7 @@ def test_it_opens_on_what_needs_a_person(browser: Browser, tmp_path: Path) -> No
     browser.click("[data-role=review]")
     assert column(browser, 1) == ["0", "7", *lower]
     assert browser.text(".detail h3") == "0"
-
-
-def test_an_odd_recording_is_shown_at_a_click(browser: Browser, tmp_path: Path) -> None:
-    browser.open(write(tmp_path / "r.html", make_audit()))
-    browser.type("[data-role=search]", "ann")
-    assert len(column(browser, 1)) == 5
-    assert "it leaps" not in browser.text(".detail")
-    browser.click('.odd [data-choose="9"]')
-    assert "it leaps" in browser.text(".detail")
-    assert len(column(browser, 1)) == 10
-
-
-def headings(browser: Browser) -> list[str]:
-    return browser.evaluate("[...document.querySelectorAll('.table thead th')].map((one) => one.innerText.trim())")
-
-
-def test_a_column_that_says_the_same_of_all_is_not_shown(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit()
-    browser.open(write(tmp_path / "r.html", audit))
-    assert {"Steps like the rest", "Operator", "Odd in the recording"} <= {*headings(browser)}
-    same = replace(audit, reliability=np.full(10, 0.9))
-    browser.open(write(tmp_path / "same.html", same, faults=None, demonstrators={}))
-    assert not {"Steps like the rest", "Operator", "Odd in the recording"} & {*headings(browser)}
-
-
-def test_scores_have_the_colour_of_their_operator(browser: Browser, tmp_path: Path) -> None:
-    browser.open(write(tmp_path / "r.html", make_audit()))
-    assert browser.text("[data-role=hues]").split() == ["Colour:", "operator.", "ann", "bob"]
-    browser.open(write(tmp_path / "alone.html", make_audit(), demonstrators={}))
-    assert browser.evaluate("document.querySelector('[data-role=hues]').innerText") == ""
-
-
-def test_a_link_opens_one_demonstration_and_follows_what_is_chosen(browser: Browser, tmp_path: Path) -> None:
-    page = write(tmp_path / "r.html", make_audit())
-    browser.open(page.resolve().as_uri() + "#episode=7")
-    browser.wait("document.querySelector('.detail h3')?.innerText === '7'")
-    browser.press("j")
-    browser.wait(f"location.hash === '#episode={browser.text('.detail h3')}'")
-    browser.evaluate("location.hash = '#episode=5'")
-    browser.wait("document.querySelector('.detail h3').innerText === '5'")
-    assert browser.text(".detail h3") == "5"
-
-
-def test_it_is_filtered_searched_and_sorted(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit()
-    browser.open(write(tmp_path / "r.html", audit))
+    browser.press("Escape")
     browser.click('[data-filter=verdict][data-value="outlier"]')
     browser.click('[data-filter=demonstrator][data-value="bob"]')
     assert set(column(browser, 1)) == {"7", "9"}
@@ -176,6 +130,9 @@ def test_only_the_rows_that_can_be_seen_are_in_the_page(browser: Browser, tmp_pa
     browser.press("ArrowUp", "k", "j", "k")
     assert browser.text("tr.chosen td") == "598"
     assert "No drawing" in browser.text(".detail")
+    ids = (2**53 + 1, 2**63 - 1, 7)  # which are no numbers of JavaScript
+    browser.open(write(tmp_path / "ids.html", make_audit(("similar",) * 3, ids=ids)))
+    assert json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))["episodes"] == list(ids)
 
 
 def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: Path) -> None:
@@ -206,44 +163,15 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert column(browser, 1) == first[1:]
 
 
-def test_marks_stay_in_memory_where_the_browser_keeps_nothing(browser: Browser, tmp_path: Path) -> None:
-    denied = "Object.defineProperty(window, 'localStorage', { get() { throw new Error('denied'); } })"
-    browser.send("Page.addScriptToEvaluateOnNewDocument", source=denied)
-    browser.open(write(tmp_path / "r.html", make_audit()))
-    browser.press("b")
-    assert browser.text("[data-role=marked]") == "Your marks: 1 bad."
-    assert "does not keep them" in browser.text("[data-role=kept]")
-
-
-def test_it_is_used_by_keys_alone(browser: Browser, tmp_path: Path) -> None:
-    browser.open(write(tmp_path / "r.html", make_audit()))
-    focused = "document.activeElement.textContent"
-    for _ in range(60):
-        browser.press("Tab")
-        if browser.evaluate(focused) == "Score":
-            break
-    browser.press("Enter")
-    assert browser.evaluate("document.querySelector('[aria-sort]').textContent") == "Score"
-    assert browser.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
-    browser.press("/")
-    assert browser.evaluate("document.activeElement.type") == "search"
-    browser.send("Input.insertText", text="jgb")
-    assert column(browser, 1) == []
-    browser.press("Escape", "End", "g")
-    assert column(browser, 2)[-1] == "good"
-
-
-def test_whole_numbers_are_kept_exactly(browser: Browser, tmp_path: Path) -> None:
-    ids = (2**53 + 1, 2**63 - 1, 7)
-    browser.open(write(tmp_path / "r.html", make_audit(("similar",) * 3, ids=ids)))
-    assert json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))["episodes"] == list(ids)
-
-
 def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
     from rpil import formats
 
-    audit = make_audit(("outlier",) * len(HOSTILE), ids=HOSTILE, sessions=HOSTILE, order=np.arange(float(len(HOSTILE))))
-    page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE})
+    given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "assumptions"), HOSTILE)
+    value, who = np.arange(80.0), (Demonstrator(HOSTILE[0], None, HOSTILE),)
+    traces = {name: Traces((TracedPart(name, 0.6, -9.0, value, value, value),)) for name in HOSTILE}
+    given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": who, "traces": traces}
+    audit = make_audit(("outlier",) * len(HOSTILE), lengths=[80] * len(HOSTILE), **given)
+    page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, command="rpil </code>")
     browser.open(page)
     for _ in HOSTILE:
         browser.press("b", "j")
@@ -259,29 +187,6 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     assert labels == dict.fromkeys(HOSTILE, "bad")
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     assert kept["episodes"] == []
-
-
-def test_nothing_of_a_run_runs(browser: Browser, tmp_path: Path) -> None:
-    evil = "</script><script>document.title='ran'</script><img src=x onerror=document.title='ran'>${alert(1)}"
-    value = np.arange(80.0)
-    audit = make_audit(
-        ("outlier", "similar"),
-        lengths=[80, 80],
-        pair=(0, 1),
-        traces={0: Traces((TracedPart(evil, 0.6, -9.0, value, value, value),))},
-        demonstrators=(Demonstrator(evil, None, (0, 1)),),
-        own_reasons=(evil, evil),
-        **dict.fromkeys(("notes", "doubts", "assumptions"), (evil,)),
-    )
-    faults = FaultReport((Fault("jump", 0, 3, 5, "x", 1.0, 0.5, 2.0, evil),), {evil: evil}, {}, {evil: evil}, {}, 2, 99)
-    about = About(evil, evil, (evil,), (evil,), faults, {"0": evil}, {"0": evil})
-    write_page(tmp_path / "r.html", make_view(audit, about))
-    browser.open(tmp_path / "r.html")
-    browser.press("j", "k", "b")
-    assert browser.evaluate("document.title") == evil
-    assert browser.evaluate("document.querySelectorAll('img').length") == 0
-    assert "</script>" in browser.text(".detail")
-    assert browser.evaluate("document.querySelectorAll('script').length") == 2
 
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
@@ -302,7 +207,7 @@ def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_
     assert f"demonstration=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
 
 
-@pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, False)])
+@pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)])
 def test_it_fits_the_screen_and_the_paper(browser: Browser, tmp_path: Path, width: int, dark: bool) -> None:
     audit = make_audit(ids=["a" * 300, *"bcdefghij"], order=np.arange(10.0))
     page = write(tmp_path / "r.html", audit, read=("y" * 400,))

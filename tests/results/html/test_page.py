@@ -15,7 +15,6 @@ from markupsafe import Markup
 
 from audits import make_audit
 from html_page import Page
-from rpil.data.errors import DataError
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
@@ -67,15 +66,6 @@ def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert "need JavaScript" in page.text
 
 
-@pytest.mark.parametrize("finding", ["no outliers", "nothing could be learned"])
-def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
-    audit = make_audit(("open",) * 10, finding=finding)
-    text = Page(render(audit)).text
-    assert f"{headline(audit)} 10 demonstrations, ranked below, without verdicts. Next:" in text
-    assert NEXT_STEPS[finding] in text
-    assert "0 outliers" not in text
-
-
 @pytest.mark.parametrize(
     ("anchor", "settings"),
     [
@@ -85,18 +75,10 @@ def test_page_without_groups_gives_no_verdicts(finding: str) -> None:
     ],
 )
 def test_thresholds_of_verdicts_are_those_of_the_audit(anchor: str, settings: AuditSettings) -> None:
-    one, other = make_audit(anchor=anchor, settings=settings), make_audit(anchor=anchor)
-    text = Page(render(one)).text
+    text = Page(render(make_audit(anchor=anchor, settings=settings))).text
     assert "at least 60 %" in text
     assert "at most 40 %" in text
     assert "90 %" not in text
-    assert "at least 90 %" in Page(render(other)).text
-
-
-def test_nobody_is_called_an_adversary_unless_one_was_named() -> None:
-    assert "adversary" not in Page(render(make_audit())).text.lower()
-    named = make_audit(("expert", "adversary"), anchor="named adversary")
-    assert "1 adversary" in Page(render(named)).text
 
 
 def test_page_needs_no_network(audit: Audit) -> None:
@@ -134,29 +116,6 @@ def test_every_link_and_label_has_a_target(audit: Audit) -> None:
     assert set(used) <= set(ids)
 
 
-def test_two_groups_are_told_with_the_question() -> None:
-    ids = [f"d{k}" for k in range(30)]
-    changes = {"identifiable": False, "competing": (tuple(ids[:4]), tuple(ids[4:])), "pair": ("d0", "d9")}
-    note = "The two groups: A has 4 demonstrations and B 26; B takes longer."
-    text = Page(render(make_audit(("open",) * 30, ids=ids, finding="two groups", notes=(note,), **changes))).text
-    assert "Two groups act differently: 4 and 26; without an answer nobody can say which is good. 30 demonstr" in text
-    assert f"neither is called an outlier. {note}" in text
-    assert f"Next: {NEXT_STEPS['two groups']} Which is better: d0 (look " in text
-    assert "d0,better than d9 , or mark either" in text
-
-
-def test_doubts_and_contradicting_labels_are_told_and_an_answered_question_is_not_asked_again(page: Page) -> None:
-    changes = {"doubts": ("One part says most.",), "contradicting": ("d3",), "pair": ("d0", "d9")}
-    ids = [f"d{k}" for k in range(10)]
-    text = Page(render(make_audit(ids=ids, **changes))).text
-    assert "One part says most." in text
-    assert "d3: its label contradicts the other answers; look again." in text
-    assert "Which is better: d0" in text
-    assert "Which is better" not in Page(render(make_audit(ids=ids, labels={"d3": 1}, **changes))).text
-    assert "Which is better" not in page.text
-    assert "which of two groups" not in page.text
-
-
 def test_faults_are_a_line_a_kind() -> None:
     findings = tuple(
         Fault(rule, m, 0, 1, "x", 1.0, 0.5, 1.0, "a leap") for m, rule in enumerate(["jump", "lag", "jump", "jump"])
@@ -166,7 +125,6 @@ def test_faults_are_a_line_a_kind() -> None:
     assert [button["data-rule"] for button in page.all("button") if "data-rule" in button] == ["jump", "lag"]
     assert [button["data-choose"] for button in page.all("button") if "data-choose" in button] == ["0", "1", "2", "3"]
     assert "4 demonstrations to look at first" in page.text
-    assert page.text.index("Odd in the recording") < page.text.index("jump 3")
     assert page.text.count("too few") == 1
     nothing = FaultReport((), {"sign": "too few"}, {}, {}, {}, 10, 99)
     assert "Odd in the recording Nothing found." in Page(render(make_audit(), faults=nothing)).text
@@ -233,28 +191,10 @@ def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     assert "a\u00a0b" in text
 
 
-def test_sections_follow_the_table_and_only_markup_is_html(audit: Audit) -> None:
-    text = render(audit, sections=[("One", Markup("<em>kept</em>")), ("Two", "a < b")])
-    assert text.index('data-role="box"') < text.index("<em>kept</em>") < text.index("<p>a &lt; b</p>")
-
-
-@pytest.mark.slow
-def test_write_page_replaces_a_file_only_when_the_page_is_complete(tmp_path: Path, audit: Audit) -> None:
-    path = tmp_path / "report.html"
-    part = view_of(audit, title="Été")
-    write_page(path, view_of(audit, source="\udcff.csv"))  # a file whose name is not Unicode
-    assert "\\udcff.csv" in path.read_text()
-    write_page(path, part)
-    assert path.read_text(encoding="utf-8") == render(audit, title="Été")
-    with pytest.raises(TypeError):
-        write_page(path, part, [None])
-    assert path.read_text(encoding="utf-8") == render(audit, title="Été")
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_write_page_names_a_missing_folder(tmp_path: Path, audit: Audit) -> None:
-    with pytest.raises(DataError, match="nowhere"):
-        write_page(tmp_path / "nowhere" / "report.html", view_of(audit))
+def test_a_file_whose_name_is_not_unicode_can_be_named(tmp_path: Path, audit: Audit) -> None:
+    write_page(tmp_path / "report.html", [Article(view_of(audit, source="\udcff.csv", title="Été"))])
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == render(audit, source="\udcff.csv", title="Été")
+    assert "\\udcff.csv" in render(audit, source="\udcff.csv")
 
 
 def test_pages_stay_small(audit: Audit) -> None:
@@ -265,12 +205,6 @@ def test_pages_stay_small(audit: Audit) -> None:
     assert many - one < 1600 * n  # so that 5,000 are within 8 MB
 
 
-def test_counts_of_words_have_commas() -> None:
-    assert "1,200 similar" in Page(render(make_audit(("similar",) * 1200 + ("outlier",), lengths=[2] * 1201))).text
-
-
-@pytest.mark.parametrize(
-    ("share", "text"), [(0.0, "0 %"), (0.001, "<1 %"), (0.5, "50 %"), (0.999, ">99 %"), (1.0, "100 %")]
-)
-def test_only_all_and_nothing_are_whole_percents_at_the_ends(share: float, text: str) -> None:
-    assert format_percent(share) == text
+def test_only_all_and_nothing_are_whole_percents_at_the_ends() -> None:
+    found = [format_percent(share) for share in (0.0, 0.001, 0.5, 0.999, 1.0)]
+    assert found == ["0 %", "<1 %", "50 %", ">99 %", "100 %"]
