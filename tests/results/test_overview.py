@@ -26,12 +26,6 @@ def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
     assert "to_frame()" in last
 
 
-def test_the_words_are_those_of_the_anchor():
-    audit = make_audit(("good",) * 2 + ("bad",), anchor="answers", finding="answered", lengths=[700, 700, 1])
-    assert "\n3 demonstrations, 1,401 steps: 2 good, 1 bad.\n" in overview_text(audit)
-    assert "bad, P(good)" in overview_text(audit)
-
-
 def test_names_stay_in_one_short_line():
     assert shortened("a\nb\tc") == "a b c"
     assert shortened("x" * 41) == "x" * 37 + "..."

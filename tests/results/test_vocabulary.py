@@ -18,10 +18,6 @@ def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
     assert [SIDES[word] for word in (words.upper, "open", words.lower)] == ["upper", "open", "lower"]
 
 
-def test_without_an_anchor_the_sentence_is_conditional():
-    assert "of a good demonstration only if most are good" in VOCABULARIES["none"].explanation
-
-
 def test_words_change_at_the_thresholds():
     words = VOCABULARIES["none"]
     assert [words.verdict(p, 0.9) for p in (0.9, 0.899, 0.101, 0.099)] == ["similar", "open", "open", "outlier"]
