@@ -102,6 +102,10 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
         assert client.post("/api/finish", version=2, write=True)[1]["exists"] == ["mine-keep.json"], (
             "another changed it"
         )
+        Path("mine-keep.json").unlink()
+        Path("mine-keep.json").symlink_to("keep.json")
+        status, answer = client.post("/api/finish", version=2, write=True, replace=["mine-keep.json"])
+        assert (status, answer["error"].partition(",")[0]) == (400, "mine-keep.json: it is a link")
     assert {Path(name).read_text() for name in (*others[:3], "mine-keep.json")} == {"MINE"}
     assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.json"})
 
