@@ -44,14 +44,6 @@ def test_clean_recordings_that_are_not_of_robots_have_no_finding(world):
     assert dict(faults.check(made, times=times).counts) == {}
 
 
-def test_tables_are_written_between_their_marks(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(f"a {faults.OUTSIDE} b {faults.END} c {faults.MARK} d {faults.END} e")
-    faults.write(page, faults.OUTSIDE, "new")
-    faults.write(page, faults.MARK, "other")
-    assert page.read_text() == (f"a {faults.OUTSIDE}\nnew\n\n{faults.END} c {faults.MARK}\nother\n\n{faults.END} e")
-
-
 @pytest.mark.slow
 def test_quick_run_finds_most_faults():
     rows = faults.run(faults.clean_sets(None, [], 12, True), 1)
@@ -59,7 +51,3 @@ def test_quick_run_finds_most_faults():
     assert "| spike |" in faults.render(rows)
     assert sum(n["found"] for n in sums) > 0.8 * sum(n["faults"] for n in sums)
     assert sum(n["accused"] for n in sums) < 0.05 * sum(n["clean"] for n in sums)
-
-
-def test_speed_is_a_sentence():
-    assert "million steps of 14 columns" in faults.speed(3_000)

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import pytest
 
 import results
-from study import tables
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
@@ -80,25 +79,6 @@ def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
     assert "## claims" not in out
 
 
-def test_a_run_that_was_broken_off_goes_on(made, capsys):
-    made.fails = "paper"
-    with pytest.raises(SystemExit):
-        results.main(made.options)
-    assert "paper.py ended with code 3" in capsys.readouterr().err
-    assert not made.page.exists()
-    made.fails = None
-    results.main(made.options)
-    assert [name for name, _ in made.ran] == ["claims", "paper", "paper"]
-
-
-@pytest.mark.parametrize("left", [{"unfinished": True}, {"provenance": ORIGIN | {"dirty": True}}, {"provenance": {}}])
-def test_unfinished_figures_and_those_of_changed_files_are_made_again(made, left):
-    made.folder.mkdir()
-    (made.folder / "claims.json").write_text(json.dumps({"provenance": ORIGIN, "figure": 9} | left))
-    results.main([*made.options, "--only", "claims"])
-    assert [name for name, _ in made.ran] == ["claims"]
-
-
 def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
     """And its figures are no full ones, wherever they lie."""
     results.main(made.options)
@@ -111,26 +91,6 @@ def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
     (made.folder / "quick" / "claims.json").replace(made.folder / "claims.json")
     results.main(made.options)
     assert [name for name, _ in made.ran[4:]] == ["claims"]
-
-
-def test_other_sections_are_kept(made):
-    results.main(made.options)
-    (made.folder / "claims.json").unlink()
-    results.main([*made.options, "--only", "claims"])
-    assert [name for name, _ in made.ran] == ["claims", "paper", "claims"]
-    assert "## paper\n\nfigure 2" in made.page.read_text()
-    made.commit = "ba9876543210"
-    results.main([*made.options, "--only", "claims"])
-    assert "## paper" not in made.page.read_text()
-
-
-def test_changed_files_are_refused(made, capsys):
-    made.dirty = True
-    with pytest.raises(SystemExit):
-        results.main(made.options)
-    assert "Tracked files differ from the commit" in capsys.readouterr().err
-    assert results.main([*made.options, "--quick"]) == 0
-    assert made.ran[0][1][-3:] == ["--quick", "--processes", "1"]
 
 
 def test_figures_of_two_commits_make_no_page(made, capsys, monkeypatch):
@@ -146,27 +106,6 @@ def test_figures_of_two_commits_make_no_page(made, capsys, monkeypatch):
         results.main(made.options)
     assert "all figures are of one commit" in capsys.readouterr().err
     assert not made.page.exists()
-
-
-def test_broken_figures_give_a_message(made, capsys):
-    made.folder.mkdir()
-    (made.folder / "claims.json").write_text("{")
-    with pytest.raises(SystemExit):
-        results.main(made.options)
-    assert "claims.json: no figures (JSONDecodeError); remove it and run again." in capsys.readouterr().err
-
-
-def test_each_file_of_driven_policies_has_a_section(tmp_path):
-    cell = {"seed": 0, "n": 20, "share": 0.1, "task": "MountainCar-v0", "learner": "linear", "episodes": 5, "steps": 5}
-    cell |= {"kept": 1.0, "weight_on_good": 0.9}
-    cells = [cell | {"rule": rule, "success": success} for rule, success in (("all", 0.5), ("keep", 0.75))]
-    paths = [tmp_path / "value.jsonl", tmp_path / "value of few.jsonl"]
-    for path in paths:
-        path.write_text("".join(json.dumps(cell) + "\n" for cell in cells))
-    page = results.page({}, paths)
-    assert [line for line in page.splitlines() if line.startswith("## ")] == ["## Policies", "## Policies of few"]
-    assert page.count("2 cells") == 2
-    assert "| keep | 75.0 |" in page
 
 
 # ---- the paper -------------------------------------------------------------------------------------------------------
@@ -208,13 +147,6 @@ def test_page_names_a_loss_in_the_paper():
     assert "Wrong verdicts of rpil: 1 of 400 in table 3." in page
     assert "| paper's recipe, printed | 195.06 |" in page
     assert ORIGIN["commit"] in page
-
-
-def test_no_method_above_gives_one_line():
-    found = paper_result()["tables"]
-    found[0]["policies"]["rpil"]["mean"] = 196.0
-    assert len(tables.behind_in_paper(found)) == 1
-    assert "above ours (" not in tables.behind_in_paper(found)[0]
 
 
 # ---- where figures come from ---

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rpil
-import sequences
 from worlds.sequences import KINDS
 
 
@@ -20,12 +19,3 @@ def test_a_table_holds_the_demonstrations_of_its_true_kind(name):
     assert read.n_steps == clean.true.demonstrations.n_steps
     assert clean.true.is_good.all()
     assert not clean.bad_steps.any()
-
-
-@pytest.mark.slow
-def test_the_script_prints_a_line(capsys):
-    assert sequences.main(["--only", "long recordings", "--seeds", "1", "--processes", "1"]) == 0
-    line = capsys.readouterr().out.splitlines()[0]
-    found = dict(part.rsplit(" ", 1) for part in line.removeprefix("- **long recordings**: ").split("; "))
-    assert abs(float(found["with"]) - float(found["true kind"])) <= 0.03
-    assert found["outliers of clean"] == "0"

@@ -11,30 +11,7 @@ import pytest
 import policy_value
 from value import cells, pushing, stored
 from value.rules import ALL, RULES, Judged, weights_of
-from value.worlds import DISC_TASKS, OLDER_TASKS, TASKS, drive, family, make_world
-
-
-def expert(driver):
-    """A policy that knows the rule of a driver: observations are point, disc, goal and their differences."""
-
-    def predict(rows):
-        table = pushing.Table(rows[:, :2], rows[:, 2:4], rows[:, 4:6])
-        return pushing.unit(table.disc - table.point) if driver == "careless" else pushing.careful(table, table.goal, 0)
-
-    return SimpleNamespace(predict=predict)
-
-
-def test_the_careful_rule_succeeds_and_the_careless_one_by_luck():
-    careful, careless = (drive("disc careless", expert(name), 300, 0)[0].mean() for name in ("careful", "careless"))
-    assert careful == 1
-    assert 0.02 < careless < 0.3
-
-
-def test_starts_depend_on_the_seed_alone():
-    tasks_and_seeds = [("disc careless", 1), ("disc slow", 1), ("disc careless", 2)]
-    first, again, other = (drive(task, expert("careless"), 200, seed)[0] for task, seed in tasks_and_seeds)
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
+from value.worlds import DISC_TASKS, OLDER_TASKS, TASKS, family, make_world
 
 
 @pytest.mark.parametrize("task", DISC_TASKS)
@@ -51,13 +28,6 @@ def test_a_mixture_has_its_share_of_others(task):
         assert world.success[m] or not pushing.DRIVERS[kind].must_succeed
     again = make_world(task, 24, 0.25, 3)
     np.testing.assert_array_equal(again.demonstrations.actions, world.demonstrations.actions)
-
-
-def test_a_driver_who_is_stuck_stands_still_to_the_time_limit():
-    episodes, success = pushing.record(pushing.BAD["stuck"], 30, np.random.default_rng(0))
-    lasting = [actions for (_, actions), succeeded in zip(episodes, success, strict=True) if not succeeded]
-    assert len(lasting) > 10
-    assert all(len(actions) == pushing.LIMIT and not actions[pushing.LIMIT // 4 :].any() for actions in lasting)
 
 
 def test_a_world_that_was_kept_is_the_same(tmp_path, monkeypatch):

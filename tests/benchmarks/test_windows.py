@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-
 import numpy as np
 import pytest
 
 import windows
-from problems import make
-from rpil.data.errors import DataError
-from value.operators import GOOD
-from value.rules import Judged
-
-needs_arm = pytest.mark.skipif(
-    importlib.util.find_spec("metaworld") is None, reason="pip install 'rpil[value]': metaworld is missing"
-)
 
 
 def bad_of_demonstrations(world):
@@ -34,41 +24,9 @@ def test_the_window_of_a_game_is_an_unbroken_half_of_half_of_the_demonstrations(
         assert is_bad.mean() == pytest.approx(0.5 * has_window, abs=0.05)
 
 
-@pytest.mark.slow
-@needs_arm
-@pytest.mark.filterwarnings("ignore")  # of packages that the arm comes with
-def test_the_arm_pauses_in_its_window_alone():
-    world = windows.make_world("reach", "pause", 4, 0)
-    motion = np.abs(world.demonstrations.actions[:, :3])
-    assert motion[world.is_bad].max() < 6 * GOOD["normal"].tremor
-    assert motion[~world.is_bad].max() == 1
-    assert [is_bad.any() for is_bad in bad_of_demonstrations(world)] == world.has_window.tolist()
-    assert max(is_bad.sum() for is_bad in bad_of_demonstrations(world)) <= windows.LENGTH
-
-
-def test_an_operator_who_never_succeeds_is_refused(monkeypatch):
-    tried = []
-
-    def failed(task, employed, seed):
-        tried.append(seed)
-        return (np.zeros((5, 3)), np.zeros((5, 4))), False
-
-    monkeypatch.setattr(windows, "record_arm", failed)
-    with pytest.raises(DataError, match="in 20 episodes; choose another task, kind or seed"):
-        windows.make_world("reach", "pause", 4, 0)
-    assert len(tried) == windows.TRIES
-
-
 def test_figures_are_means_and_standard_errors():
     assert windows.figures(np.array([[1.0, 5.0], [3.0, 5.0]])) == ["2.00 ± 1.00", "5.00 ± 0.00"]
     assert windows.figures(np.array([[0.25]])) == ["0.25 ± nan"]
-
-
-def test_other_constants_give_other_probabilities_of_steps():
-    toy = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
-    found = windows.scores_of(Judged(toy.demonstrations))
-    assert found.keys() > windows.OTHERS.keys()
-    assert all(np.abs(found[name] - found["P(step)"]).max() > 1e-4 for name in windows.OTHERS)
 
 
 @pytest.mark.slow

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from worlds import World, recorded
-from worlds.point_mass import BAD, NORMAL, drive, point_mass
-from worlds.recorded import CHANGES, changed, npz_files, read, recorded_sets
+from worlds import recorded
+from worlds.point_mass import point_mass
+from worlds.recorded import npz_files, read, recorded_sets
 
 
 def save(folder: Path, name: str = "some", leave_out: tuple[str, ...] = (), **other) -> Path:
@@ -44,11 +44,6 @@ def test_steps_come_in_the_order_of_their_demonstrations(tmp_path):
     assert (half.quality.tolist(), half.people) == ([0.4, 0.3], ("1", "2"))
 
 
-def test_without_a_truth_all_are_good(tmp_path):
-    world = read(save(tmp_path, leave_out=("is_good", "episode_quality", "demonstrator_ids")))
-    assert (world.is_good.tolist(), world.quality.tolist(), world.people) == ([1] * 4, [1.0] * 4, ())
-
-
 def test_sets_with_good_and_bad_ones(tmp_path):
     save(tmp_path, "both")
     save(tmp_path, "all_good", is_good=np.ones(4))
@@ -56,38 +51,6 @@ def test_sets_with_good_and_bad_ones(tmp_path):
     assert [path.stem for path in recorded_sets(tmp_path)] == ["both"]
     with pytest.raises(DataError, match=r"no file other\.npz; found all_good, both, no_truth"):
         npz_files(tmp_path, ["other"])
-
-
-@pytest.mark.parametrize(
-    ("other", "match"),
-    [
-        ({"leave_out": ("actions",)}, r"some\.npz: no array is called 'actions'"),
-        ({"is_good": np.ones(3)}, r"some\.npz: 'is_good' has shape \(3,\) for 4 demonstrations"),
-        ({"demonstrator_ids": np.ones(10)}, r"some\.npz: 'demonstrator_ids' has shape \(10,\) for 4"),
-    ],
-)
-def test_files_that_cannot_be_read_say_so(tmp_path, other, match):
-    with pytest.raises(DataError, match=match):
-        read(save(tmp_path, **other))
-    (tmp_path / "broken.npz").write_text("nothing")
-    with pytest.raises(DataError, match=r"^broken\.npz: it cannot be read"):
-        read(tmp_path / "broken.npz")
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_what_a_change_leaves(tmp_path, change):
-    """The truth follows the demonstrations; all but the changed one, the halved and the rotated keep their states."""
-    path = save(tmp_path, is_good=np.array([1, 0, 0, 1]))
-    before, after = read(path), changed(path, change)
-    ids = np.array(after.demonstrations.ids)
-    first = ids < 4  # higher ones are copies
-    np.testing.assert_array_equal(after.is_good[first], before.is_good[ids[first]])
-    n = {"all twice": 8, "one copied ten times": 14, "a random half": 2}.get(change, 4)
-    assert len(after.is_good) == n
-    if change in ("as it is", "all twice", "one copied ten times", "seed 2"):
-        for (states, actions), (kept, taken) in zip(before.demonstrations, after.demonstrations, strict=False):
-            np.testing.assert_array_equal(states, kept)
-            np.testing.assert_array_equal(actions, taken)
 
 
 def test_changes_by_hand():
@@ -106,16 +69,6 @@ def test_changes_by_hand():
     assert (copied[6:] == states[2]).all()
 
 
-def test_a_world_knows_who_is_good():
-    made = World.of(read_small(), [1, 0])
-    assert made.is_good.dtype.kind == "i"
-    np.testing.assert_array_equal(made.quality, [1.0, 0.0])
-
-
-def read_small():
-    return point_mass("alike", False, (2, 1), 0).demonstrations
-
-
 @pytest.mark.parametrize("discrete", [False, True])
 def test_worlds_of_a_point_mass(discrete):
     bad, again = (point_mass("stuck", discrete, (20, 3), 0) for _ in range(2))
@@ -124,26 +77,3 @@ def test_worlds_of_a_point_mass(discrete):
     assert bad.demonstrations.is_discrete == discrete
     assert point_mass("sessions", discrete, (20, 3), 0).is_good.all()
     assert point_mass("people", discrete, (20, 3), 0).is_good.all()
-
-
-def test_the_normal_operator_arrives_and_the_stuck_one_does_not():
-    ends = {}
-    for name, operator in (("normal", NORMAL), ("stuck", BAD["stuck"])):
-        states, actions = drive(operator, False, np.random.default_rng(3))
-        assert np.abs(actions).max() <= 1
-        ends[name] = np.linalg.norm(states[-1, 4:])
-    assert ends["normal"] < 0.3 < ends["stuck"]
-
-
-@pytest.mark.slow
-def test_the_simulated_grid():
-    from worlds.simulated import grid, of_grid, random_and_shifted
-
-    cells = list(grid())
-    assert len(cells) == 63 + 45
-    world, again = (of_grid("Acrobot-v1", "shift", 75) for _ in range(2))
-    np.testing.assert_array_equal(world.demonstrations.actions, again.demonstrations.actions)
-    assert (world.is_good.sum(), len(world.is_good)) == (10, 40)
-    assert world.is_good[:10].sum() < 10  # the order tells nothing
-    mixed = random_and_shifted("MountainCar-v0", 0)
-    assert (mixed.is_good.sum(), len(mixed.is_good)) == (10, 30)

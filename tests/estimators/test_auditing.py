@@ -63,8 +63,9 @@ def test_it_says_what_the_command_says(folder):
     np.testing.assert_array_equal(of_operators.log_odds, found.log_odds)  # without answers operators change none
 
 
-@pytest.mark.parametrize("maker", [make, make_continuous])
-@pytest.mark.parametrize("settings", [FAST, SMALL], ids=["in memory", "by passes"])
+@pytest.mark.parametrize(
+    ("settings", "maker"), [(FAST, make), (SMALL, make_continuous)], ids=["in memory", "by passes"]
+)
 def test_an_audit_is_that_of_a_fit_and_keeps_no_policy(settings, maker):
     toy, judged, fitted = maker("random", 0, n_good=80, n_bad=40, steps=(20, 60)), [], []
     data = from_tables(from_demonstrations(toy.demonstrations, "arrays"))
@@ -91,20 +92,6 @@ def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
     assert [file["path"] for file in from_file.provenance.files][1:] == [str(tmp_path / "labels.csv")]
     without = audit(folder / "drive.csv", tmp_path / "labels.csv", without=ids[9], **COLUMNS)
     assert without.labelled == ids[:1]
-
-
-def test_demonstrators_come_from_a_file(folder, tmp_path):
-    ids = audit(folder / "drive.csv", **COLUMNS).ids
-    (tmp_path / "who.csv").write_text("id,demonstrator\n" + "".join(f"{m},{m[-1] > '4'}\n" for m in ids))
-    found = audit(folder / "drive.csv", operator=str(tmp_path / "who.csv"), **COLUMNS)
-    assert said(found) == printed(folder / "drive.csv", "--operator", tmp_path / "who.csv")
-
-
-def test_outcomes_are_a_column_or_numbers(folder):
-    by_name = audit(folder / "drive.csv", outcome="-length", **COLUMNS)
-    assert said(by_name) == printed(folder / "drive.csv", "--outcome=-length")
-    numbers = dict(zip(by_name.ids, (-by_name.lengths).tolist(), strict=True))
-    assert said(audit(folder / "drive.csv", outcome=numbers, **COLUMNS)) == said(by_name)
 
 
 def test_it_takes_what_is_in_memory(folder):

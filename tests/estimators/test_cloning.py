@@ -20,11 +20,10 @@ def regression_objective(coef, intercept, columns, actions, sample_weight, C):
     return loss + 0.5 / C * (coef**2).sum()
 
 
-@pytest.mark.parametrize("n_actions", [2, 3, 5])
+@pytest.mark.parametrize("n_actions", [2, 3])
 @pytest.mark.parametrize("features", ["raw", "folded"])
-@pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize(("C", "options"), [(0.01, {}), (100.0, {}), (1e4, {"tol": 1e-12})])
-def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C, options):
+@pytest.mark.parametrize(("C", "options", "weighted"), [(0.01, {}, True), (1e4, {"tol": 1e-12}, False)])
+def test_cloning_agrees_with_scikit_learn(n_actions, features, C, options, weighted):
     toy = make("random", 1, n_actions=n_actions, n_observations=3)
     X = toy.observations * [1.0, 30.0, 0.2] + [0.0, 50.0, -3.0]
     weight = np.random.default_rng(2).gamma(2.0, size=len(X)) if weighted else np.ones(len(X))
@@ -42,11 +41,10 @@ def test_cloning_agrees_with_scikit_learn(n_actions, features, weighted, C, opti
     np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(columns), atol=1e-5)
 
 
-@pytest.mark.parametrize("units", [[1e-6, 1.0, 1e6], [1e-15, 1.0, 1e15]])
 @pytest.mark.parametrize("features", ["raw", "folded", "nystroem"])
-def test_cloning_does_not_depend_on_units(units, features):
+def test_cloning_does_not_depend_on_units(features):
     toy = make("random", 3, n_observations=3)
-    X, Z = toy.observations, toy.observations * units
+    X, Z = toy.observations, toy.observations * [1e-15, 1.0, 1e15]
     plain, scaled = (BehavioralCloning(features).fit(x, toy.actions) for x in (X, Z))
     np.testing.assert_allclose(scaled.predict_log_proba(Z), plain.predict_log_proba(X), rtol=1e-4, atol=1e-6)
 

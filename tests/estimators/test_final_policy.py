@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from problems import curved, told
-from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rpil import RPIL
 from rpil.policies.features import FeatureSettings
 from rpil.policies.selection import choose_features
 from rpil.policies.settings import SelectionSettings
@@ -39,18 +36,3 @@ def test_a_given_ridge_is_kept():
     np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))
     ratio = model.policy_.weights / expected.policy_.weights
     np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature
-
-
-@pytest.mark.slow
-def test_the_trusted_choose_in_rpil_and_twice_the_same():
-    observations, codes, offsets = told(curved, 14)
-    rng = np.random.default_rng(3)
-    bad = np.arange(len(codes)) >= offsets[8]
-    codes = np.where(bad, rng.integers(2, size=len(codes)), codes)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
-    model = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)
-    assert model.audit_.verdicts == ("similar",) * 8 + ("outlier",) * 6
-    assert model.features_.kind == "nystroem"
-    assert any("nystroem" in sentence for sentence in model.audit_.assumptions)
-    again = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)
-    np.testing.assert_array_equal(again.policy_.weights, model.policy_.weights)

@@ -30,10 +30,9 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_part_of_few_values_at_random_teaches_nothing(kind, seed):
-    rng = np.random.default_rng(seed)
+def test_a_part_of_few_values_at_random_teaches_nothing(kind):
+    rng = np.random.default_rng(0)
     seen = rng.normal(size=(N, 4))
     actions = np.stack([rng.uniform(-1, 1, N), KINDS[kind](rng)], axis=1)
     audit = rpil.RPIL().fit(seen, actions, IDS).audit_

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-
 import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
-from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous, two_styles
 from rpil import RPIL, DataError, Settings, load, save
@@ -24,7 +21,7 @@ def few() -> RPIL:
     return RPIL().fit(make("random", 3, n_good=7, n_bad=4, steps=(13, 13)).demonstrations)
 
 
-@pytest.mark.parametrize("names", [*permutations(range(3)), ("right", "left", "none")])
+@pytest.mark.parametrize("names", [(1, 2, 0), ("right", "left", "none")])
 def test_names_of_actions_change_nothing(few, names):
     toy = make("random", 3, n_good=7, n_bad=4, steps=(13, 13))
     renamed = Demonstrations.from_arrays(toy.observations, np.array(names)[toy.actions], toy.offsets)
@@ -33,23 +30,11 @@ def test_names_of_actions_change_nothing(few, names):
     assert (audit.finding, audit.verdicts) == (few.audit_.finding, few.audit_.verdicts)
 
 
-def test_a_good_style_in_few_states_accuses_nobody_and_answers_decide():
-    data, second = two_styles(1, above=1.2)
+def test_a_good_style_in_few_states_accuses_nobody():
+    data, _ = two_styles(1, above=1.2)
     audit = RPIL().fit(data).audit_
     assert "outlier" not in audit.verdicts
     assert np.ptp(audit.log_odds) > 0
-    for style in (second, ~second):
-        known = dict.fromkeys(np.flatnonzero(style)[:3].tolist(), "good")
-        known |= dict.fromkeys(np.flatnonzero(~style)[:3].tolist(), "bad")
-        assert roc_auc_score(style, RPIL().fit(data, labels=known).audit_.log_odds) > 0.95
-
-
-def test_two_styles_that_each_have_a_policy_are_two_groups():
-    data, second = two_styles(0)
-    audit = RPIL().fit(data).audit_
-    assert "outlier" not in audit.verdicts
-    first, other = audit.pair
-    assert second[first] != second[other]
 
 
 def test_log_odds_are_the_sum_of_their_parts():
@@ -62,10 +47,9 @@ def test_log_odds_are_the_sum_of_their_parts():
     assert audit.finding in FINDINGS
 
 
-@pytest.mark.parametrize("large", [1.0, 1e12])
-def test_user_policy_with_repeated_columns(large):
+def test_user_policy_with_repeated_columns():
     toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
-    twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * large
+    twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * 1e12
     audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
     assert set(audit.verdicts) <= {"open", "similar"}
 
@@ -90,8 +74,9 @@ def test_observations_with_infinite_squares_are_refused():
         RPIL().fit(1e300 * toy.observations, toy.actions, groups=toy.groups)
 
 
-@pytest.mark.parametrize("maker", [make, make_continuous])
-@pytest.mark.parametrize("numbers", [[*range(18)], [0] * 10, [17] * 10, [3, 3, 12]])
+@pytest.mark.parametrize(
+    ("maker", "numbers"), [(make, [*range(18)]), (make_continuous, [17] * 10), (make, [3, 3, 12]), (make, [0] * 10)]
+)
 def test_copies_change_no_score_and_no_word_of_the_others(maker, numbers):
     toy = maker("random", 3, n_good=12, n_bad=6)
     every = np.concatenate([np.arange(18), numbers])
@@ -126,29 +111,6 @@ def test_two_groups_list_copies():
     assert [set(group) - {16} for group in found.competing] == [set(group) for group in once.competing]
     assert [16 in group for group in found.competing] == [0 in group for group in once.competing]
     assert any(0 in group for group in once.competing)
-
-
-def test_a_label_holds_for_copies():
-    toy = make("random", 3, n_good=12, n_bad=6)
-    data = with_copies(toy.demonstrations, [*range(18), 0, 17])
-    labels = {"copy 0": "good", "copy 1": "bad", "d1": "good"}
-    audit = RPIL(C=1.0).fit(data, labels=labels).audit_
-    assert audit.labelled == ("d1", "copy 0", "copy 1")
-    assert (audit.verdicts[18], audit.verdicts[19]) == ("good", "bad")
-    assert (audit.verdicts[0], audit.verdicts[17]) == ("good", "bad")
-    np.testing.assert_array_equal(audit.log_odds[[0, 17]], audit.log_odds[[18, 19]])
-    again = RPIL(C=1.0).fit(data).audit_.answered(labels)
-    np.testing.assert_allclose(audit.log_odds, again.log_odds, rtol=1e-9)
-
-
-def test_labels_of_copies_that_contradict_each_other_are_refused():
-    toy = make("random", 3, n_good=12, n_bad=6)
-    data = with_copies(toy.demonstrations, [*range(18), 0])
-    match = "'d0' is labelled good and 'copy 0', a copy of it, bad; change one of the labels"
-    with pytest.raises(DataError, match=match):
-        RPIL(C=1.0).fit(data, labels={"d0": "good", "copy 0": "bad"})
-    with pytest.raises(DataError, match=match):
-        RPIL(C=1.0).fit(data).audit_.answered({"d0": "good", "copy 0": "bad"})
 
 
 def test_no_copy_of_a_suggested_or_labelled_demonstration_is_suggested():

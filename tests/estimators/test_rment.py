@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import ConcentrationSettings, RMEnt, concentrate, fit_selected, search, starts
+from rpil.estimators.rment import RMEnt, concentrate, fit_selected, starts
 from rpil.numerics.blocks import one_hot
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
@@ -20,8 +20,8 @@ from rpil.policies.softmax import SoftmaxPolicy
 TOY = make("random", 0)
 
 
-@pytest.mark.parametrize("kind", ["random", "flipped", "noisy", "continuous"])
-@pytest.mark.parametrize("start", [[0], [11], [3, 9], list(range(12))])
+@pytest.mark.parametrize("kind", ["flipped", "noisy", "continuous"])
+@pytest.mark.parametrize("start", [[11], list(range(12))])
 def test_concentration_lowers_the_objective_to_a_fixed_point(kind, start):
     toy = make_continuous("noisy", 2) if kind == "continuous" else make(kind, 2, n_actions=4)
     problem = toy.problem()
@@ -43,7 +43,7 @@ def test_concentration_changes_a_bad_selection():
     assert found.objective < first.objective - 0.1
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_search_finds_the_best_of_all_subsets(seed):
     toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
     model = RMEnt(n_trusted=4, tol=1e-10).fit(toy.demonstrations)
@@ -63,15 +63,6 @@ def test_search_finds_the_best_of_all_subsets(seed):
     assert tuple(np.flatnonzero(model.weights_)) == best
 
 
-def test_more_starts_find_a_lower_objective():
-    problem = make("flipped", 7, n_actions=4).problem()
-    policy = SoftmaxPolicy.zero(4, ridge(problem))
-    subsets = [starts(12, 6, n_starts, np.random.default_rng(0)) for n_starts in (1, 13, 40)]
-    ends = [search(problem, policy, 6, some, 1e-6, 100, ConcentrationSettings()).objective for some in subsets]
-    assert ends[0] > ends[1] + 0.1  # all demonstrations together are a bad start for two groups of one mind
-    assert ends[1] >= ends[2] - 1e-9
-
-
 def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
     found = starts(5, 3, 10, np.random.default_rng(0))
     assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
@@ -79,8 +70,7 @@ def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
     assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4
 
 
-@pytest.mark.parametrize("features", ["raw", "nystroem"])
-@pytest.mark.parametrize("kind", ["random", "noisy"])
+@pytest.mark.parametrize(("kind", "features"), [("random", "nystroem"), ("noisy", "raw")])
 def test_experts_are_selected_and_their_policy_is_learned(kind, features):
     toy = make(kind, 1, n_good=8, n_bad=8, steps=(40, 60))
     model = RMEnt(n_trusted=8, features=features).fit(toy.demonstrations)
@@ -96,9 +86,8 @@ def test_experts_are_selected_and_their_policy_is_learned(kind, features):
     assert error < 0.3 * np.abs(naive - oracle).mean()
 
 
-@pytest.mark.parametrize("kind", ["random", "noisy", "window"])
-def test_continuous_actions(kind):
-    toy = make_continuous(kind, 1, n_good=8, n_bad=8, steps=(40, 60))
+def test_continuous_actions():
+    toy = make_continuous("window", 1, n_good=8, n_bad=8, steps=(40, 60))
     model = RMEnt(n_trusted=8).fit(toy.demonstrations)
     np.testing.assert_array_equal(model.weights_, toy.is_good)
     assert model.converged_
@@ -159,10 +148,8 @@ def test_warning_without_convergence():
     ("n_trusted", "data", "words"),
     [
         (0, TOY.demonstrations, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a share"),
-        (-1, TOY.demonstrations, "n_trusted=-1"),
         (13, TOY.demonstrations, "n_trusted=13 of 12"),
         (1.5, TOY.demonstrations, "n_trusted=1.5"),
-        (0.0, TOY.demonstrations, "n_trusted=0.0"),
         ("all", TOY.demonstrations, "n_trusted='all'"),
         (1, TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
     ],

@@ -75,7 +75,7 @@ def test_coefficients_give_the_predictions(n_actions):
 
 @pytest.mark.parametrize(
     ("kind", "features"),
-    [("random", "raw"), ("noisy", "raw"), ("window", "raw"), ("noisy", "folded"), ("window", "nystroem")],
+    [("noisy", "raw"), ("random", "folded"), ("window", "nystroem")],
 )
 def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, features):
     toy = make(kind, 1, n_actions=4, n_good=10, n_bad=10, steps=STEPS)
@@ -83,6 +83,9 @@ def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, features)
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
     assert toy.is_judged_right(model.audit_) or kind == "window"
     assert model.audit_.identifiable
+    np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
+    np.testing.assert_array_equal(model.expert_proba_, model.audit_.expert_proba)
+    assert model.audit_.ids == toy.ids
     proba = predicted(model, toy)
     np.testing.assert_allclose(proba.sum(axis=1), 1.0)
     assert (proba >= 0).all()
@@ -92,18 +95,6 @@ def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, features)
         naive = predicted(BehavioralCloning().fit(toy.observations, toy.actions), toy)
         oracle = best_possible(toy)
         assert np.abs(proba - oracle).mean() < 0.3 * np.abs(naive - oracle).mean()
-
-
-def test_fitted_attributes_agree_with_the_audit():
-    toy = make("random", 0, steps=STEPS)
-    model = RPIL().fit(toy.demonstrations)
-    assert toy.is_judged_right(model.audit_)
-    assert model.converged_
-    np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
-    np.testing.assert_array_equal(model.expert_proba_, model.audit_.expert_proba)
-    assert model.audit_.ids == toy.ids
-    assert model.n_features_in_ == 2
-    assert all(sentence.endswith(".") for sentence in model.audit_.assumptions)
 
 
 def test_paper_settings():
@@ -142,17 +133,6 @@ def test_rows_of_a_demonstration_may_be_scattered():
     np.testing.assert_array_equal(interleaved.log_odds_, plain.log_odds_)
 
 
-def test_the_order_of_demonstrations_matters_little_with_a_named_adversary():
-    """It says which are held out together when log-odds are found."""
-    toy = make("random", 0)
-    plain = RPIL(adversary="uniform").fit(toy.demonstrations)
-    other = RPIL(adversary="uniform").fit(toy.demonstrations.select(np.random.default_rng(0).permutation(12)))
-    found = dict(zip(other.audit_.ids, other.log_odds_, strict=True))
-    np.testing.assert_allclose([found[m] for m in plain.audit_.ids], plain.log_odds_, rtol=0.1)
-    verdicts = dict(zip(other.audit_.ids, other.audit_.verdicts, strict=True))
-    assert tuple(verdicts[m] for m in plain.audit_.ids) == plain.audit_.verdicts
-
-
 def test_text_for_actions_and_ids():
     toy = make("random", 0)
     words = np.array(["left", "none", "right"])[toy.actions]
@@ -164,12 +144,6 @@ def test_text_for_actions_and_ids():
     assert text.audit_.ids == tuple(f"trial {m}" for m in range(12))
     np.testing.assert_array_equal(text.log_odds_, numbers.log_odds_)
     assert text.score(toy.observations, words) == numbers.score(toy.observations, toy.actions)
-
-
-def test_actions_that_are_not_0_to_k_minus_1():
-    toy = make("random", 0)
-    model = RPIL(adversary="uniform").fit(toy.observations, toy.actions * 10 - 5, groups=toy.groups)
-    assert set(model.predict(toy.observations)) <= {-5, 5, 15}
 
 
 def test_clone_and_parameters():
@@ -209,38 +183,6 @@ def test_cross_validate_without_groups_is_an_error():
             *arguments, params={"groups": toy.groups}, cv=splits, return_estimator=True, error_score="raise"
         )
     assert [len(fitted.audit_.ids) for fitted in found["estimator"]] == [8, 8, 8]
-
-
-def test_labels():
-    toy = make("shifted", 1, steps=STEPS)
-    blind = RPIL().fit(toy.demonstrations)
-    assert not blind.audit_.identifiable
-    assert set(blind.audit_.verdicts) == {"open"}
-    for to_label, fit in (
-        ((*toy.ids[:3], *toy.ids[6:9]), lambda labels: RPIL(labels=labels).fit(toy.demonstrations)),
-        (
-            (*blind.audit_.pair, *toy.ids[1:3], *toy.ids[8:10]),
-            lambda labels: RPIL().fit(toy.demonstrations, labels=labels),
-        ),
-    ):
-        labels = {name: "good" if toy.is_good[toy.ids.index(name)] else "bad" for name in to_label}
-        told = fit(labels)
-        assert told.audit_.identifiable
-        assert roc_auc_score(toy.is_good, told.log_odds_) == 1.0
-        assert {"good"} <= set(told.audit_.verdicts[:6]) <= {"good", "open"}
-        assert {"bad"} <= set(told.audit_.verdicts[6:]) <= {"bad", "open"}
-        naive = predicted(BehavioralCloning().fit(toy.observations, toy.actions), toy)
-        error, of_naive = (np.abs(found - best_possible(toy)).mean() for found in (predicted(told, toy), naive))
-        assert error < 0.3 * of_naive
-
-
-def test_group_of_the_labelled_good_is_trusted():
-    """Even the shifted half: the data are symmetric."""
-    toy = make("shifted", 2, steps=STEPS)
-    model = RPIL().fit(toy.demonstrations, labels={"d0": "bad", "d1": "bad", "d6": "good", "d7": "good"})
-    assert {"bad"} <= set(model.audit_.verdicts[:6]) <= {"bad", "open"}
-    assert {"good"} <= set(model.audit_.verdicts[6:]) <= {"good", "open"}
-    assert roc_auc_score(~toy.is_good, model.log_odds_) == 1.0
 
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
@@ -301,11 +243,9 @@ def test_settings_of_the_judge_reach_the_scores_of_new_demonstrations():
     changed = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
     for policy in (None, LogisticRegression()):
         model = RPIL(policy=policy).fit(data)
-        before = model.score_demonstrations(data)
+        before, with_usual = model.score_demonstrations(data), model.log_odds_
         assert np.abs(model.set_params(settings=changed).score_demonstrations(data) - before).max() > 0.1
-    lapses = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
-    with_lapses = RPIL(policy=LogisticRegression(), settings=lapses).fit(data)
-    assert np.abs(with_lapses.log_odds_ - RPIL(policy=LogisticRegression()).fit(data).log_odds_).max() > 0.1
+    assert np.abs(model.fit(data).log_odds_ - with_usual).max() > 0.1
 
 
 def test_warning_about_demonstrators_points_at_the_call(recwarn):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute
@@ -11,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import ok
 from problems import make
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
@@ -42,15 +39,6 @@ def rpil_of(recording, **options):
 @pytest.fixture(scope="module")
 def judged(both):
     return rpil_of(rpil.open(both))
-
-
-def test_python_and_the_command_say_the_same(both, judged):
-    found = json.loads(ok("audit", both, "--json", "-q", settings=FAST).stdout)
-    of_command = {row["id"]: row["log_odds"] for row in found["demonstrations"]}
-    of_python = dict(zip(judged.audit_.ids, judged.audit_.log_odds.tolist(), strict=True))
-    assert of_python == of_command
-    assert max(map(abs, of_python.values())) > 1
-    assert judged.audit_.assumptions[0].startswith("Demonstrations are judged within their tasks: left (11:")
 
 
 def test_the_demonstrations_of_all_tasks_have_traces(judged):
@@ -125,18 +113,6 @@ def test_few_demonstrations_are_said_to_be_few(both, n, is_few):
     recording = rpil.open(both, only=f"0-{n - 1}", exclude="task,who")
     notes = rpil_of(recording).audit_.notes
     assert any(f"{n} demonstrations are too few" in note for note in notes) == is_few
-
-
-@pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1)])
-def test_a_label_is_the_word_of_a_demonstration_that_is_alone_in_its_task(both, tmp_path, label, sign):
-    (tmp_path / "labels.csv").write_text(f"id,label\n100,{label}\n")
-    options = both, "--only", "0-10,100", "--labels", tmp_path / "labels.csv", "-q"
-    found = json.loads(ok("audit", *options, "--json", settings=FAST).stdout)
-    row = next(row for row in found["demonstrations"] if row["id"] == 100)
-    assert (row["verdict"], row["label"], row["reason"]) == (label, label, f"Labelled {label}.")
-    assert row["log_odds"] == row["evidence"]["label"] == pytest.approx(sign * 20, abs=15)
-    ok("keep", *options, "-o", tmp_path / "kept.parquet", settings=FAST)
-    assert (100 in pq.read_table(tmp_path / "kept.parquet")["episode_index"].to_pylist()) == (label == "good")
 
 
 def test_a_label_alone_changes_nothing_about_other_tasks(both):

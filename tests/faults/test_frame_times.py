@@ -19,18 +19,6 @@ def times(drop=()):
     return np.concatenate(each)
 
 
-def rules(report):
-    return [(f.rule, f.id, f.last) for f in report.findings]
-
-
-def test_dropped_frames_are_found_with_and_without_a_frame_rate():
-    for fps in (50.0, None):
-        report = check(CLEAN, times=Times(times([(2, 30, 3), (4, 10, 1)]), fps))
-        assert rules(report) == [("dropped frames", 2, 30), ("dropped frames", 4, 10)]
-        assert "3 frames missing" in report.findings[0].sentence
-        assert "20 ms" in report.usual["dropped frames"]
-
-
 def test_the_frame_rate_of_the_user_comes_before_that_of_the_times():
     stamps = times([(2, 30, 3), (4, 10, 1)])
     reports = [check(CLEAN, times=Times(stamps, fps), fps=100.0) for fps in (50.0, None)]

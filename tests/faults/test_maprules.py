@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from recordings import changed, demonstrations, recording
-from rpil.data.demonstrations import Demonstrations
 from rpil.faults import settings
 from rpil.faults.checking import check
 from rpil.faults.rule import Learned
@@ -57,14 +56,6 @@ def test_state_and_action_of_one_step_have_no_lag():
     rng = np.random.default_rng(0)
     report = check(demonstrations([(a + 1e-3 * rng.normal(size=a.shape), a) for _, a in CLEAN]))
     assert report.usual["lag"] == "observation 1 follows action 1 after 0 steps"
-
-
-def test_without_a_state_that_goes_with_an_action_maps_are_not_checked():
-    rng = np.random.default_rng(0)
-    episodes = [(rng.normal(size=(60, 2)), rng.normal(size=(60, 1))) for _ in range(12)]
-    report = check(Demonstrations.from_episodes(episodes))
-    assert report.findings == ()
-    assert {"sign", "frame rate"} <= set(report.not_checked)
 
 
 def test_level_and_columns_that_rest_at_first_are_no_faults():

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from recordings import changed, demonstrations, recording, with_missing
-from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
 
 CLEAN = recording()
@@ -58,10 +56,3 @@ def test_infinite_actions_are_named():
     (found,) = check(damaged).findings
     assert (found.column, found.first, found.sentence) == ("action 2", 3, "action 2 is inf at step 3")
     assert np.isinf(damaged.actions).any()
-
-
-def test_outside_the_check_missing_values_are_refused():
-    from rpil import DataError
-
-    with pytest.raises(DataError, match="nan"):
-        Demonstrations.from_episodes(changed(CLEAN, M, observations=edited(X, 30, 1, np.nan)))

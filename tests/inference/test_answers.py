@@ -235,16 +235,6 @@ def test_labels_of_one_sort_do_not_move_the_share():
     assert with_outcome.rows(channels[:3])[0][:, 0].all()  # an outcome was not chosen for its sort
 
 
-def test_a_pair_turned_round_turns_the_answer_round():
-    channels = np.random.default_rng(1).normal(size=(6, 2))
-    even = replace(SETTINGS, p_agreement=0.5)
-    one, two = (
-        posterior(channels, answers_of(m=6, pairs=pairs), even) for pairs in ([(0, 1), (2, 3)], [(1, 0), (3, 2)])
-    )
-    np.testing.assert_allclose(one.proba(channels), 1 - two.proba(channels), atol=1e-5)
-    assert np.ptp(one.proba(channels)) > 0.05
-
-
 def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():
     copy_of, ids = np.array([0, 1, 0, 1]), ["a", "b", "c", "d"]
     check_copied_labels(Answers.of_labels(np.array([1, -1, 1, 0])), copy_of, ids)

@@ -122,12 +122,6 @@ def test_all_in_the_upper_group_are_no_split():
     assert by_chance(*scored(np.ones(10), discrete=True), None) is None
 
 
-def test_uncertain_demonstrations_are_open():
-    score = SCORE.copy()
-    score[[5, 6]] = 0.51, 0.49  # log-odds of 1 and -1
-    assert claimed(scored(score))[1] == [1, 1, 1, 1, 1, 0, 0, -1, -1, -1]
-
-
 def test_words_begin_at_the_log_odds_of_the_limit_itself():
     limits, log_odds = ClaimSettings(), float(logit(ClaimSettings().min_proba))
     assert log_odds == pytest.approx(np.log(9))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from rpil.inference.answers import Answers, posterior
 from rpil.inference.channels import CHANNELS
@@ -32,18 +31,3 @@ def test_components_count_as_far_as_answers_support_them():
     alone = posterior(columns, Answers.of_labels(labels * good), SETTINGS)
     assert len(alone.mean) == 2 * len(SETTINGS.error_rates)
     np.testing.assert_allclose(alone.mean[:, 1 + len(CHANNELS) : -1], 0.0, atol=1e-3)
-
-
-def test_answers_by_chance_follow_nothing():
-    columns, good = with_components()
-    chance = [
-        posterior(
-            columns, Answers.of_labels(np.where(np.arange(48) < 16, rng.choice([-1, 1], 48), 0)), SETTINGS
-        ).p_nothing
-        for rng in map(np.random.default_rng, range(20))
-    ]
-    true = posterior(columns, Answers.of_labels(np.where(np.arange(48) < 16, 2 * good - 1, 0)), SETTINGS).p_nothing
-    assert np.mean(chance) > 0.25 > 0.01 > true  # 1/4 beforehand
-    assert posterior(columns, Answers.of_labels(np.zeros(48, dtype=int)), SETTINGS).p_nothing == pytest.approx(
-        0.5
-    )  # weak: no components

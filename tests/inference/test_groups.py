@@ -19,18 +19,6 @@ def fitted(score, variance=None, steps=100, **settings) -> Groups:
     return fit_groups(score, variance, np.full(m, steps), GroupSettings(**settings))
 
 
-def test_two_clear_groups_have_their_share_and_means():
-    rng = np.random.default_rng(0)
-    score = np.concatenate([rng.normal(0.0, 0.1, 14), rng.normal(1.0, 0.1, 6)])
-    groups = fitted(score)
-    assert groups.p_two > 0.99
-    np.testing.assert_allclose(groups.mean, [0.0, 1.0], atol=0.1)
-    assert groups.share == pytest.approx(0.3, abs=0.1)
-    log_odds = groups.log_odds(score, np.full(20, 1e-4))
-    assert (log_odds[:14] < -2.2).all()
-    assert (log_odds[14:] > 2.2).all()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("draw", ["normal", "skewed"])
 def test_one_group_is_rarely_taken_for_two(draw):
@@ -39,30 +27,6 @@ def test_one_group_is_rarely_taken_for_two(draw):
         score = rng.normal(size=30) if draw == "normal" else -rng.gamma(4.0, size=30)
         found.append(fitted(score).p_two >= 0.9)
     assert np.mean(found) <= 0.1
-
-
-def test_log_odds_rise_with_the_score():
-    rng = np.random.default_rng(0)
-    for spread in (0.1, 1.0):
-        groups = fitted(np.concatenate([rng.normal(0.0, spread, 10), rng.normal(2.0, 0.1, 10)]))
-        at = np.linspace(-6, 6, 101)
-        assert (np.diff(groups.log_odds(at, np.full(101, 1e-4))) > 0).all()
-
-
-def test_scores_of_one_group_are_ranked_without_certainty():
-    score = np.linspace(0, 1, 40)
-    groups = fitted(score, np.full(40, 1e-6))
-    assert groups.p_two < 0.5
-    proba = 1 / (1 + np.exp(-groups.log_odds(score, np.full(40, 1e-6))))
-    assert (np.diff(proba) > 0).all()
-    assert proba[0] > 0.1
-    assert proba[-1] < 0.9
-
-
-def test_one_group_is_at_least_as_likely_as_a_normal():
-    score = np.random.default_rng(0).normal(size=50)
-    normal = -0.5 * (np.log(2 * np.pi * score.var()) + 1) * 50
-    assert normal <= one_group(score, np.full(50, 1e-9)) < normal + 5
 
 
 def best_two_piece_normal(score, variance):
@@ -80,8 +44,7 @@ def best_two_piece_normal(score, variance):
 
 
 @pytest.mark.parametrize("kind", ["normal", "skewed", "heavy tails", "two groups", "one spike"])
-@pytest.mark.parametrize("noise", [1e-3, 0.3])
-def test_one_group_finds_the_best_mode_and_spreads(kind, noise):
+def test_one_group_finds_the_best_mode_and_spreads(kind):
     rng = np.random.default_rng(3)
     score = {
         "normal": rng.normal(size=40),
@@ -90,7 +53,7 @@ def test_one_group_finds_the_best_mode_and_spreads(kind, noise):
         "two groups": np.concatenate([rng.normal(size=25), 6 + rng.normal(size=15)]),
         "one spike": np.concatenate([rng.normal(size=20), 3 + 0.05 * rng.normal(size=20)]),
     }[kind]
-    variance = noise * score.var() * rng.gamma(2, size=40)
+    variance = 0.3 * score.var() * rng.gamma(2, size=40)
     found = one_group(score, variance)
     assert found >= best_two_piece_normal(score, variance) - 1e-9
     assert one_group(1e3 * score + 7, 1e6 * variance) == pytest.approx(found - 40 * np.log(1e3), abs=1e-4)

@@ -74,20 +74,6 @@ def world(seed):
     return toy, data, ["Ann"] * 8 + ["{Bob}"] * 8, ["Ann", "Bob"] * 8
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_operators_without_answers_change_no_log_odds(seed):
-    toy, data, one, several = world(seed)
-    alone, doubtful, mixed = (RPIL().fit(data, demonstrators=who).audit_ for who in (None, one, several))
-    np.testing.assert_array_equal(alone.log_odds, doubtful.log_odds)
-    np.testing.assert_array_equal(alone.log_odds, mixed.log_odds)
-    assert alone.verdicts == mixed.verdicts == tuple(np.where(toy.is_good, "similar", "outlier"))
-    assert doubtful.finding == "in doubt"
-    assert set(doubtful.verdicts) == {"open"}
-    assert doubtful.doubts[0].startswith("All low scores are of one operator, {Bob}: perhaps a style")
-    assert [who.trust for who in doubtful.demonstrators] == [None, None]
-    assert doubtful.question
-
-
 def test_operators_are_known_where_demonstrations_are_copies():
     toy, _, one, _ = world(0)
     rows = np.arange(toy.offsets[0], toy.offsets[1])

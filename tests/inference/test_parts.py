@@ -57,10 +57,6 @@ def test_a_gripper_is_judged_in_any_unit(size):
     assert judged(moving(), moving(3), gripper(size), moving(4, size=1e-4 * size)) == [True] * 4
 
 
-def test_all_are_judged_if_all_rest():
-    assert judged(parked(np.zeros(10)), parked(np.arange(10.0))) == [True, True]
-
-
 def data_of(actions, judged=None):
     space = Box.around(actions)
     return FitData(np.ones((len(actions), 1)), actions, OFFSETS, space, np.zeros(10, dtype=int), judged=judged)
@@ -103,14 +99,3 @@ def test_a_part_that_moves_in_a_few_demonstrations_alone_tells_them_from_the_oth
         part[begin : begin + 8] = 1.0
     found = RPIL().fit(toy.observations, np.hstack([toy.actions, part]), toy.groups)
     assert set(np.argsort(found.log_odds_)[:8]) == set(few)
-
-
-def test_a_parked_arm_accuses_nobody():
-    toy = make_continuous("none", 0, steps=(40, 60))
-    n = len(toy.offsets) - 1
-    session = np.where(np.arange(n) % 3 == 0, 1.0, 0.0)
-    arm = np.repeat(session, np.diff(toy.offsets))[:, None] * np.ones(3)
-    plain = RPIL().fit(toy.observations, toy.actions, toy.groups)
-    beside = RPIL().fit(toy.observations, np.hstack([toy.actions, arm]), toy.groups)
-    np.testing.assert_allclose(beside.log_odds_, plain.log_odds_, atol=1e-6)
-    assert beside.predict(toy.observations).shape[1] == toy.actions.shape[1] + 3  # the policy knows the arm

@@ -86,8 +86,8 @@ def test_a_policy_that_explains_each_step_shares_its_gain_without_lapses():
         *[(0.2, 0.1, False), (0.2, 0.3, True), (1.0, 1.0, False)],
     ],
 )
-@pytest.mark.parametrize("own", [0.2, 1.0])
-def test_a_rival_shares_less_than_half_of_its_gain_with_the_upper_group(own, shared, limit, is_rival):
+def test_a_rival_shares_less_than_half_of_its_gain_with_the_upper_group(shared, limit, is_rival):
+    own = 0.2
     of_policies = policies([2.0] * 4 + [-1.0] * 4, LOWER * own)
     found, model = looked(of_policies, at=lambda group: np.full(8, shared * own), max_shared_gain=limit)
     assert found.is_rival is is_rival

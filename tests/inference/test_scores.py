@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from hand_made import Written, reference, same_actions
-from problems import fit_data_of, make, make_continuous
-from rpil import RPIL
+from problems import fit_data_of, make_continuous
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model, indicators, log_reference
-from rpil.inference.parts import ActionScale
 from rpil.inference.scores import Scoring, mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trimming import TrimmedFit, fit_group
@@ -84,25 +82,6 @@ def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predi
     assert scoring.score(fit).state_predicts_action is predicts
 
 
-def test_other_folds_are_dealt_by_policies_that_have_some():
-    data = same_actions(4)
-    assert Written(data, lambda group: GAINS, SETTINGS).dealt_again(1) is None
-    problem = fit_data_of(make("random", 0))
-    model = held_out_model(problem, 0, HeldOutSettings())
-    assert (model.dealt_again(1).fold != model.fold).any()
-
-
-def test_indicators_are_the_actions_as_the_policy_sees_them():
-    problem = fit_data_of(make("random", 0))
-    found = indicators(problem)
-    np.testing.assert_array_equal(found.argmax(axis=1), problem.actions)
-    assert found.shape == (len(problem.actions), 3)
-    assert set(found.ravel()) == {0.0, 1.0}
-    continuous = fit_data_of(make_continuous("random", 0))
-    scaled = indicators(continuous)
-    np.testing.assert_array_equal(scaled, ActionScale.of(continuous)(continuous.actions))
-
-
 def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     problem = fit_data_of(make_continuous("none", 0, steps=(40, 60)))
     weak = problem.per_step(np.arange(problem.n_demonstrations) == 2)
@@ -117,23 +96,3 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     explained = problem.mean_steps(scores.fit.log_prob)
     np.testing.assert_allclose(scores.score, explained - scoring.monotony)
     assert scores.score.argmin() == 2
-
-
-@pytest.mark.parametrize("seed", [3, 8])
-def test_weak_noisy_actions_beside_full_ones_are_not_the_most_typical(seed):
-    """Swings of a pendulum at full torque, as every fifth one is not: a linear policy has wide errors."""
-    rng = np.random.default_rng(seed)
-    observations, actions, is_bad = [], [], np.arange(30) % 5 == 4
-    for bad in is_bad:
-        angle, speed = rng.uniform(-np.pi, np.pi), rng.uniform(-1, 1)
-        for _ in range(100):
-            x = (angle + np.pi) % (2 * np.pi) - np.pi
-            u = -10 * x - 2.5 * speed if abs(x) < 0.8 else 2 * np.sign(speed if abs(speed) > 0.1 else 1)
-            u = np.clip(u * (-0.3 if bad else 1) + (1.0 if bad else 0.05) * rng.normal(), -2, 2)
-            observations.append((np.cos(angle), np.sin(angle), speed))
-            actions.append([u])
-            speed = np.clip(speed + (15 * np.sin(angle) + 3 * u) * 0.05, -8, 8)
-            angle += speed * 0.05
-    model = RPIL().fit(np.array(observations), np.array(actions), np.repeat(np.arange(30), 100))
-    rank = np.argsort(np.argsort(model.log_odds_)) / 29
-    assert rank[is_bad].mean() < 0.5

@@ -36,7 +36,7 @@ def test_neither_of_a_tie_is_the_first():
     np.testing.assert_allclose(log_odds([(8, 0)], [(7, 1)]), log_odds([(0, 8)], [(7, 1)]), atol=1e-5)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(3))
 def test_ties_alone_never_turn_the_direction(seed):
     """They are as probable by -w as by w, and the prior prefers one of the two."""
     rng = np.random.default_rng(seed)
@@ -48,7 +48,7 @@ def test_ties_alone_never_turn_the_direction(seed):
     np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-4)  # nothing is said of the share of good ones
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(2))
 def test_ties_alone_give_no_word_and_turn_no_ranking(seed):
     rng = np.random.default_rng(seed)
     tied, claimed = [rng.choice(12, 2, replace=False) for _ in range(1 + 2 * seed)], np.repeat([-1, 0, 1], 4)

@@ -2,41 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from sklearn.metrics import roc_auc_score
 
 from hand_made import Written, same_actions
-from problems import fit_data_of, make
-from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
-from rpil.inference.held_out import held_out_model
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, TrimmingSettings
+from rpil.inference.settings import JudgeSettings, TrimmingSettings
 from rpil.inference.trimming import choose_ridge, fit_group, fit_trimmed
 
-STEPS = (40, 60)
 EVERYONE = np.ones(6, dtype=bool)
 
 
 def written(gains):
     data = same_actions(6)
     return data, Written(data, gains, JudgeSettings())
-
-
-def test_training_group_is_the_best_explained():
-    toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS)
-    problem = fit_data_of(toy)
-    taught = fit_trimmed(
-        problem, held_out_model(problem, 0, HeldOutSettings()), np.ones(20, dtype=bool), 1e-2, TrimmingSettings()
-    )
-    score = problem.mean_steps(taught.log_prob)
-    assert roc_auc_score(toy.is_good, score) == 1.0
-    assert taught.group.sum() == 12
-    assert taught.group[toy.is_good].all()
-    assert taught.history[-1] > taught.history[0]
 
 
 def test_best_explained_are_the_first_of_equals():
@@ -108,12 +88,3 @@ def test_ridge_is_that_of_the_median_demonstration_of_the_group(monkeypatch):
     monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [1] * 6, 0.01: [2] * 6})
     assert ridge_of(EVERYONE) == (0.01, [1.0, 0.1, 0.01])
     assert choose_ridge(*written(lambda group: 0.0), EVERYONE) == 0.0
-
-
-def test_choose_ridge_takes_a_strong_one_for_noise():
-    rng = np.random.default_rng(0)
-    features = np.column_stack([rng.normal(size=(400, 100)), np.ones(400)])
-    noise = FitData(features, rng.integers(4, size=400), np.arange(21) * 20, Discrete(4), np.zeros(20, dtype=int))
-    assert choose_ridge(noise, held_out_model(noise, 0, HeldOutSettings()), np.ones(20, dtype=bool)) == 1e-1
-    clear = replace(noise, actions=(features[:, 0] > 0).astype(int))
-    assert choose_ridge(clear, held_out_model(clear, 0, HeldOutSettings()), np.ones(20, dtype=bool)) < 1e-1

@@ -42,12 +42,9 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
     [
         (NEIGHBOURS, NO_WEIGHT),
         (make_pipeline(StandardScaler(), NEIGHBOURS), NO_WEIGHT),
-        (GridSearchCV(NEIGHBOURS, {"n_neighbors": [1, 2]}), NO_WEIGHT),
         (GridSearchCV(make_pipeline(StandardScaler(), NEIGHBOURS), {}), NO_WEIGHT),
-        (make_pipeline(StandardScaler(), GridSearchCV(NEIGHBOURS, {})), NO_WEIGHT),
         (RIDGE, "The policy RidgeClassifier has no predict_proba; give one that has"),
         (make_pipeline(StandardScaler(), RIDGE), "The policy Pipeline has no predict_proba; give one that has"),
-        (GridSearchCV(RIDGE, {}), "The policy GridSearchCV has no predict_proba; give one that has"),
         (LogisticRegression, "The policy is the class LogisticRegression, no scikit-learn estimator; give one"),
         ("forest", "The policy is a str, no scikit-learn estimator; give one such as HistGradient"),
     ],

@@ -18,11 +18,11 @@ def test_fold_of_a_demonstration_does_not_depend_on_the_order():
         np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
 
 
-@pytest.mark.parametrize("renamed", [list(names) for names in permutations(range(3))])
-def test_fold_of_a_demonstration_does_not_depend_on_names_of_actions(renamed):
+def test_fold_of_a_demonstration_does_not_depend_on_names_of_actions():
     problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
-    other = replace(problem, actions=np.array(renamed)[problem.actions])
-    np.testing.assert_array_equal(deal(other, 5, 0), deal(problem, 5, 0))
+    for renamed in permutations(range(3)):
+        other = replace(problem, actions=np.array(renamed)[problem.actions])
+        np.testing.assert_array_equal(deal(other, 5, 0), deal(problem, 5, 0))
 
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
@@ -98,8 +98,9 @@ def with_copies(problem, numbers):
     return problem.select(every[order]), every[order]
 
 
-@pytest.mark.parametrize("maker", [make, make_continuous])
-@pytest.mark.parametrize("numbers", [[0], [0] * 9, [*range(20)], [1, 1, 4, 4, 4, 7]])
+@pytest.mark.parametrize(
+    ("maker", "numbers"), [(make, [0] * 9), (make_continuous, [*range(20)]), (make, [1, 1, 4, 4, 4, 7])]
+)
 def test_copies_of_a_demonstration_are_in_its_fold_and_folds_stay_balanced(maker, numbers):
     problem = fit_data_of(maker("noisy", 1, n_good=12, n_bad=8))
     data, originals = with_copies(problem, numbers)
@@ -132,12 +133,3 @@ def test_nothing_but_copies_is_dealt_into_all_folds():
     problem = fit_data_of(make("noisy", 1))
     data = problem.select(np.zeros(10, dtype=int))
     np.testing.assert_array_equal(np.bincount(deal(data, 5, 0)), [2] * 5)
-
-
-@pytest.mark.parametrize(
-    ("maker", "expected"),
-    [(make, "211300203231"), (make_continuous, "130300211223")],
-)
-def test_without_copies_folds_are_those_of_version_0_1(maker, expected):
-    fold = deal(fit_data_of(maker("noisy", 1, n_good=6, n_bad=6)), 4, 0)
-    assert "".join(map(str, fold)) == expected

@@ -31,15 +31,14 @@ def wavy(o):
 
 
 @pytest.mark.parametrize(("rule", "kind"), [(folded, "folded"), (curved, "nystroem"), (wavy, "nystroem")])
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kind, seed):
-    observations, codes, offsets = told(rule, seed=seed)
+def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kind):
+    observations, codes, offsets = told(rule)
     found = choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2))
     assert found.kind == kind
     assert found.ridge in SelectionSettings.ridges
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_straight_rule_is_followed_whichever_kind_is_chosen(seed):
     """All kinds can, so that chance decides between them; what must not happen is that decisions get worse."""
     observations, codes, offsets = told(straight, seed=seed)
@@ -68,12 +67,6 @@ def test_a_demonstration_like_no_other_does_not_choose():
     assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "nystroem"
 
 
-@pytest.mark.parametrize("n_demonstrations", [1, 2, 3])
-def test_few_demonstrations_are_enough(n_demonstrations):
-    observations, codes, offsets = told(curved, n_demonstrations, 300)
-    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "nystroem"
-
-
 def test_steps_far_off_do_not_teach_which_numbers_are_due():
     """Coefficients of the clean steps, where a tenth of the actions is many times too large."""
     rng = np.random.default_rng(0)
@@ -86,7 +79,9 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
     assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
 
 
-def test_few_steps_are_enough():
+def test_few_demonstrations_and_steps_are_enough():
+    observations, codes, offsets = told(curved, 1, 300)
+    assert choose(observations, codes, offsets, np.ones(len(codes)), Discrete(2)).kind == "nystroem"
     found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]), np.ones(6), Discrete(2))
     assert isinstance(found, FeatureChoice)
 

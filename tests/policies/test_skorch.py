@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 from sklearn.metrics import r2_score, roc_auc_score
 
 from problems import refused
@@ -30,15 +29,6 @@ def test_a_network_that_takes_no_weights_is_refused_before_any_work(monkeypatch)
         RPIL(policy=bare).fit(networks.classes(0)[0])
 
 
-def test_a_network_learns_from_steps_by_their_weight():
-    """Two demonstrators contradict each other: the weights say whom to believe."""
-    data, _ = networks.classes(0, n_bad=0)
-    odd = np.arange(len(data.actions)) // 40 % 2 == 1
-    actions = np.where(odd, data.actions, 2 - data.actions)
-    policy = networks.network(data).fit(data.observations, actions, classifier__sample_weight=odd.astype(float))
-    assert networks.right(policy, data) > 0.9
-
-
 def test_classes():
     data, good = networks.classes(0)
     policy = networks.network(data)
@@ -57,13 +47,6 @@ def test_numbers():
     assert r2_score(networks.wave(x), model.predict(x)) > 0.9
 
 
-def test_one_number():
-    data, _ = networks.numbers(0, n_bad=0)
-    data = networks.Demonstrations(data.observations, data.actions[:, :1], data.offsets)
-    model = RPIL(policy=networks.network(data)).fit(data)
-    assert r2_score(data.actions, model.predict(data.observations)) > 0.9
-
-
 def test_a_network_memorises_bad_data_only_in_sample():
     """Eighteen useless observations are enough to remember every single step by."""
     data, good = networks.classes(0, n_idle=18)
@@ -74,14 +57,3 @@ def test_a_network_memorises_bad_data_only_in_sample():
     assert (fitted.predict(data.observations) == data.actions)[bad].mean() > 0.9
     log_odds = RPIL(policy=networks.network(data)).fit(data).audit_.log_odds
     assert roc_auc_score(good, log_odds) > 0.99
-
-
-def test_copies_of_a_network_begin_alike():
-    data, _ = networks.classes(0, n=6, n_bad=2)
-    policy = networks.network(data)
-    everyone = {"classifier__sample_weight": np.ones(len(data.actions))}
-    first, second = (clone(policy).fit(data.observations, data.actions, **everyone) for _ in range(2))
-    proba = first.predict_proba(data.observations)
-    again = first.fit(data.observations, data.actions, **everyone)
-    for one in (second, again):
-        np.testing.assert_array_equal(one.predict_proba(data.observations), proba)

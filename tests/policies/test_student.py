@@ -59,8 +59,7 @@ def objective(policy: StudentPolicy, problem: FitData, weight: NDArray) -> float
 # ---- the density -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("freedom", [1.0, 5.0, 100.0])
-@pytest.mark.parametrize("n_parts", [1, 2, 4])
+@pytest.mark.parametrize(("n_parts", "freedom"), [(1, 5.0), (2, 1.0), (4, 100.0)])
 def test_it_is_students_density(n_parts, freedom):
     policy = some_policy(n_parts, freedom)
     features, actions = some_steps(20, n_parts)
@@ -135,32 +134,8 @@ def test_it_ends_where_no_direction_is_better():
         assert objective(replace(policy, freedom=float(freedom)), problem, weight) <= best + 1e-9
 
 
-def test_it_recovers_what_made_the_steps():
-    toy = make_continuous("none", 3, n_good=40, n_bad=0, steps=(100, 100), noise=0.3)
-    problem = toy.problem()
-    policy, outputs = StudentPolicy.zero(toy.space, np.zeros(4), 4000).fit(problem, np.ones(4000))
-    truth = toy.observations @ toy.weights[:-1] + toy.weights[-1]
-    assert np.abs(outputs - truth).mean() < 0.01
-    least = np.diag((0.01 * (toy.space.high - toy.space.low)) ** 2)
-    np.testing.assert_allclose(policy.cholesky @ policy.cholesky.T, 0.09 * np.eye(2) + least, atol=0.01)
-    assert policy.freedom >= 30.0  # the noise is Gaussian
-
-
-def test_it_recovers_how_heavy_the_tails_are():
-    rng = np.random.default_rng(0)
-    features, _ = some_steps(20_000, 1)
-    actions = features @ np.array([[1.0], [-2.0], [0.5]]) + 0.4 * rng.standard_t(3.0, size=(20_000, 1))
-    problem = FitData.from_steps(features, actions, Box.around(actions))
-    start = StudentPolicy.zero(Box(np.array([-10.0]), np.array([10.0])), np.zeros(3), 1.0)
-    policy, _ = start.fit(problem, np.ones(20_000), tol=1e-9)
-    np.testing.assert_allclose(policy.weights[:, 0], [1.0, -2.0, 0.5], atol=0.02)
-    assert policy.freedom == 3.0
-    assert policy.cholesky[0, 0] == pytest.approx(0.4, abs=0.02)
-
-
-@pytest.mark.parametrize("n_parts", [1, 3])
-def test_a_tenth_of_gross_outliers_does_not_move_it(n_parts):
-    toy = make_continuous("none", 4, n_parts=n_parts, n_good=20, n_bad=0, steps=(100, 100))
+def test_a_tenth_of_gross_outliers_does_not_move_it():
+    toy = make_continuous("none", 4, n_parts=3, n_good=20, n_bad=0, steps=(100, 100))
     clean = toy.problem()
     rng = np.random.default_rng(0)
     actions, far = toy.actions.copy(), rng.random(len(toy.actions)) < 0.1
@@ -186,14 +161,6 @@ def test_a_part_that_never_moves_is_predicted_and_no_more():
     assert spread == pytest.approx(0.01, rel=0.3)
 
 
-def test_no_policy_is_surer_than_a_hundredth_of_the_box():
-    toy = make_continuous("none", 0, n_bad=0, noise=0.0)
-    problem = toy.problem()
-    policy, _ = zero(problem).fit(problem, np.ones(len(problem.actions)), max_iter=1000)
-    spread = np.sqrt(np.diag(policy.cholesky @ policy.cholesky.T))
-    assert (spread > 0.009 * (problem.space.high - problem.space.low)).all()
-
-
 def test_a_weight_of_two_is_a_step_taken_twice_and_one_of_zero_is_none():
     problem = ZOO["noisy"].problem()
     times = np.where(problem.actions[:, 0] > np.median(problem.actions[:, 0]), 2, 0)
@@ -212,25 +179,6 @@ def test_nobody_to_learn_from_leaves_a_policy_with_a_finite_density():
     assert np.isfinite(outputs).all()
     assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()
     assert np.isfinite(policy.penalty())
-
-
-@pytest.mark.slow
-def test_units_of_the_actions_do_not_matter():
-    toy = make_continuous("noisy", 0)
-    problem = toy.problem()
-    unit, shift = np.array([1e-4, 30.0]), np.array([5.0, -100.0])
-    other = replace(
-        problem,
-        actions=problem.actions * unit + shift,
-        space=Box(problem.space.low * unit + shift, problem.space.high * unit + shift),
-    )
-    ones = np.ones(len(problem.actions))
-    (one, outputs), (two, others) = (zero(p).fit(p, ones) for p in (problem, other))
-    np.testing.assert_allclose((others - shift) / unit, outputs, atol=1e-6)
-    assert one.freedom == two.freedom
-    np.testing.assert_allclose(
-        two.log_prob(others, other.actions) + np.log(unit).sum(), one.log_prob(outputs, problem.actions), atol=1e-6
-    )
 
 
 def test_single_precision_costs_precision_and_nothing_else():
@@ -252,8 +200,3 @@ def test_columns_that_are_no_columns_are_survived():
     )
     np.testing.assert_allclose(outputs, expected.outputs(features[:, 1:]), atol=1e-4)
     assert np.isfinite(policy.weights).all()
-
-
-def test_it_cannot_be_made_surer():
-    policy = some_policy(2)
-    assert policy.with_temperature(3.0) is policy

@@ -89,12 +89,11 @@ def test_adversaries_of_continuous_actions_have_no_intended_action(name):
     assert found.intended_action_proba(outputs, PROBLEM.actions) is None
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", NAMES)
-def test_fit_never_lowers_the_objective(name, seed):
-    for which, toy in continuous_zoo(seed).items():
+def test_fit_never_lowers_the_objective(name):
+    for which, toy in continuous_zoo(0).items():
         problem = toy.problem()
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)
         outputs = rng.normal(size=problem.actions.shape)
         weight = rng.gamma(0.2, size=len(problem.actions)) * (rng.random(len(problem.actions)) < 0.8)
 
