@@ -111,15 +111,6 @@ def test_losses_are_counted_and_named():
     assert not any(line.startswith(("| oracle", "| all")) for line in lines)
 
 
-def test_cells_of_several_files_count_once(tmp_path, capsys):
-    first, second = tmp_path / "first.jsonl", tmp_path / "second.jsonl"
-    first.write_text(json.dumps(cell(ALL, 0.5)) + "\n")
-    second.write_text(json.dumps(cell(ALL, 0.7)) + "\n" + json.dumps(cell(ALL, 0.9, 1)) + "\n")
-    assert [row["success"] for row in policy_value.read(first, second)] == [0.5, 0.9]
-    assert policy_value.main(["--report", "--out", str(first), str(second)]) == 0
-    assert "| all | 70.0 |" in capsys.readouterr().out
-
-
 def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
     def added(out, worlds, cells):
         with out.open("a") as file:

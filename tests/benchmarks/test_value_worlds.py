@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import policy_value
-from value import cells, pushing, stored
+from value import cells, pushing
 from value.rules import ALL, RULES, Judged, weights_of
 from value.worlds import DISC_TASKS, OLDER_TASKS, TASKS, family, make_world
 
@@ -28,18 +28,6 @@ def test_a_mixture_has_its_share_of_others(task):
         assert world.success[m] or not pushing.DRIVERS[kind].must_succeed
     again = make_world(task, 24, 0.25, 3)
     np.testing.assert_array_equal(again.demonstrations.actions, world.demonstrations.actions)
-
-
-def test_a_world_that_was_kept_is_the_same(tmp_path, monkeypatch):
-    world = stored.recorded_world(tmp_path / "worlds", "disc careless", 10, 0.5, 1)
-    monkeypatch.setattr(stored, "make_world", None)  # the second time it is read
-    again = stored.recorded_world(tmp_path / "worlds", "disc careless", 10, 0.5, 1)
-    assert [path.name for path in (tmp_path / "worlds").iterdir()] == ["disc-careless_10_0.5_1.npz"]
-    for name in ("observations", "actions", "offsets"):
-        np.testing.assert_array_equal(getattr(again.demonstrations, name), getattr(world.demonstrations, name))
-    np.testing.assert_array_equal(again.is_good, world.is_good)
-    np.testing.assert_array_equal(again.success, world.success)
-    assert again.kinds == world.kinds
 
 
 def test_weights_that_are_equal_but_for_rounding_share_a_policy(monkeypatch):

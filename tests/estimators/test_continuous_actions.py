@@ -16,7 +16,6 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
-from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.simulation.simulate import simulate
 from small import FAST
 
@@ -81,16 +80,6 @@ def test_expert_with_a_policy_in_two_parts_is_one_expert():
     verdicts = np.array(model.audit_.verdicts)
     assert (verdicts[made.is_good == 0] == "outlier").all()
     assert not (verdicts[made.is_good == 1] == "outlier").any()
-
-
-@pytest.mark.parametrize("which", ADVERSARIES["continuous"])
-def test_every_named_adversary_of_continuous_actions(which):
-    toy = make_continuous("random", 0, **MANY)
-    model = RPIL(adversary=which).fit(toy.demonstrations)
-    assert model.audit_.adversary == which
-    assert np.isfinite(model.log_odds_).all()
-    if which != "own policy":  # which may be either's
-        assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
 
 
 def test_constant_part_of_an_action_and_no_noise():

@@ -10,7 +10,7 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from problems import make, make_continuous
-from rpil import Settings, load, save
+from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators import passes
 from rpil.results.vocabulary import SIDES
@@ -160,14 +160,3 @@ def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn)
     assert not (words[toy.is_good] == "bad").any()
     assert not (words[~toy.is_good] == "good").any()
     assert not [w for w in recwarn if w.category is RuntimeWarning]
-
-
-def test_fit_of_large_data_is_saved(tmp_path):
-    _, data = demonstrations()
-    model = small_rpil().fit(data)
-    save(model, tmp_path / "policy")
-    back = load(tmp_path / "policy")
-    np.testing.assert_array_equal(back.audit_.step_weight, model.audit_.step_weight)
-    np.testing.assert_array_equal(back.predict_proba(data.observations), model.predict_proba(data.observations))
-    np.testing.assert_array_equal(back.score_demonstrations(data), model.score_demonstrations(data))
-    assert back.audit_.suggest_labels(2) == model.audit_.suggest_labels(2)

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 from archives import LOST, mountain_car, npy, refused, rewrite
@@ -8,7 +7,6 @@ from problems import make, make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, Settings, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
-from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.results.settings import AuditSettings
 from small import mixture as mixture_settings
 
@@ -163,36 +161,6 @@ def test_save_refuses_other_and_unfitted_estimators(tmp_path):
     ):
         save(LogisticRegression(), tmp_path / "p")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    "estimator",
-    [
-        RPIL("nystroem", action_box=([-50.0, -40.0], 60.0)),
-        BehavioralCloning(),
-        RMEnt(),
-        *(RPIL(adversary=which) for which in ADVERSARIES["continuous"]),
-    ],
-    ids=lambda e: f"{type(e).__name__} {getattr(e, 'adversary', '')}",
-)
-def test_continuous_models_come_back_bit_for_bit(estimator, tmp_path):
-    toy = make_continuous("noisy", 0)
-    model = clone(estimator).fit(toy.demonstrations)
-    save(model, tmp_path / "p")
-    loaded = load(tmp_path / "p")
-    np.testing.assert_array_equal(loaded.predict(toy.observations), model.predict(toy.observations))
-    np.testing.assert_array_equal(
-        loaded.log_prob(toy.observations, toy.actions), model.log_prob(toy.observations, toy.actions)
-    )
-    assert len(loaded.classes_) == 0
-    np.testing.assert_array_equal(loaded.space_.high, model.space_.high)
-    if isinstance(model, RPIL):
-        data = toy.demonstrations
-        np.testing.assert_equal(loaded.action_box, model.action_box)
-        np.testing.assert_array_equal(loaded.score_demonstrations(data), model.score_demonstrations(data))
-        assert loaded.audit_.to_dict() == model.audit_.to_dict()
-    save(loaded, tmp_path / "again")
-    assert (tmp_path / "again").read_bytes() == (tmp_path / "p").read_bytes()
 
 
 def test_that_rows_are_demonstrations_is_kept(tmp_path):

@@ -113,17 +113,6 @@ def test_two_groups_list_copies():
     assert any(0 in group for group in once.competing)
 
 
-def test_no_copy_of_a_suggested_or_labelled_demonstration_is_suggested():
-    toy = make("random", 3, n_good=12, n_bad=6)
-    audit = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), *range(18)])).audit_
-    suggested = audit.suggest_labels(36)
-    assert len({audit.copy_of[audit.index(name)] for name in suggested}) == len(suggested) == 18
-    assert audit.answered(pairs=[("d0", "copy 0")]) is audit
-    left = audit.answered({"copy 5": "good", "d17": "bad"}).suggest_labels(36)
-    assert len(left) == 16
-    assert not {"d5", "copy 5", "d17", "copy 17"} & {*left}
-
-
 @pytest.mark.parametrize("policy", [None, "own"])
 def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
     toy = make_continuous("random", 3, n_good=1, n_bad=1)

@@ -119,13 +119,6 @@ def test_minus_infinite_log_prob_lowers_log_odds():
     assert roc_auc_score(TOY.is_good, found.audit.log_odds) == 1.0
 
 
-def test_progress():
-    said = []
-    reweight(Linear(), TOY.demonstrations, log_prob=log_prob, train=train, max_rounds=2, progress=said.append)
-    assert said[:4] == ["ridge", "fitting the training group", "round 1", "round 2"]
-    assert said[-1].startswith("training the policy: ")
-
-
 def nan_after_training(policy, observations, actions):
     found = log_prob(policy, observations, actions)
     found[3] = np.nan if policy.trained else found[3]

@@ -248,6 +248,17 @@ def test_settings_of_the_judge_reach_the_scores_of_new_demonstrations():
     assert np.abs(model.fit(data).log_odds_ - with_usual).max() > 0.1
 
 
+def test_uninformative_demonstrators_change_no_bit():
+    data, model = make("random", 0).demonstrations, RPIL(settings=FAST)
+    alone = model.fit(data).log_odds_
+    for useless, said in ((["Ann"] * 12, "One demonstrator"), (range(12), "No demonstrator gave two")):
+        with pytest.warns(UserWarning, match=said):
+            model.fit(data, demonstrators=useless)
+        np.testing.assert_array_equal(model.log_odds_, alone)
+        assert model.audit_.demonstrators == ()
+        assert any(said in sentence for sentence in model.audit_.assumptions)
+
+
 def test_warning_about_demonstrators_points_at_the_call(recwarn):
     data = make("random", 0).demonstrations
     RPIL().fit(data, demonstrators=["a"] * len(data))

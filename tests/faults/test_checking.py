@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 import rpil
-from recordings import changed, demonstrations, recording
+from recordings import changed, demonstrations, recording, with_missing
 from rpil import Demonstrations, formats
 from rpil.faults.checking import check
 from rpil.faults.report import RULES
@@ -71,3 +71,45 @@ def test_expected_findings_are_left_out():
     report = check(demonstrations([first, first, second, second]), expected={"duplicate": {"1"}})
     assert [f.id for f in report.findings] == [3]
     assert report.n_expected == 1
+
+
+# Several faults, and missing values.
+CLEAN = recording()
+M = 5  # the demonstration with the fault
+X, A = CLEAN[M]
+
+
+def edited(values, rows, columns, new):
+    out = values.copy()
+    out[rows, columns] = new
+    return out
+
+
+def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():
+    spiky = changed(CLEAN, M, observations=edited(edited(X, 60, 1, X[60, 1] + 20), 90, 2, X[90, 2] + 30))
+    other = spiky[1][0]
+    report = check(demonstrations(changed(spiky, 1, observations=edited(other, 40, 0, other[40, 0] + 90))))
+    assert [(f.rule, f.id) for f in report.findings] == [("spike", 1), ("spike", M)]
+    assert "1 more column" in report.findings[1].sentence
+
+
+def test_the_order_of_demonstrations_changes_nothing():
+    faulty = demonstrations(changed(CLEAN, M, actions=edited(A, slice(80, None), 2, A[80:, 2] + 20)))
+    backwards = check(faulty.select(np.arange(len(faulty))[::-1]))
+    assert [f.sentence for f in backwards.findings] == [f.sentence for f in check(faulty).findings]
+
+
+def test_missing_values_are_set_aside_on_demand():
+    damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
+    report = check(damaged)
+    assert "spike" in report.not_checked
+    rest = check(damaged, skip_bad=True)
+    assert rest.set_aside == (M,)
+    assert "spike" not in rest.not_checked
+
+
+def test_infinite_actions_are_named():
+    damaged = with_missing(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
+    (found,) = check(damaged).findings
+    assert (found.column, found.first, found.sentence) == ("action 2", 3, "action 2 is inf at step 3")
+    assert np.isinf(damaged.actions).any()

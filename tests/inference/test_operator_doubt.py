@@ -67,15 +67,8 @@ def test_the_doubt_withdraws_the_words_and_names_the_operator():
     assert "--session operator" in doubtful.doubts[0].sentence
 
 
-def world(seed):
-    """Sixteen demonstrations, six of them random, and their operators: the random ones are of one or of several."""
-    toy = make("random", seed, n_good=10, n_bad=6, steps=(40, 60))
-    data = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
-    return toy, data, ["Ann"] * 8 + ["{Bob}"] * 8, ["Ann", "Bob"] * 8
-
-
 def test_operators_are_known_where_demonstrations_are_copies():
-    toy, _, one, _ = world(0)
+    toy = make("random", 0, n_good=10, n_bad=6, steps=(40, 60))
     rows = np.arange(toy.offsets[0], toy.offsets[1])
     offsets = np.append(toy.offsets, toy.offsets[-1] + len(rows))
     copied = Demonstrations.from_arrays(
@@ -83,6 +76,6 @@ def test_operators_are_known_where_demonstrations_are_copies():
         np.concatenate([toy.actions, toy.actions[rows]]),
         offsets,
     )
-    audit = RPIL().fit(copied, demonstrators=[*one, "Ann"]).audit_
+    audit = RPIL().fit(copied, demonstrators=["Ann"] * 8 + ["{Bob}"] * 8 + ["Ann"]).audit_
     assert audit.finding == "in doubt"
     assert "{Bob}" in audit.doubts[0]

@@ -97,18 +97,6 @@ def test_answers_count_before_operators():
     np.testing.assert_allclose([trust["a"], trust["b"]], posterior.intervals())
 
 
-def test_an_operator_withdraws_what_answers_hardly_say():
-    _, alone, answers = concluded(TOLD)
-    by_hand = answer(alone.columns, answers, SETTINGS.answers, np.arange(10), WORDS)
-    said = np.flatnonzero((by_hand.verdicts > 0) & (np.array(TOLD) == 0))
-    among_bad = ["b" if m >= 6 or m in said[:1] else "a" for m in range(10)]
-    _, audit, _ = concluded(TOLD, data=operated(among_bad))
-    assert audit.from_demonstrator[said[0]] < 0 < audit.from_demonstrator[said[1]]
-    agrees = np.sign(audit.log_odds) == by_hand.verdicts
-    answered = np.array([{"good": 1, "bad": -1}.get(verdict, 0) for verdict in audit.verdicts])
-    np.testing.assert_array_equal(answered, np.where(agrees, by_hand.verdicts, 0))
-
-
 # The training group.
 class Fixed(Scoring):
     """A scoring that always gives the scores that its policies explain."""

@@ -75,17 +75,6 @@ def test_labels_of_both_groups_that_are_alike_rank_within_each(audit, word, pair
     assert "bad" not in found.verdicts or word == "bad"
 
 
-def test_one_answer_after_the_other_and_labels_at_a_fit_say_the_same(audit, data):
-    once = audit.answered(labelled("good"))
-    twice = audit.answered({GOOD_PAIR[0]: "good"}).answered({GOOD_PAIR[1]: "good"})
-    np.testing.assert_array_equal(twice.log_odds, once.log_odds)
-    assert twice.verdicts == once.verdicts
-    fitted = RPIL().fit(data, labels=labelled("good")).audit_
-    np.testing.assert_allclose(fitted.log_odds, once.log_odds, atol=1e-9)
-    assert set(fitted.assumptions) == set(once.assumptions)
-    assert fitted.suggest_labels(3) == once.suggest_labels(3)
-
-
 def test_the_columns_are_kept(model, audit, tmp_path):
     once = audit.answered(labelled("good"))
     save(model, tmp_path / "model")

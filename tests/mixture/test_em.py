@@ -171,14 +171,6 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))
 
 
-def test_labels_fix_the_posterior():
-    toy = make("random", 0)
-    problem = toy.labelled({0: -1, 11: 1}).problem()
-    posterior = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=30, tol=1e-4)).posterior
-    np.testing.assert_allclose(posterior.expert[[0, 11]], [0.0, 1.0], atol=1e-12)
-    assert posterior.log_odds[0] > 0 > posterior.log_odds[11]  # what the data say, labels not counted
-
-
 def test_em_recovers_true_parameters():
     """Enough data from the model itself: the policy and the prior come back."""
     toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)

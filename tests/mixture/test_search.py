@@ -11,7 +11,6 @@ from problems import Toy, make, ridge
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import judged_starts
 from rpil.estimators.settings import Settings
-from rpil.mixture.adversaries.discrete import Uniform
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings, MStep
 from rpil.policies.softmax import SoftmaxPolicy
@@ -62,15 +61,6 @@ def test_experts_agree_where_these_are_few():
 
 
 @pytest.mark.slow
-def test_known_adversaries_alone_point_to_those_unlike_them():
-    toy = make("shifted", 1, steps=STEPS).labelled({8: -1})
-    problem = toy.problem()
-    unlike = starts(problem, setting_for(problem))["unlike labelled adversaries"]
-    assert set(np.flatnonzero(unlike)) <= set(range(6))
-    assert unlike.sum() >= 5
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("bad", "which"), [(4, "marginal"), (10, "uniform")])
 def test_random_actions_are_found_also_where_they_are_many(which, bad):
     toy = make("random", 0, n_good=12 - bad, n_bad=bad, steps=STEPS)
@@ -107,7 +97,3 @@ def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
     np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)
     np.testing.assert_array_equal(one.history, several.history)
-
-
-def test_an_adversary_may_be_an_instance():
-    assert isinstance(fitted(make("random", 0).problem(), Uniform()).state.adversary, Uniform)
