@@ -12,15 +12,11 @@ import pytest
 import policy_value
 from value import report
 from value.information import information
-from value.operators import BAD, GOOD, Operator
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
 from value.worlds import make_world
 
 MISSING = [name for name in ("torch", "gymnasium") if importlib.util.find_spec(name) is None]
 needs_extra = pytest.mark.skipif(bool(MISSING), reason=f"pip install 'rpil[value]': {' and '.join(MISSING)} missing")
-needs_arm = pytest.mark.skipif(
-    importlib.util.find_spec("metaworld") is None, reason="pip install 'rpil[value]': metaworld is missing"
-)
 
 
 @pytest.fixture(scope="module")
@@ -141,25 +137,3 @@ def test_quick_is_resumed(tmp_path, capsys):
     again = policy_value.read(out)
     assert [row | {"seconds": 0} for row in again] == [row | {"seconds": 0} for row in rows]
     assert "gain over all" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@needs_arm
-@pytest.mark.filterwarnings("ignore")  # of packages that the arm comes with
-def test_the_arm_depends_on_the_seed_alone():
-    """Whatever was driven before."""
-    from value.worlds import _drive_arm, record_arm
-
-    side = np.array([1.0, 0, 0])
-
-    def recorded(kind):
-        return record_arm("reach", lambda script: Operator(kind, script, side, np.random.default_rng(1)), 7)
-
-    (observations, actions), succeeded = recorded(GOOD["normal"])
-    assert succeeded
-    assert not recorded(BAD["beside"])[1]
-    again = recorded(GOOD["normal"])[0]
-    np.testing.assert_array_equal(again[0], observations)
-    np.testing.assert_array_equal(again[1], actions)
-    still = SimpleNamespace(predict=lambda rows: np.zeros((len(rows), 4)))
-    assert _drive_arm("reach", still, 7) == (False, 200)

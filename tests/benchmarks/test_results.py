@@ -93,21 +93,6 @@ def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
     assert [name for name, _ in made.ran[4:]] == ["claims"]
 
 
-def test_figures_of_two_commits_make_no_page(made, capsys, monkeypatch):
-    run = results.subprocess.run
-
-    def committed_meanwhile(command, **other):
-        found = run(command, **other)
-        made.commit = "ba9876543210"
-        return found
-
-    monkeypatch.setattr(results.subprocess, "run", committed_meanwhile)
-    with pytest.raises(SystemExit):
-        results.main(made.options)
-    assert "all figures are of one commit" in capsys.readouterr().err
-    assert not made.page.exists()
-
-
 # ---- the paper -------------------------------------------------------------------------------------------------------
 
 

@@ -91,7 +91,7 @@ def test_labels_outside_the_sample_are_used():
 
 
 def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_odds_with_them():
-    toy, data = demonstrations("noisy", maker=make_continuous)
+    toy, data = demonstrations("noisy")
     names = [f"{'good' if is_good else 'bad'} {m % 2}" for m, is_good in enumerate(toy.is_good)]
     told = {"demonstrators": names}
     for model in both(data, fit=told):

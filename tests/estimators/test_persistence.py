@@ -3,7 +3,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from archives import LOST, mountain_car, npy, refused, rewrite
-from problems import make, make_continuous
+from problems import make_continuous
 from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, Settings, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
@@ -161,10 +161,3 @@ def test_save_refuses_other_and_unfitted_estimators(tmp_path):
     ):
         save(LogisticRegression(), tmp_path / "p")
     assert not list(tmp_path.iterdir())
-
-
-def test_that_rows_are_demonstrations_is_kept(tmp_path):
-    toy = make("random", 0, steps=(2, 4))
-    model = RMEnt(groups="rows", n_starts=2).fit(toy.observations, toy.actions)
-    save(model, tmp_path / "model.rpil")
-    assert load(tmp_path / "model.rpil").groups == "rows"

@@ -86,24 +86,6 @@ def test_experts_are_selected_and_their_policy_is_learned(kind, features):
     assert error < 0.3 * np.abs(naive - oracle).mean()
 
 
-def test_continuous_actions():
-    toy = make_continuous("window", 1, n_good=8, n_bad=8, steps=(40, 60))
-    model = RMEnt(n_trusted=8).fit(toy.demonstrations)
-    np.testing.assert_array_equal(model.weights_, toy.is_good)
-    assert model.converged_
-    assert len(model.classes_) == 0
-    good = toy.is_good[toy.groups]
-    naive, oracle = (
-        BehavioralCloning().fit(toy.observations[kept], toy.actions[kept]).predict(toy.observations)
-        for kept in (good | True, good)
-    )
-    error = np.abs(model.predict(toy.observations) - oracle).mean()
-    assert error < 0.01
-    assert error < np.abs(naive - oracle).mean()
-    taken = model.log_prob(toy.observations, toy.actions)
-    np.testing.assert_allclose(model.log_likelihood_, [taken[toy.groups == m].mean() for m in range(16)])
-
-
 def test_log_likelihood_is_the_mean_over_steps():
     model = RMEnt(n_trusted=6).fit(TOY.demonstrations)
     taken = model.predict_log_proba(TOY.observations)[np.arange(len(TOY.actions)), TOY.actions]

@@ -230,14 +230,6 @@ def test_warning_without_convergence():
         RPIL(adversary="confusion", settings=mixture(max_iter=1, tol=0.0)).fit(make("window", 0).demonstrations)
 
 
-def test_fit_changes_no_data():
-    toy = make("random", 0)
-    before = toy.observations.copy(), toy.actions.copy()
-    RPIL().fit(toy.observations, toy.actions, groups=toy.groups)
-    np.testing.assert_array_equal(toy.observations, before[0])
-    np.testing.assert_array_equal(toy.actions, before[1])
-
-
 def test_settings_of_the_judge_reach_the_scores_of_new_demonstrations():
     data = make("random", 0).demonstrations
     changed = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))

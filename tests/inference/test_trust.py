@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import expit
-from sklearn.metrics import roc_auc_score
 
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make
@@ -176,15 +175,6 @@ def test_a_policy_of_their_own_makes_two_groups():
     assert groups == {frozenset(np.flatnonzero(toy.is_good)), frozenset(np.flatnonzero(~toy.is_good))}
     first, second = judgement.pair
     assert toy.is_good[first] != toy.is_good[second]
-
-
-def test_two_labels_tell_which_of_two_groups_is_good():
-    labels = np.zeros(12, dtype=np.int64)
-    labels[[7, 8, 1]] = -1, -1, 1  # against the ranking
-    toy, judgement = judged("shifted", 1, 6, 6)
-    audit = audit_from_judgement(judgement, fit_data_of(toy), range(12), Answers.of_labels(labels), AuditSettings())
-    assert audit.finding == "answered"
-    assert roc_auc_score(toy.is_good, audit.log_odds) > 0.75 > roc_auc_score(toy.is_good, audit.from_actions)
 
 
 class Twice(Written):
