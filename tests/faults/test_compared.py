@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rpil.faults.idle import IdleEnd, IdleHead, IdleTail
 
 from rpil.faults.checking import without_consequences
 from rpil.faults.measured_columns import Ends, MeasuredColumns
