@@ -84,6 +84,9 @@ class Description:
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
         if self.action_kind != "discrete":
             lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
+        others = self.ranges.keys() - {*self.observations, *self.actions}
+        if others:
+            lines += ["Ranges of whole columns:", *(f"  {name}{self._range(name)}" for name in sorted(others))]
         outcomes = {name: f"for rpil audit: {option}" for name, option in self.outcomes.items()}
         named = (("Ignored", self.ignored), ("Missing values", self.missing), ("May be an outcome", outcomes))
         for title, values in named:

@@ -79,28 +79,31 @@ def readable(
                 batch.validate(full=True)
 
     found, damaged = without_damaged(paths, read)
-    words = parts_in_words(*_episodes(filesystem, damaged, found))
+    names, lost, left = _episodes(filesystem, damaged, found)
+    words = parts_in_words(lost, "episode", names)
     if damaged and not skips:
-        said = f"damaged, as where a recording is cut off: {words}; copy again, or read the others with <option>"
-        raise DataError(f"{source}: {said}.", "skip_bad")
+        said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
+        others = parts_in_words(left, "episode", []) or "the others"
+        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
     return [*found], (words,) if words else ()
 
 
 def _episodes(
     filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
-) -> tuple[set[int], str, list[str]]:
-    """The episodes that ``meta`` lists and others have not, and the names of damaged files."""
+) -> tuple[list[str], list[int], list[int]]:
+    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
     from rpil.formats.meta_folder import MetaFolder
 
     data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
     if data is None:
-        return set(), "episode", [PurePosixPath(path).name for path in damaged]
-    lost = set[int]()
+        return [PurePosixPath(path).name for path in damaged], [], []
+    there, listed = set[int](), set[int]()
     with suppress(DataError):  # of damaged metadata, which their reader names
-        lost |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
-    for path in others if lost else ():
-        lost -= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
-    return lost, "episode", [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+    for path in others if listed else ():
+        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
+    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+    return names, sorted(listed - there), sorted(there)
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -20,7 +20,7 @@ from rpil.data.guard import guarded, in_words
 from rpil.data.names import OWN_TABLES, is_data, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, Kind
+from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.layout import Layout
@@ -208,6 +208,7 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
     import pyarrow as pa
 
     schema = file.schema_arrow
+    check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
