@@ -51,7 +51,7 @@ def test_short_equal_demonstrations_of_codes_are_no_duplicates(n_steps, n_found)
 
 
 def test_nearest_others_are_those_of_all_pairs(monkeypatch):
-    monkeypatch.setattr("rpil.faults.whole_rules.NEIGHBOUR_ROWS", 7)
+    monkeypatch.setattr("rpil.faults.settings.NEIGHBOUR_ROWS", 7)
     points = np.random.default_rng(0).normal(size=(40, 3))
     every = np.linalg.norm(points[:, None] - points, axis=2) + np.diag(np.full(40, np.inf))
     distance, nearest = nearest_others(points)

@@ -63,7 +63,7 @@ PLANTED = {
     ),
     "scale of less": (
         {"observations": X * [1, 1e-3, 1]},
-        *(WHOLE, "observation 1", "399 times smaller than usual: perhaps another unit, perhaps little", 32.447062),
+        *(WHOLE, "observation 1", "399 times smaller than usual: perhaps another unit, perhaps little", 31.680180),
     ),
     "lag": (
         {"actions": delayed(A, 4)},

@@ -15,7 +15,7 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.faults import recorded
+from rpil.faults import recorded, settings
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
@@ -27,9 +27,6 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.formats.times import Times
 from rpil.numerics.types import Array, Bool
-
-CACHE_STEPS = 8_192
-"""Steps of a block: a dozen columns of them stay in a second-level cache."""
 
 COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]
 
@@ -166,7 +163,7 @@ def _measure(
     measures = list(dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)]))
     parts, masks = [], []
     missing: list[Fault] = []
-    for shard in demonstrations.shards(1, CACHE_STEPS):
+    for shard in demonstrations.shards(1, settings.CACHE_STEPS):
         for whole in shard:
             block, kept = set_aside(whole)
             masks.append(kept)

@@ -26,12 +26,6 @@ from rpil.faults.lag import Pair
 from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Float, Int
 
-WIDTH = 3
-"""Steps of a window."""
-
-FLOOR = 1e-7
-"""Added to mean squares, of columns of variance 1: rounding of 32-bit numbers."""
-
 OF_ROWS = {
     "frame rate": "doubled rate",
     "doubled rate": "frame rate",
@@ -61,9 +55,9 @@ class Window:
     @cached_property
     def places(self) -> Int[Array, "C 3"]:
         """Where in a window each column is, at the step before, at the step, and after."""
-        n, width, step = self.n_states, len(self.column), np.arange(WIDTH)
+        n, width, step = self.n_states, len(self.column), np.arange(settings.WIDTH)
         states = np.arange(n)[:, None] + n * step
-        return np.concatenate([states, WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
+        return np.concatenate([states, settings.WIDTH * n + np.arange(width - n)[:, None] + (width - n) * step])
 
     @cached_property
     def tried(self) -> tuple[Array, Int[Array, " H"]]:
@@ -75,12 +69,12 @@ class Window:
 
     def moments(self, values: Float[Array, "T C"]) -> Float[Array, "D D"] | None:
         """G of a demonstration, whose columns are those of the window; None where it is too short."""
-        n, size = self.n_states, len(values) - abs(self.lag) - WIDTH + 1
-        if size < 2 * WIDTH:
+        n, size = self.n_states, len(values) - abs(self.lag) - settings.WIDTH + 1
+        if size < 2 * settings.WIDTH:
             return None
         every = -(-size // settings.MAP_ROWS)
         sides = ((values[:, :n], max(self.lag, 0)), (values[:, n:], max(-self.lag, 0)))
-        parts = [side[first + k : first + k + size : every] for side, first in sides for k in range(WIDTH)]
+        parts = [side[first + k : first + k + size : every] for side, first in sides for k in range(settings.WIDTH)]
         window = np.concatenate(parts, axis=1, dtype=np.float64)
         window -= window.mean(axis=0)
         return np.asarray(window.T @ window / len(window))
@@ -106,7 +100,7 @@ def maps_of(mean: Float[Array, "D D"], window: Window, ridge: float) -> Float[Ar
 
 def misfit(maps: Float[Array, "K D"], moments: Float[Array, "D D"]) -> Float[Array, " K"]:
     """Mean squares of what the maps leave over in a demonstration."""
-    return np.asarray(((maps @ moments) * maps).sum(axis=1) + FLOOR)
+    return np.asarray(((maps @ moments) * maps).sum(axis=1) + settings.FLOOR)
 
 
 def others(fold: Int[Array, " M"], own: int, among: Array | bool = True) -> Array:
@@ -153,7 +147,7 @@ def gains(values: Float[Array, "T C"], moments: Array, maps: Array, window: Wind
     change, seen = -2.0 * maps[:, place].transpose(1, 0, 2), (maps @ moments)[:, place].transpose(1, 0, 2)
     first = (change * seen).sum(axis=2)
     second = (np.matmul(change, moments[place[:, :, None], place[:, None, :]]) * change).sum(axis=2)
-    gain = np.log(left / np.maximum(left + 2 * first + second, FLOOR)).sum(axis=1) / 2
+    gain = np.log(left / np.maximum(left + 2 * first + second, settings.FLOOR)).sum(axis=1) / 2
     undone = [window.moments(undo(kind, values, window.n_states)) for kind in OF_ROWS]  # None: it is too short
     of_rows = [0.0 if g is None else float(np.log(left / misfit(maps, g)).sum() / 2) for g in undone]
     return np.append(gain, of_rows)
@@ -182,7 +176,7 @@ class Level:
     def of(cls, levels: Float[Array, "M K"]) -> Level:
         """From those of a sample."""
         centre = np.median(levels, axis=0)
-        variance = np.median((levels - centre) ** 2, axis=0) / 0.455 + FLOOR
+        variance = np.median((levels - centre) ** 2, axis=0) / 0.455 + settings.FLOOR
         plain = cls(centre, variance)
         return replace(plain, rest=float(_above(np.array([plain.excess(x) for x in levels]), settings.FENCE)))
 
@@ -196,7 +190,7 @@ class Level:
 
     def power(self, column: Float[Array, "K C"]) -> Float[Array, " C"]:
         """Twice what a constant of one standard deviation gains."""
-        return np.asarray((column**2 / self.variance[:, None]).sum(axis=0) + FLOOR)
+        return np.asarray((column**2 / self.variance[:, None]).sum(axis=0) + settings.FLOOR)
 
 
 @dataclass(frozen=True, eq=False)

@@ -208,7 +208,7 @@ class RepeatedFrames(ComparingRule):
 
 
 class Scale(ComparingRule):
-    """Values and changes are both many times larger, or smaller, than elsewhere."""
+    """Values and changes are many times larger than elsewhere, or smaller, and so beside most columns of their kind."""
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
@@ -227,7 +227,10 @@ class Scale(ComparingRule):
         (low, high), (slow, fast) = (self.two_fences(values, settings.SCALE_FACTOR) for values in (levels, changes))
         usual = np.median(levels, axis=0)
         ratio = levels / usual
-        larger, smaller = np.minimum(levels / high, changes / fast), np.minimum(low / levels, slow / changes)
+        kinds = [ratio[:, columns.is_action == kind] for kind in (False, True) if (columns.is_action == kind).any()]
+        beside = np.max([np.median(r, axis=1, keepdims=True) for r in kinds], axis=0) / ratio / settings.SCALE_FACTOR
+        larger = np.minimum(levels / high, changes / fast)
+        smaller = np.minimum(np.minimum(low / levels, slow / changes), beside)
         severity = np.where(self.measured[1] > 0, np.maximum(larger, smaller), 0.0)  # what never moves has no unit
         severity[:, ~np.isfinite(high + fast) | (low * slow == 0) | (columns.moving < settings.MOVING_SHARE)] = np.nan
         return ratio, np.where(larger > smaller, high, low) / usual, severity

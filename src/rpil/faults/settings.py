@@ -11,6 +11,7 @@ from __future__ import annotations
 # What a sample tells
 FEWEST_DEMONSTRATIONS = 4  # from which it is known what is usual; with fewer, rules that compare are not applied
 PILOT_DEMONSTRATIONS = 200  # spread evenly over the data, at most, that tell how each column moves
+CACHE_STEPS = 8_192  # of a block: a dozen columns of them stay in a second-level cache
 PILOT_STEPS = 50_000  # of these, at most
 MIN_DISTINCT = 20  # values in the pilot from which a column is a measurement; codes and one-hot columns have fewer
 MOST_COLUMNS = 1_000  # beyond which observations are images, whose columns no rule compares
@@ -42,6 +43,7 @@ SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
 SETTLING = 1.25  # times by which motion decays from the first to the last third of a tail of a controller that settles
+THIRD_DIFFERENCE = 3.016  # median size, .6745 sqrt(20), of that of noise of standard deviation 1: motion adds little
 NOISE_BAND = 5.0  # standard deviations of the noise of a state within which it is at rest
 LARGEST_BAND = 0.5  # spreads of a state: where rest may be farther apart, it does not tell rest from motion
 
@@ -56,6 +58,8 @@ LEAST_RELATED = 0.5  # correlation of an observation with an action from which o
 
 # Maps
 MAP_COLUMNS = 16  # states, and actions, of the map between them, at most
+WIDTH = 3  # steps of a window
+FLOOR = 1e-7  # added to mean squares, of columns of variance 1: rounding of 32-bit numbers
 MAP_ROWS = 128  # windows of a demonstration that are looked at
 MAP_FOLDS = 5  # parts of the demonstrations, each judged by maps of the others
 MAP_RIDGE = 1e-4  # penalty of least squares, of variance 1
@@ -76,6 +80,12 @@ CUT_LENGTH = 0.75  # share of the lower quartile of the lengths, below which one
 SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column, or their inverse
 NEAR_SHARE = 0.005  # share of independent demonstrations that are taken for near duplicates
 NEAR_DUPLICATE = 0.02, 0.2  # times the median distance from the nearest one: near duplicates below it, none above it
+NEIGHBOUR_ROWS = 1_024  # points whose distances to all others are in memory together
+PARTS, DIRECTIONS, LENGTH_WEIGHT = (
+    8,
+    8,
+    10.0,
+)  # of a signature: parts, directions, spreads for a length e times longer
 MIN_DUPLICATE = 50  # steps from which equal demonstrations of codes are duplicates: shorter ones are equal by chance
 LEAST_RANGE = 0.005  # range of a column, relative to the median, below which it never moves
 STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie in which it moves

@@ -17,16 +17,6 @@ from rpil.faults.motion import few
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.numerics.types import Array, Float, Int
 
-NEIGHBOUR_ROWS = 1_024
-"""Points whose distances to all others are in memory together."""
-
-PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0
-"""Of a signature: parts of a demonstration, random directions of its columns, and standard deviations of a column to
-which a length e times longer amounts."""
-
-THIRD_DIFFERENCE = 3.016
-"""Median size of the third difference, .6745 sqrt(20), of noise of standard deviation 1: smooth motion adds little."""
-
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
@@ -175,20 +165,26 @@ class Duplicate(Rule):
     """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
 
     name, words = "duplicate", "another demonstration is the same, or nearly"
+    causes = ("never moves",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """A hash; and means over parts of each demonstration, seen from some directions, and the logarithm of its
         length."""
         offsets, lengths, spread = block.offsets, np.diff(block.offsets), block.columns.spread
-        directions = np.random.default_rng(0).normal(size=(DIRECTIONS, len(spread)))
+        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread)))
         directions /= spread
-        firsts = offsets[:-1, None] + (np.arange(PARTS) * lengths[:, None]) // PARTS
+        firsts = offsets[:-1, None] + (np.arange(settings.PARTS) * lengths[:, None]) // settings.PARTS
         widths = np.diff(firsts, append=offsets[1:, None]).ravel()
         means = np.add.reduceat(directions @ block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
         parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
-        signatures = np.column_stack([parts, LENGTH_WEIGHT * np.log(lengths)])
+        signatures = np.column_stack([parts, settings.LENGTH_WEIGHT * np.log(lengths)])
         return digests(block.block.observations, block.block.actions, offsets), signatures
+
+    @classmethod
+    def follows(cls, fault: Fault, cause: Fault) -> bool:
+        """What does not move is alike, but not the same."""
+        return fault.value > 0
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
@@ -212,8 +208,8 @@ def nearest_others(points: Float[Array, "M S"]) -> tuple[Float[Array, " M"], Int
     """The distance of each point to the nearest other one, and the number of that."""
     squares = np.einsum("ms,ms->m", points, points)
     nearest = np.empty(len(points), dtype=int)
-    for begin in range(0, len(points), NEIGHBOUR_ROWS):
-        rows = np.arange(begin, min(begin + NEIGHBOUR_ROWS, len(points)))
+    for begin in range(0, len(points), settings.NEIGHBOUR_ROWS):
+        rows = np.arange(begin, min(begin + settings.NEIGHBOUR_ROWS, len(points)))
         further = squares - 2 * points[rows] @ points.T  # the squared distance less that of the point itself
         further[rows - begin, rows] = np.inf
         nearest[rows] = further.argmin(axis=1)
@@ -300,7 +296,7 @@ def _held(block: MovingBlock, m: int) -> tuple[int, int]:
         return 0, 0
     columns, is_state = block.columns, ~block.columns.is_action
     states = block.values[is_state, rows]
-    noise = np.median(np.abs(np.diff(states, n=3, axis=1)), axis=1) / THIRD_DIFFERENCE
+    noise = np.median(np.abs(np.diff(states, n=3, axis=1)), axis=1) / settings.THIRD_DIFFERENCE
     band = np.maximum(settings.NOISE_BAND * noise, columns.scale[is_state])
     tells = band <= settings.LARGEST_BAND * columns.spread[is_state]
     states, band = states[tells], band[tells]
