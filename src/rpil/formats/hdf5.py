@@ -53,25 +53,22 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def copying(path: Path, output: Path) -> Iterator[tuple[h5py.File, h5py.File]]:
-    """The file at `path`, to be read, and a new one, which is at `output` once it is whole."""
-    with opened(path) as source, replacing(output) as temporary, writing(temporary, output) as new:
-        copy_attributes(source, new)
-        yield source, new
+    """The file at `path`, to be read, and a new one, which is at `output` once it is whole.
 
-
-@contextmanager
-def writing(path: Path, output: Path) -> Iterator[h5py.File]:
-    """The file at `path`, to be written; a `DataError` that names the `output` where the system fails to write it."""
+    A `DataError` that names the `output` where the system fails to write it.
+    """
     import h5py
 
-    try:
-        with h5py.File(path, "w") as file:
-            yield file
-    except (OSError, RuntimeError) as error:  # of h5py, for the same cause
-        failed = _WRITE_FAILED.search(str(error))
-        if failed is None:
-            raise
-        raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
+    with opened(path) as source, replacing(output) as temporary:
+        try:
+            with h5py.File(temporary, "w") as new:
+                copy_attributes(source, new)
+                yield source, new
+        except (OSError, RuntimeError) as error:  # of h5py, for the same cause
+            failed = _WRITE_FAILED.search(str(error))
+            if failed is None:
+                raise
+            raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
 
 
 def copy_attributes(source: h5py.Group, new: h5py.Group) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
 from rpil.data.errors import DataError
 from rpil.formats import array_folder, array_layout, hdf5, robomimic
@@ -12,46 +10,24 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import Format, StepTables
 
-if TYPE_CHECKING:
-    import h5py
-
-
-class Hdf5Layout(NamedTuple):
-    """A layout of HDF5 files: whether one fits, and what reads it."""
-
-    fits: Callable[[h5py.File], bool]
-    read: Callable[[Path, ColumnOptions], StepTables]
-
-
-def _read_rows(path: Path, options: ColumnOptions) -> StepTables:
-    """Read the arrays that have a value for each action, and split them into demonstrations."""
-    with hdf5.opened(path) as file:
-        found = hdf5.Arrays(file)
-        stacked = array_layout.is_stacked(found)
-        name = "HDF5, a first index for each demonstration" if stacked else "D4RL HDF5"
-        return array_layout.read_arrays(found, path.name, name, options, found.notes)
-
-
-HDF5_LAYOUTS = (
-    Hdf5Layout(robomimic.fits, robomimic.read),
-    Hdf5Layout(lambda file: array_layout.tells(hdf5.Arrays(file)), _read_rows),
-    Hdf5Layout(array_folder.fits, array_folder.read),
-)
-
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
-    """What the layout that fits reads; a `DataError` that says what is in a file that none fits."""
+    """What the first layout that fits reads; a `DataError` that says what is in a file that none fits."""
     with hdf5.opened(path) as file:
-        layout = next((one for one in HDF5_LAYOUTS if one.fits(file)), None)
-        if layout is None:
-            found = hdf5.Arrays(file)
-            arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
-            raise DataError(
-                f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); "
-                "write each as a group with the arrays actions and obs, or add terminals and timeouts, or an array "
-                "episode_index."
-            )
-        return layout.read(path, options)
+        if robomimic.fits(file):
+            return robomimic.read(path, options)
+        found = hdf5.Arrays(file)
+        if array_layout.tells(found):
+            stacked = array_layout.is_stacked(found)
+            name = "HDF5, a first index for each demonstration" if stacked else "D4RL HDF5"
+            return array_layout.read_arrays(found, path.name, name, options, found.notes)
+        if array_folder.fits(file):
+            return array_folder.read(path, options)
+        arrays = commas([f"{name} {array.shape}" for name, array in found.items()]) or "no arrays"
+        raise DataError(
+            f"{path.name}: in this HDF5 file nothing says which steps are a demonstration (it holds {arrays}); write "
+            "each as a group with the arrays actions and obs, or add terminals and timeouts, or an array episode_index."
+        )
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:

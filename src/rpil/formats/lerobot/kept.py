@@ -53,10 +53,6 @@ class Kept:
     def is_v3(self) -> bool:
         return str(self.info["codebase_version"]) == "v3.0"
 
-    @property
-    def fps(self) -> float:
-        return float(self.info["fps"])
-
     def place_of(self, number: int) -> tuple[int, int]:
         """The chunk and the file of the new data file, or video of a camera, of this number."""
         chunk, file = divmod(number, int(self.info["chunks_size"]))
@@ -116,7 +112,10 @@ class Kept:
                     rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
             if statistics:
                 own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
-                found.append(self._renewed(m, start, own))
+                for feature, number in (("episode_index", new), ("index", start)):  # which are counted again
+                    if feature in own:
+                        own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
+                found.append(own)
             start += n
         for camera, shots in videos.items():
             for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
@@ -131,14 +130,6 @@ class Kept:
                 lines = [{"episode_index": new, "stats": own} for new, own in enumerate(found)]
                 _write_lines(self.new / EPISODES_STATS, lines)
         return found
-
-    def _renewed(self, m: int, start: int, own: stats.ByFeature) -> stats.ByFeature:
-        """Statistics of an episode that begins at step `start`: shifted, as numbers are counted again."""
-        new = self.numbers[m]
-        for feature, number in (("episode_index", new), ("index", start)):
-            if feature in own:
-                own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
-        return own
 
     def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
         """Write the videos of a camera; by the old number of each episode, where in them it lies.
@@ -156,7 +147,7 @@ class Kept:
             if len(own) == n_episodes[source]:
                 shutil.copyfile(source, target)
             else:
-                starts = video.cut(source, target, spans, self.fps)
+                starts = video.cut(source, target, spans, float(self.info["fps"]))
                 spans = [(start, start + b - a) for start, (a, b) in zip(starts, spans, strict=True)]
             for shot, (start, end) in zip(own, spans, strict=True):
                 where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}

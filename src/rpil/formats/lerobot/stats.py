@@ -26,24 +26,6 @@ ByFeature = dict[str, ColumnStatistics]
 MOMENTS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
 
 
-def of_table(table: pa.Table, like: Mapping[str, ColumnStatistics]) -> ByFeature:
-    """Those of the columns of numbers in a table that are named in `like`, which says what each column has.
-
-    Numbers are added in the order of the rows, as LeRobot does.
-    """
-    found: ByFeature = {}
-    for name in like:
-        numbers = flat.numbers_or_missing(table[name]) if name in table.column_names else None
-        if numbers is not None:
-            columns = np.asarray(numbers.T, dtype=np.float64)
-            own = {what: compute(columns, axis=1) for what, compute in MOMENTS.items() if what in like[name]}
-            quantiles = [what for what in like[name] if what[:1] == "q" and what[1:].isdigit()]
-            own |= {what: np.quantile(columns, int(what[1:]) / 100, axis=1) for what in quantiles}
-            lists = {what: values.tolist() for what, values in own.items()}
-            found[name] = {**like[name], **lists, "count": [len(numbers)]}
-    return found
-
-
 def joined(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
     """Those of episodes together, by their counts: of quantiles the mean, as LeRobot has it."""
     counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
@@ -60,7 +42,10 @@ def joined(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 
 
 def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
-    """Those of the columns of numbers in the Parquet files of a folder that are named in `like`."""
+    """Those of the columns of numbers in the Parquet files of a folder that `like` names, which says what each has.
+
+    Numbers are added in the order of the rows, as LeRobot does.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -72,7 +57,15 @@ def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
         for file in files if kinds.get(name, "nested") != "nested" else ():
             tables.append(read_table(file, [name]))
             check_memory(sum(table.nbytes for table in tables), f"{data}, column {name!r}")
-        found |= of_table(pa.concat_tables(tables, promote_options="permissive"), like) if tables else {}
+        column = pa.concat_tables(tables, promote_options="permissive")[name] if tables else None
+        numbers = None if column is None else flat.numbers_or_missing(column)
+        if numbers is not None:
+            columns = np.asarray(numbers.T, dtype=np.float64)
+            own = {what: compute(columns, axis=1) for what, compute in MOMENTS.items() if what in like[name]}
+            quantiles = [what for what in like[name] if what[:1] == "q" and what[1:].isdigit()]
+            own |= {what: np.quantile(columns, int(what[1:]) / 100, axis=1) for what in quantiles}
+            lists = {what: values.tolist() for what, values in own.items()}
+            found[name] = {**like[name], **lists, "count": [len(numbers)]}
     return found
 
 
