@@ -11,7 +11,7 @@ import pytest
 from recordings import changed, demonstrations, recording
 from rpil.faults import lag, settings
 from rpil.faults.checking import check
-from rpil.faults.measured_columns import learn_columns, pilot
+from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
@@ -190,6 +190,22 @@ def test_what_is_learned_of_sound_recordings(monkeypatch):
     # Of twice as many as are looked at, half are tried.
     many = learn_maps(sample, *lag.find_lag(sample, settings.MAX_LAG)[:2], 400)
     assert namer.screen == -np.inf < many.screen < many.rest == namer.rest
+
+
+def test_those_most_correlated_come_first():
+    rng = np.random.default_rng(1)
+    d = demonstrations([(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN])
+    sample = learn_columns(*pilot(d), column_labels(d))
+    related = [
+        [0.3328708, 0.1046817, 0.1583162],
+        [0.03284762, 0.9881349, 0.1614088],
+        [0.07525565, 0.1750798, 0.8587367],
+    ]
+    np.testing.assert_allclose(
+        lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG), related, rtol=1e-5
+    )
+    action, state = lag.find_lag(sample, settings.MAX_LAG)[1]
+    assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
 
 
 def test_the_action_may_follow_the_state():

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpil.scale.ascent import _time_left
 from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Engine, Shards
 
@@ -49,9 +48,3 @@ def test_blocks_are_computed_in_every_pass_until_they_are_kept(monkeypatch, tmp_
             assert {one.dtype for one in same} == {array.dtype}
             np.testing.assert_array_equal([array] * 3, same)
     assert not list(tmp_path.iterdir())
-
-
-def test_remaining_time_follows_the_gradient():
-    assert _time_left(np.array([8.0, 4.0]), 0.5, 10.0) == ", about 30 s left"  # three halvings, ten seconds each
-    assert _time_left(np.array([8.0]), 0.5, 10.0) == ""
-    assert _time_left(np.array([4.0, 8.0]), 0.5, 10.0) == ""
