@@ -133,20 +133,13 @@ def test_a_list_of_lerobot_is_given_to_the_training(tmp_path):
     refused(r"x\.csv: .* folder", "keep", robot, "-o", "x.csv", "--verdicts", "labels.csv")
 
 
-def test_idle_ends_are_cut_on_request():
+def test_idle_ends_are_told():
     n, still, rng = 80, 15, np.random.default_rng(0)
     steps = np.clip(np.arange(n), still, n - still - 1)
     values = np.cumsum(rng.normal(size=(6, n, 2)), axis=1)[:, steps].reshape(-1, 2)
     np.savez("drive.npz", observations=values, actions=values[:, :1], episode_ids=np.repeat(np.arange(6), n))
-    Path("labels.csv").write_text("id,label\n1,expert\n4,good\n0,bad\n")
     trims = json.loads(ok("check", "drive.npz", "--json", "-q").stdout)["trims"]
     assert {trim["id"]: (trim["first"], trim["end"]) for trim in trims}[4] == (still, n - still)
-    words = ["keep", "drive.npz", "--trim", "--verdicts", "labels.csv", "--only", "0,1,4"]
-    assert "Trimmed 2 of them by 60 steps" in ok(*words, "-o", "kept.npz").stdout
-    kept, whole = rpil.read("kept.npz"), rpil.read("drive.npz").select([1, 4])
-    for m in (0, 1):
-        first, end = whole.offsets[m] + still, whole.offsets[m + 1] - still
-        np.testing.assert_array_equal(kept.actions[kept.offsets[m] : kept.offsets[m + 1]], whole.actions[first:end])
 
 
 def test_a_folder_is_checked(tmp_path):

@@ -129,23 +129,7 @@ def test_outputs_do_not_join_the_data(folder):
     assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
 
 
-def test_interruption_says_what_is_kept(folder, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    arguments = ["audit", folder / "good.parquet", "--weights", "w.csv", "--keep", "k.json"]
-    monkeypatch.setattr("rpil.results.verdict_table.write_kept", interrupt)
-    result = call(*arguments)
-    assert (result.exit_code, result.stdout) == (130, "")
-    assert result.stderr == "rpil: interrupted; w.csv is written.\n"
-    monkeypatch.setattr("rpil.estimators.pipeline.FitOptions.check", interrupt)
-    result = call(*arguments)
-    assert (result.exit_code, result.stdout) == (130, "")
-    assert result.stderr == "rpil: interrupted; nothing was written.\n"
-
-
-def test_every_output_has_a_writer(tmp_path, monkeypatch):
-    monkeypatch.setattr(outputs, "tell_if_interrupted", lambda kept: None)
+def test_every_output_has_a_writer(tmp_path):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
     assert (*paths, "annotate") == outputs.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []

@@ -184,12 +184,3 @@ def test_doubts_and_contradicting_labels_are_results(capsys):
 def test_ids_are_cut_at_their_beginning():
     assert printed_audit.short_id("x" * 28) == "x" * 28
     assert printed_audit.short_id("x" * 28 + "7") == "..." + "x" * 24 + "7"
-
-
-def test_the_command_that_lists_odd_recordings_reads_the_same_columns(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    rows = (f"{k // 40},{x},{u}" for k, (x, u) in enumerate(rng.normal(size=(400, 2))))
-    (tmp_path / "a.csv").write_text("\n".join(["lap,seen,done", *rows, "10,500,1", *["10,1,1"] * 39]))
-    printed = ok("audit", "a.csv", "--id", "lap", "--action", "done", "--only", "0-10", "--seed", "1").stdout
-    assert "  All: rpil check a.csv --id lap --action done --only 0-10\n" in printed

@@ -31,10 +31,11 @@ def closed_figures() -> Iterator[None]:
 def test_a_picture_is_drawn_on_given_axes_or_on_new_ones_and_needs_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     import matplotlib.pyplot as plt
 
+    open_before = plt.get_fignums()
     pictures, ax = [getattr(make_audit().plot, name) for name in ("ranking", "steps", "sessions")], Figure().subplots()
     for picture in pictures:
         assert picture(ax=ax) is ax
-    assert plt.get_fignums() == []
+    assert plt.get_fignums() == open_before
     assert pictures[0]().figure is not pictures[0]().figure
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     for picture in pictures:

@@ -51,10 +51,11 @@ def write(path: Path, audit: Audit, **about: object) -> Path:
     findings = (Fault("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
 
     given = {
+        "source": "x.csv",
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
         "demonstrators": {str(name): ("ann", "bob")[m % 2] for m, name in enumerate(audit.ids)},
     }
-    write_page(path, make_view(audit, About("An audit", "x.csv", **(given | about))))
+    write_page(path, make_view(audit, About("An audit", **(given | about))))
     return path
 
 
@@ -171,7 +172,7 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     traces = {name: Traces((TracedPart(name, 0.6, -9.0, value, value, value),)) for name in HOSTILE}
     given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": who, "traces": traces}
     audit = make_audit(("outlier",) * len(HOSTILE), lengths=[80] * len(HOSTILE), **given)
-    page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, command="rpil </code>")
+    page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, source="rpil </code>")
     browser.open(page)
     for _ in HOSTILE:
         browser.press("b", "j")

@@ -192,7 +192,7 @@ def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
 
 
 def test_a_file_whose_name_is_not_unicode_can_be_named(tmp_path: Path, audit: Audit) -> None:
-    write_page(tmp_path / "report.html", [Article(view_of(audit, source="\udcff.csv", title="Été"))])
+    write_page(tmp_path / "report.html", view_of(audit, source="\udcff.csv", title="Été"))
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == render(audit, source="\udcff.csv", title="Été")
     assert "\\udcff.csv" in render(audit, source="\udcff.csv")
 
