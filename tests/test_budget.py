@@ -20,18 +20,18 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (3236, 28),
-    "data": (3523, 40),
-    "estimators": (2364, 18),
-    "faults": (2630, 83),
-    "formats": (9864, 100),
-    "inference": (2630, 89),
-    "mixture": (804, 20),
-    "numerics": (564, 14),
-    "policies": (1932, 64),
-    "results": (3400, 58),
+    "cli": (2849, 26),
+    "data": (3200, 35),
+    "estimators": (2281, 18),
+    "faults": (2254, 79),
+    "formats": (8217, 75),
+    "inference": (2571, 89),
+    "mixture": (797, 20),
+    "numerics": (551, 14),
+    "policies": (1344, 49),
+    "results": (3170, 51),
     "scale": (704, 21),
-    "simulation": (842, 2),
+    "simulation": (428, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
@@ -54,10 +54,10 @@ AFTER_THE_FIRST_HALF = {
 LINES_AFTER, PAGE_LINES_AFTER, TEST_LINES_AFTER = 27_100, 2_050, 30_500
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests."""
 
-TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 1
+TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 787, 108
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 749, 100
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 PASSES = {"episode": 2, "step": 3, "observation.x": 3, "action": 3}
