@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
-from rpil.faults.measured_columns import Ends, MeasuredColumns
+from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.motion import FrozenSensor, Jump, NeverMoves, Saturation, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
@@ -301,11 +301,3 @@ def test_a_finding_that_follows_from_another_explains_none():
     rests, rate, length = fault("never moves"), fault("frame rate"), fault("length")
     assert without_consequences([rate, length]) == [rate]
     assert without_consequences([rests, rate, length]) == [rests, length]
-
-
-ENDS = Ends(np.array([5.0, 0.0]), np.array([1.0, 2.0]))
-"""Demonstrations that end at 5, and at 0."""
-
-
-def test_the_distance_of_a_last_step_is_a_mean_over_columns_of_five_spreads_at_most():
-    np.testing.assert_allclose(ENDS.far(np.array([[5.0, 7.0, 100.0], [0.0, 2.0, 100.0]])), [0.0, 2.5, 25.0])

@@ -9,6 +9,7 @@ from recordings import changed, demonstrations, recording, with_missing
 from rpil.faults.checking import check
 from rpil.faults.recorded import FOLDER_RULES
 from rpil.faults.report import RULES
+from rpil.faults.rule import Rule
 from rpil.formats.times import Times
 
 CLEAN = recording()

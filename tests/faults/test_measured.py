@@ -11,7 +11,8 @@ import pytest
 from recordings import changed, demonstrations, recording
 from rpil.faults import lag, settings
 from rpil.faults.checking import check
-from rpil.faults.measured_columns import column_labels, learn_columns, pilot
+from rpil.faults.maps import learn_maps
+from rpil.faults.measured_columns import changes, column_labels, learn_columns, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
