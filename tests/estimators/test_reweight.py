@@ -186,7 +186,7 @@ def test_reweight_judges_copies_once():
 
 
 def test_reweight_of_copies_of_one_or_two_demonstrations():
-    first, last = TOY.demonstrations.episode(0), TOY.demonstrations.episode(19)
+    first, last = TOY.demonstrations[0], TOY.demonstrations[19]
     alone = Demonstrations.from_episodes([first] * 5)
     audit = reweight(Linear(), alone, log_prob=log_prob, train=train).audit
     assert (audit.finding, audit.pair) == ("nothing could be learned", ())
