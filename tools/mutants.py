@@ -100,7 +100,7 @@ EQUIVALENT = {
     "motion: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
     'rule: return cause.rule != "length" or cause.value > cause.threshold: '
     "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
-    "idle: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
+    "whole_rules: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (
         "Where nothing moves it is not read."
     ),
     "rule: spread = (high / np.maximum(low, 1e-300)) ** settings.FENCE: 1e-300 -> 2e-300": (
