@@ -1,4 +1,4 @@
-"""docs/value.md has the figures of docs/results.md, and the README those of docs/value.md."""
+"""docs/value.md has the figures of docs/results.md."""
 
 from __future__ import annotations
 
@@ -20,10 +20,3 @@ def test_every_row_stands_in_the_results():
     table = rows((DOCS / "value.md").read_text(encoding="utf-8"))
     assert len(table) >= 20
     assert all(row in printed for row in table)
-
-
-def test_the_rows_of_the_readme_stand_on_the_page():
-    page = rows((DOCS / "value.md").read_text(encoding="utf-8"))
-    table = [row for row in rows((DOCS.parent / "README.md").read_text(encoding="utf-8")) if len(row) == 6]
-    assert [row[0].partition(",")[0] for row in table] == ["disc careless", "disc careless", "reach", "push"]
-    assert all(row in page for row in table)
