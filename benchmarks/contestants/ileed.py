@@ -8,6 +8,7 @@ from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.numerics.blocks import log_softmax, one_hot
@@ -29,6 +30,8 @@ def ileed(data: Demonstrations, seed: int) -> Array:
     w_i ~ N(0, 1) keep the optimum finite, 5 starts instead of 20 and each from the pooled policy. The score, the mean
     expertise of a demonstration over its own states, is ours.
     """
+    if not data.is_discrete:
+        raise DataError(f"{data.source}: the actions are continuous, which it is not made for; give discrete ones.")
     classes, codes = np.unique(data.actions, return_inverse=True)
     features = FeatureMap.fit("raw", data.observations, settings=FeatureSettings())
     design, no_labels = features.design(data.observations), np.zeros(len(data), dtype=int)
