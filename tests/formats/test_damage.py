@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import random
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -275,4 +276,4 @@ def test_where_no_file_is_sound_the_first_is_named():
     folder = lerobot_folders.write(Path("arm"), [9, 8], cameras=())
     for file in folder.rglob("data/**/*.parquet"):
         file.write_bytes(b"PAR1" + bytes(80))
-    refused(r"file-000\.parquet: .*never finished", "info", "arm", "--skip-bad")
+    refused(r"file-000\.parquet: .*a damaged or truncated one", "info", "arm", "--skip-bad")

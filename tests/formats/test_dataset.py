@@ -140,9 +140,7 @@ def test_a_damaged_page_is_refused(tmp_path):
     (place,) = [column for column in columns if column.path_in_schema == "observation.0"]
     content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
     (tmp_path / "a.parquet").write_bytes(content)
-    with pytest.raises(DataError, match=r"a.parquet: it has changed since the data set was opened"):
-        read_all(data)
-    for use in (partial(rpil.open, on_disk=True), rpil.read):
+    for use in (lambda _: read_all(data), partial(rpil.open, on_disk=True), rpil.read):
         with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
             use(tmp_path / "a.parquet")
 

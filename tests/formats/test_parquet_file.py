@@ -1,6 +1,7 @@
 """Parquet files that lie or are damaged: one sentence, whatever pyarrow does with them."""
 
 import json
+from contextlib import suppress
 
 import numpy as np
 import pyarrow as pa

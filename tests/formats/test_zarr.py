@@ -93,33 +93,7 @@ def test_a_chunk_that_is_a_link_out_of_the_store_is_not_read(tmp_path, place):
     secret.write_bytes(bytes(24))
     (path / place).unlink(missing_ok=True)
     (path / place).symlink_to(secret)
-    for use in (rpil.read, lambda path: find(path).keep(tmp_path / "kept.zarr", [1])):
-        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
-            use(path)
-    assert not (tmp_path / "kept.zarr").exists()
-
-
-@pytest.mark.slow
-def test_a_killed_run_leaves_no_zip_file(tmp_path):
-    output = tmp_path / "out" / "kept.zarr.zip"
-    path, _ = write_buffer(tmp_path)
-    path = shutil.make_archive(str(path), "zip", path)
-    output.parent.mkdir()
-    script = "import os, sys; from rpil.formats import zarr; from rpil.formats.registry import find\n"
-    script += "zarr._create = lambda *_: os.kill(os.getpid(), 9)\n"
-    script += "find(sys.argv[1]).keep(sys.argv[2], [1])"
-    subprocess.run([sys.executable, "-c", script, path, output], check=False)
-    left = os.listdir(output.parent)
-    assert all(name.startswith(".") for name in left)
-    find(path).keep(output, [1])
-    assert sorted(os.listdir(output.parent)) == sorted([*left, output.name])
-
-
-@pytest.mark.parametrize("action", [None, np.arange(11.0)[:, None]])
-def test_demonstrations_without_a_chunk_are_named(tmp_path, action):
-    path, _ = write_buffer(tmp_path, action=action)
-    (path / "data/action/3.0").unlink()  # steps 9 and 10
-    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks .* demonstrations 2, .*write_empty_chunks"):
+    with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
         rpil.read(path)
 
 

@@ -88,7 +88,7 @@ def test_videos_that_are_missing_damaged_or_too_short(tmp_path, version):
 @VERSIONS
 def test_black_and_frozen_pictures(tmp_path, version):
     lengths = (30, 30, 30, 30, 30, 30, 30)
-    root = folders.write(tmp_path / "drive", lengths, cameras=("front", "wrist"), per_file=1)
+    root = folders.write(tmp_path / "drive", lengths, version, ("front", "wrist"), per_file=1)
     shots = {key: [folders.pictures(100 * k + 7, 30) for _ in lengths] for k, key in enumerate(("front", "wrist"))}
     for key, own in shots.items():  # a scene of its own, in which a little moves
         scene = own[0][0] // 2
