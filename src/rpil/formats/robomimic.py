@@ -99,7 +99,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
             _parent(new).attrs["total"] = sum(found[name] for name in names)
         mask = new.require_group("mask") if "mask" in hdf5.groups(new) else {}
         for key in list(mask):
-            listed_names = hdf5.Arrays(mask).get(key)
+            listed_names = hdf5.Arrays(source["mask"]).get(key)  # by the name that an error says
             found_names = [] if listed_names is None else listed_names[()].tolist()
             del mask[key]
             if listed_names is not None:  # and no link, nor an array whose values are in another file
