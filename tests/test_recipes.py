@@ -173,8 +173,6 @@ def test_format_recipe(package, monkeypatch, tmp_path):
     registry.find(path).keep(kept, ["d3", "d1"])
     assert formats.read(kept).ids == ("d1", "d3")
     assert {*kept.read_text().splitlines()} < {*path.read_text().splitlines()}
-    formats.open(path).keep(["d1"], tmp_path / "cut.jsonl", {"d1": (1, 3)})
-    np.testing.assert_array_equal(formats.read(tmp_path / "cut.jsonl").actions, toy.select([1]).actions[1:3])
     rpil.write(tmp_path / "toy.csv", toy)
     ok("convert", tmp_path / "toy.csv", "-o", path)
     assert "JSON lines" in ok("info", path).stdout
