@@ -19,6 +19,11 @@ RNG = np.random.default_rng(0)
 N = 240
 
 
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
 def table(name, columns):
     """A CSV file of these columns."""
     rows = zip(*(map(str, values) for values in columns.values()), strict=True)
@@ -144,10 +149,3 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
         printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
         found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
         assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
-
-
-def test_videos_are_looked_at_where_a_rule_asks_for_it(tmp_path):
-    done = call("keep", table(tmp_path / "a.csv", drive()), "-o", tmp_path / "b.csv", "--video")
-    assert done.exit_code == 2
-    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks at videos by itself"
-    assert done.stderr == f"rpil: {said}; see rpil keep --help.\n"
