@@ -8,6 +8,7 @@ from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import PolicyEstimator
@@ -61,9 +62,11 @@ class PaperRecipe(PolicyEstimator):
         Raises
         ------
         DataError
-            Where the actions are continuous or all the same, or the prior is no probability.
+            Where the actions are continuous, or the prior is no probability.
         """
         demonstrations = as_demonstrations(self, X, y, groups)
+        if not demonstrations.is_discrete:
+            raise DataError(f"{demonstrations.source}: the actions are continuous; the paper's recipe takes classes.")
         self.classes_, codes = np.unique(demonstrations.actions, return_inverse=True)
         prior = as_prior(self.prior)
         self.space_ = Discrete(len(self.classes_))
