@@ -10,6 +10,7 @@ import pytest
 from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score, roc_auc_score
 
+import more_experts  # noqa: F401 (makes LunarLanderContinuous known)
 from problems import continuous_zoo, make, make_continuous, refused
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
