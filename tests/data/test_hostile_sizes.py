@@ -134,6 +134,25 @@ def actions(kind):
     return robomimic(lambda file: file.create_dataset("data/demo_0/actions", (10,), kind))
 
 
+def flat(**sizes):
+    """Two demonstrations as D4RL keeps them, of which some arrays declare other sizes."""
+
+    def make(path):
+        with h5py.File(path, "w") as file:
+            ends = np.isin(np.arange(36), [17, 35])
+            for name, values in {
+                "observations": np.ones((36, 3)),
+                "actions": np.ones((36, 2)),
+                "terminals": ends,
+            }.items():
+                if name in sizes:
+                    file.create_dataset(name, sizes[name], values.dtype, chunks=(36, 2))
+                else:
+                    file[name] = values
+
+    return make
+
+
 def huge_mask(file):
     file["data/demo_0/actions"] = np.ones((10, 3))
     file.create_dataset("mask/huge", (3 * 10**8,), "S8")
@@ -220,6 +239,10 @@ FILES = {
     "huge.hdf5": (robomimic(huge), READ),
     "objects.hdf5": (actions(h5py.vlen_dtype(np.float64)), READ),
     "references.hdf5": (actions(h5py.ref_dtype), READ),
+    "compound.hdf5": (actions(np.dtype([("a", "f8"), ("b", "S4")])), READ),
+    "empty.hdf5": (lambda path: h5py.File(path, "w").close(), READ),
+    "huge-actions.hdf5": (flat(actions=(2**40, 2)), READ),
+    "huge-ends.hdf5": (flat(terminals=(36, 2**30)), READ),
     "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
     "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
     "long-list-on-disk.parquet": (same_as("long-list.parquet"), OPEN),
