@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Collection, Set
 from contextlib import suppress
@@ -87,7 +88,7 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
             borders = content.count(b"}\n{") + content.count(b"}\r\n{")  # of objects, as these have a comma within
             if len(table) == content.count(b"\n") + (content[-1:] != b"\n") == borders + 1:
                 return _with_numbers(table, range(1, len(table) + 1)), damaged
-        lines = {number: line for number, line in enumerate(content.splitlines(keepends=True), 1) if line.strip()}
+        lines = {number: line for number, line in enumerate(io.BytesIO(content), 1) if line.strip()}
         damaged = [number for number, line in lines.items() if not _is_object(line)]
         if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
@@ -163,8 +164,7 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     copied = {*line_of[is_kept].tolist()}
     if copied.isdisjoint(line_of[~is_kept].tolist()):
         with held_bytes(path) as source, output.open("wb") as file:
-            lines = source.read().splitlines(keepends=True)
-            file.writelines(line for number, line in enumerate(lines, 1) if number in copied)
+            file.writelines(line for number, line in enumerate(source, 1) if number in copied)
         return {*wanted.values()}
     with output.open("w", encoding="utf-8") as file:
         file.writelines(f"{json.dumps(row, default=str)}\n" for row in table.filter(pa.array(is_kept)).to_pylist())
