@@ -149,3 +149,9 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
         printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
         found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
         assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("command", ["keep", "audit"])
+def test_videos_are_looked_at_where_a_rule_asks_for_it(command, tmp_path):
+    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself; see rpil"
+    refused(said, command, table(tmp_path / "a.csv", drive()), "--video")

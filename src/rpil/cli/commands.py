@@ -52,6 +52,8 @@ class Commands(click.Group):
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
+            if isinstance(error, click.NoSuchOption) and error.option_name == "--video":
+                message = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself"
             _exit_with_error(f"{message}; see {command} --help.")
         except DataError as error:
             _exit_with_error(error.in_shell)
