@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +53,7 @@ MAX_FINDINGS = 30
 @with_options(*COLUMN_OPTIONS)
 def check(
     file: str, expected: str | None, output: str | None, fail_on: str | None, form: str, quiet: bool, **options: Any
-) -> None:
+) -> int:
     """Find recording faults: dropped frames, frozen sensors, spikes, lag, idle ends, duplicates and others.
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
@@ -83,8 +82,7 @@ def check(
         from rpil.cli import exchange
 
         click.echo(exchange.written(form, exchange.of_faults(report.findings), file, ("rpil check", report.headline)))
-    if fatal & set(report.counts):
-        sys.exit(1)
+    return int(bool(fatal & set(report.counts)))
 
 
 def _rules(fail_on: str | None) -> set[str]:

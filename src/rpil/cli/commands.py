@@ -49,6 +49,8 @@ class Commands(click.Group):
                 code = run(*args, standalone_mode=False, **more)
         except click.Abort:
             _exit_with_error("interrupted.", INTERRUPTED)
+        except SystemExit as error:  # of click, where nobody reads stdout any more, with the 1 of faults found
+            sys.exit(2 if error.code == 1 else error.code)
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
