@@ -65,12 +65,11 @@ def check(
 
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        skip_bad = bool(columns.skip_bad)  # but demonstrations with missing values, which are findings
-        columns = replace(columns, skip_bad="damage" if skip_bad else False)
-        read = open_with_missing(file, columns, progress, options["stream"])
+        damage = replace(columns, skip_bad=columns.skip_bad and "damage")  # alone: missing values are findings
+        read = open_with_missing(file, damage, progress, options["stream"])
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
-        given = {"fps": options["fps"], "video": options["video"], "expected": suppressed}
-        report = find_faults(read, skip_bad=skip_bad, **given)
+        looks = {"fps": options["fps"], "video": options["video"]}
+        report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
         if output:
             report.write(output)
     tell_of_set_aside(read)
@@ -101,8 +100,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     counts = sorted(report.counts.items(), key=lambda item: -item[1])
     if n:
         lines += ["", *(f"  {k:>6,}  {NUMBERS[rule]}  {rule}" for rule, k in counts)]
-    shown = report.findings[:n_findings]
-    if shown:
+    if shown := report.findings[:n_findings]:
         width = max(len(printable(fault.id)) for fault in shown)
         lines += ["", "The worst first:" if n > 1 else "It is:"]
         lines += [f"  {printable(f.id) or '-':<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]

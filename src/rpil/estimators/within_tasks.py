@@ -130,16 +130,14 @@ def fit_within_tasks(
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        n, notes = len(demonstrations), audit.notes
-        if stated.reference is None and n < MIN_DEMONSTRATIONS:
+        if stated.reference is None and (n := len(demonstrations)) < MIN_DEMONSTRATIONS:
             few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
-            notes = (few, *notes)
-        return _with_facts(replace(audit, notes=notes), recording, stated), [fitted]
+            audit = replace(audit, notes=(few, *audit.notes))
+        return _with_facts(audit, recording, stated), [fitted]
     options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
-    audits: dict[str, Audit] = {}
-    n_pairs = 0
+    audits, n_pairs = dict[str, Audit](), 0
     _warn_of_few([(group, len(rows)) for group, rows in places.items() if len(rows) < MIN_DEMONSTRATIONS], recording)
     for group, rows in places.items():
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
@@ -150,22 +148,25 @@ def fit_within_tasks(
             fits.append(fitted)
     if n := len(stated.answers.compared) - n_pairs:
         pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
-        text = f"{stated.answers_source}: {pairs} demonstrations of different {what}, and {are} left out."
-        warnings.warn(text, stacklevel=1)
+        of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
+        warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
     joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
     alone = [m for group in places.keys() - audits.keys() for m in places[group]]
     audit = with_labels_alone(joined, alone, stated.answers, for_learner=keeps_policy)
+    if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
+        told = np.repeat(stated.answers.said < 0, audit.lengths)  # bad, also in a task where nobody is called good
+        weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
+        audit = replace(audit, step_weight=weight / weight.mean())
     return _with_facts(audit, recording, stated), fits
 
 
 def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
     """The audit of a recording, with what is stated of demonstrations and steps."""
-    notes = audit.notes
     if audit.taken_over is not None:
         n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
         told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
-        notes = (*notes, told)
-    return replace(audit, sessions=stated.sessions, order=stated.order, notes=notes)
+        audit = replace(audit, notes=(*audit.notes, told))
+    return replace(audit, sessions=stated.sessions, order=stated.order)
 
 
 def _fit_group(
@@ -177,8 +178,7 @@ def _fit_group(
         first = demonstrations.select(slice(None))  # in memory
         demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
         stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
-    names, order = stated.demonstrators or None, stated.order
-    task = Task.of(demonstrations, options.action_box, stated.answers, names, order)
+    task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None, stated.order)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
