@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Collection, Set
 from contextlib import suppress
 from dataclasses import replace
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
+_PICTURES = (".jpg", ".jpeg", ".png")
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
@@ -76,8 +78,36 @@ def _files(path: Path) -> list[Path]:
 def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     """A row for each object in the lines of a file, with the number of its line, and the lines that are skipped.
 
-    A `DataError` where a line holds no object, or several, and the options do not skip it.
+    A `DataError` where a line holds no object, or several, or names an empty picture, and the options do not skip it.
     """
+    import pyarrow.compute as pc
+
+    table, damaged = _records(file, options)
+    is_empty = _names_empty_picture(file.parent, table)
+    empty = table[_LINE].filter(is_empty).to_pylist()
+    if empty and not options.skip_bad:
+        raise damaged_lines(file.name, [f"line {number:,}: the picture that it names is empty" for number in empty])
+    return table.filter(pc.invert(is_empty)), damaged + empty
+
+
+def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
+    """Whether a text of each row names a picture of 0 bytes in `folder` or in its folder ``images``."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    places = [place for place in (folder, folder / "images") if place.is_dir() and not place.is_symlink()]
+    files = [file for place in places for file in os.scandir(place) if file.name.lower().endswith(_PICTURES)]
+    empty = [one.name for one in files if one.is_file(follow_symlinks=False) and not one.stat().st_size]
+    is_empty = pa.array(np.zeros(len(table), bool))
+    for field in table.schema if empty else ():
+        if pa.types.is_string(field.type):
+            names = pc.replace_substring_regex(table[field.name].combine_chunks(), ".*/", "")
+            is_empty = pc.or_(is_empty, pc.is_in(names, pa.array(empty)))
+    return is_empty
+
+
+def _records(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
+    """A row for each object in the lines of a file, and the lines without an object."""
     import pyarrow as pa
 
     with guarded(file.name, *_NO_LINES):
