@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
 from command_line import npz
@@ -36,14 +35,6 @@ READY = interrupt("rpil.cli.main", "print('ready', flush=True)") + RUN
 """After "ready" an interruption meets the command, and not what Python does before."""
 
 
-def long_audit():
-    """Data whose audit computes for seconds."""
-    rng = np.random.default_rng(0)
-    observations = rng.normal(size=(100_000, 8))
-    actions = (observations[:, :3] + rng.normal(size=(100_000, 3))).argmax(axis=1)
-    npz("data.npz", observations=observations, actions=actions, episode_ids=np.repeat(np.arange(100), 1000))
-
-
 def check(code: int, stdout: str, stderr: str) -> None:
     assert code == 130, stderr
     assert stdout == ""
@@ -64,9 +55,9 @@ def test_an_interruption_of_an_import_is_one_sentence(name, run):
     check(done.returncode, done.stdout, done.stderr)
 
 
-def interrupted(seconds):
-    """The code, stdout and stderr of an audit of "data.npz" that is sent SIGINT some seconds after its start."""
-    command = [sys.executable, "-c", READY, "audit", "data.npz", "-q"]
+def interrupted(seconds, script=READY):
+    """The code, stdout and stderr of an audit of "data.npz" that gets SIGINT some seconds after it prints "ready"."""
+    command = [sys.executable, "-c", script, "audit", "data.npz", "-q"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
         time.sleep(seconds)
@@ -77,8 +68,9 @@ def interrupted(seconds):
 
 @pytest.mark.slow
 def test_a_signal_is_one_sentence(interruptible):
-    long_audit()
-    check(*interrupted(2.0))
+    npz("data.npz")
+    busy = interrupt("rpil.inference.scores", "import time; print('ready', flush=True); time.sleep(60)") + RUN
+    check(*interrupted(0.1, busy))
 
 
 @pytest.mark.slow
