@@ -24,7 +24,7 @@ BUDGETS = {
     "data": (3200, 35),
     "estimators": (2281, 18),
     "faults": (2254, 79),
-    "formats": (8247, 75),
+    "formats": (8248, 75),
     "inference": (2571, 89),
     "mixture": (797, 20),
     "numerics": (551, 14),

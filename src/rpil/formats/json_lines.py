@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
-_PICTURES = (".jpg", ".jpeg", ".png")
+_PICTURE = r"(?i)\.(jpe?g|png)$"
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
@@ -95,14 +95,15 @@ def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    places = [place for place in (folder, folder / "images") if place.is_dir() and not place.is_symlink()]
-    files = [file for place in places for file in os.scandir(place) if file.name.lower().endswith(_PICTURES)]
-    empty = [one.name for one in files if one.is_file(follow_symlinks=False) and not one.stat().st_size]
     is_empty = pa.array(np.zeros(len(table), bool))
-    for field in table.schema if empty else ():
+    for field in table.schema:
         if pa.types.is_string(field.type):
             names = pc.replace_substring_regex(table[field.name].combine_chunks(), ".*/", "")
-            is_empty = pc.or_(is_empty, pc.is_in(names, pa.array(empty)))
+            pictures = names.filter(pc.match_substring_regex(names, _PICTURE)).unique().to_pylist()
+            paths = [place / name for name in pictures for place in (folder, folder / "images")]
+            files = [path for path in paths if os.path.isfile(path)]  # Path.is_file raises where a name is too long
+            empty = [file.name for file in files if not (file.is_symlink() or file.stat().st_size)]
+            is_empty = pc.or_(is_empty, pc.is_in(names, pa.array(empty, pa.string())))
     return is_empty
 
 
