@@ -1,10 +1,10 @@
-"""What each constant of the judge is worth: the verdicts with another value, or without its rule, and without several.
+"""What each constant of the judge is worth: what it says with another value, or without its rule, family by family.
 
     python benchmarks/ablations.py --data ../shared/data --json ablations.json --processes 2
     python benchmarks/ablations.py --quick
 
 First without answers; then after eight random labels, for the constants of answers. A variant is written to the JSON
-when it is done, and not done again for the same commit.
+when it is done, and not done again for the same commit. A rule stays where a family gains by it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from multiprocessing import Pool
@@ -23,40 +23,29 @@ import numpy as np
 
 import answers
 import claims
-from claims import Job, Row
+from claims import Job, Row, auroc
 from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
-from rpil.data.fit_data import FitData
-from rpil.inference import claims as inference
-from rpil.inference.held_out import HeldOutModel, _Linear, held_out_model
-from rpil.inference.rivals import SecondWay
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
 from worlds.simulated import of_paper
 
 DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
-FAMILIES = ("recorded", "half", "point mass", "paper", *kinds.KINDS)
+FAMILIES = ("recorded", "half", "point mass", "paper", "plain", *kinds.KINDS)
+NEVER = 1e9
 
-
-def deal_within_groups(model: _Linear, seed: int, data: FitData | None = None) -> HeldOutModel | None:
-    """Other folds of other data alone, as `columns_within` asks for: the judge deals its own demonstrations once."""
-    return None if data is None else held_out_model(data, seed, model.settings)
-
-
-Change = tuple[str, dict[str, Any]] | tuple[Any, str, Callable[..., Any] | property]
-"""Other values in one stage of the judge, or an object, the name of a function or property of it, and its replacement.
-"""
-
-
-RULES: dict[str, Change] = {
-    "no rival groups (max_shared_gain 0)": ("rivals", {"max_shared_gain": 0.0}),
-    "min_p_two .9": ("claims", {"min_p_two": 0.9}),
-    "nobody by chance": (inference, "by_chance", lambda *_: None),
-    "one dealing of the folds": (_Linear, "dealt_again", deal_within_groups),
-    "no better half": (inference, "in_better_part", lambda scores, upper: upper),
-    "no agreement (min_agreement -1)": ("claims", {"min_agreement": -1.0}),
+RULES: dict[str, tuple[str, dict[str, Any]]] = {
+    DEFAULT: ("", {}),
+    "nobody far below (min_gap 1e9)": ("outliers", {"min_gap": NEVER}),
+    "min_gap 3": ("outliers", {"min_gap": 3.0}),
+    "min_gap 5": ("outliers", {"min_gap": 5.0}),
+    "no group lies apart (min_distance 1e9)": ("outliers", {"min_distance": NEVER}),
+    "min_distance 2": ("outliers", {"min_distance": 2.0}),
+    "all that are low are outliers (max_own_gain 1e9)": ("outliers", {"max_own_gain": NEVER}),
+    "max_own_gain .3": ("outliers", {"max_own_gain": 0.3}),
+    "max_own_gain .7": ("outliers", {"max_own_gain": 0.7}),
     "all teach (share 1)": ("trimming", {"share": 1.0}),
     "one concentration step": ("trimming", {"max_iter": 1}),
     "one ridge, 1e-4": ("held_out", {"ridges": (1e-4,)}),
@@ -65,29 +54,16 @@ RULES: dict[str, Change] = {
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
     "no monotony": ("", {"monotony": 0.0}),
-    "no second way": (SecondWay, "is_there", property(lambda self: False)),
-    "a second way that is strong alone": (SecondWay, "is_there", property(lambda self: self.is_strong)),
-    "any credible policy is a second way": (SecondWay, "is_there", property(lambda self: self.is_credible)),
-    "few are noise too (no is_learnable)": (inference, "is_learnable", lambda *_: True),
     "own variance of each demonstration (variance_steps 0)": ("", {"variance_steps": 0.0}),
 }
-COMBINATIONS: dict[str, tuple[str, ...]] = {
-    "chance and better half": ("nobody by chance", "no better half"),
-    "one dealing of ten folds": ("one dealing of the folds", "ten folds"),
-    "no rival groups, no second way": ("no rival groups (max_shared_gain 0)", "no second way"),
-}
-VARIANTS = {DEFAULT: ()} | COMBINATIONS | {name: (name,) for name in RULES}
 ANSWERS: dict[str, AnswerSettings] = {
     DEFAULT: AnswerSettings(),
-    "p_agreement .5": AnswerSettings(p_agreement=0.5),
-    "p_agreement .99": AnswerSettings(p_agreement=0.99),
-    "group_weight 0": AnswerSettings(group_weight=1e-9),
-    "group_weight 1": AnswerSettings(group_weight=1.0),
-    "sharpness 1": AnswerSettings(sharpness=1.0),
-    "sharpness 3": AnswerSettings(sharpness=3.0),
-    "no components": AnswerSettings(component_precision=1e6),
-    "no wrong answers (error_rates 1e-6)": AnswerSettings(error_rates=(1e-6,)),
-    "error_rates .1": AnswerSettings(error_rates=(0.1,)),
+    "no prior on the ranking (by_ranking 0)": AnswerSettings(by_ranking=0.0),
+    "no prior on the group (by_group 0)": AnswerSettings(by_group=0.0),
+    "precision 4": AnswerSettings(precision=4.0),
+    "answers need not agree (min_explained -1e9)": AnswerSettings(min_explained=-NEVER),
+    "min_explained .6": AnswerSettings(min_explained=0.6),
+    "min_proba .9": AnswerSettings(min_proba=0.9),
 }
 
 
@@ -109,7 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
         same = all(old["provenance"].get(key) == origin[key] for key in ("commit", "dirty", "arguments"))
         found = old if same else found
     with Pool(options.processes, maxtasksperchild=20) as pool:
-        wanted = [name for name in VARIANTS if name.startswith(tuple(options.match or ("",)))]
+        wanted = [name for name in RULES if name.startswith(tuple(options.match or ("",)))]
         for name in [name for name in wanted if name not in found["rules"]][: 3 if options.quick else None]:
             found["rules"][name] = pool.map(partial(audited, name), jobs, chunksize=1)
             if options.json:
@@ -124,26 +100,16 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def audited(name: str, job: Job) -> Row:
-    """A row of `claims` with some rules changed."""
-    judge, before = JudgeSettings(), list[tuple[Any, str, Any]]()
-    for change in (RULES[rule] for rule in VARIANTS[name]):
-        if len(change) == 2:
-            stage, values = change
-            judge = replace(judge, **({stage: replace(getattr(judge, stage), **values)} if stage else values))
-        else:
-            owner, what, function = change
-            before.append((owner, what, getattr(owner, what)))
-            setattr(owner, what, function)
-    try:
-        return claims.audited(job, Settings(judge=judge))
-    finally:
-        for owner, what, function in before:
-            setattr(owner, what, function)
+    """A row of `claims` with other values."""
+    stage, values = RULES[name]
+    judge = JudgeSettings()
+    judge = replace(judge, **({stage: replace(getattr(judge, stage), **values)} if stage else values))
+    return claims.audited(job, Settings(judge=judge))
 
 
 def jobs_of(folder: Path) -> list[Job]:
     """Recorded sets, halves of them in which nobody is bad, one draw of each world of a point mass and of each cell of
-    the paper, and the kinds of `worlds/kinds.py`."""
+    the paper, plain worlds, and the kinds of `worlds/kinds.py`."""
     every = (job for job in claims.jobs(folder, 1, 2) if job.kind in FAMILIES)
     return [job for job in every if job.kind != "point mass" or job.name.endswith("12 of 40, 1")]
 
@@ -156,36 +122,48 @@ def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
             chosen = answers.drawn(audit["good"], LABELS, np.random.default_rng(draw))
             if chosen is not None:
                 rest = answers.rest_of(audit, chosen)
-                verdicts = answers.labelled(audit, chosen, settings=replace(settings, max_left_out=0)).verdicts[rest]
-                rows.append({"good": audit["good"][rest].tolist(), "verdicts": verdicts.tolist()})
+                found = answers.labelled(audit, chosen, settings=settings)
+                good, verdicts = audit["good"][rest].tolist(), found.verdicts[rest].tolist()
+                rows.append({"good": good, "verdicts": verdicts, "log_odds": found.log_odds[rest].tolist()})
     return rows
 
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
     text = (
-        "Words with other values in `rpil.inference.settings`, or without a rule (benchmarks/ablations.py): right and "
+        "Words with other values in `rpil.inference.settings` (benchmarks/ablations.py): bad ones and good ones that "
     )
-    text += "wrong ones where some are bad, and good demonstrations called outliers. A combination changes several."
+    text += "are outliers or of a group apart, and the mean AUROC; where nobody is bad, good ones that are outliers."
     families = [
         family for family in FAMILIES if any(row["kind"] == family for row in next(iter(result["rules"].values())))
     ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
-    told = [row for name, rows in result["answers"].items() for row in claims.counted(name, rows)]
-    named = claims.HEAD[0].replace("kind", "variant").replace("outlier", "called bad")
-    named = named.replace("similar", "called good").replace("sets |", "draws |", 1)
     parts = ["## Ablations", "", text, "", *head, *rules, "", f"After {LABELS} random labels, the rest:", ""]
-    return "\n".join([*parts, named, claims.HEAD[1], *told])
+    parts += ["| variant | with a verdict | wrong | AUROC |", "|---|---|---|---|"]
+    return "\n".join([*parts, *(told(name, rows) for name, rows in result["answers"].items())])
 
 
 def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
-    """Right and wrong verdicts of each family, and good ones called outliers; the last alone where nobody is bad."""
+    """What is said of each family."""
     for family in families:
         own = [row for row in rows if row["kind"] == family]
-        count = claims.counts(own)
-        right, wrong, accused = count[-1, 0] + count[1, 1], count[-1, 1] + count[1, 0], count[-1, 1]
-        yield f"{accused}" if all(min(row["good"]) > 0 for row in own) else f"{right}, {wrong} ({accused})"
+        good, outlier, apart = (np.concatenate([row[name] for row in own]) for name in ("good", "verdicts", "apart"))
+        if good.min() > 0:
+            yield f"{(outlier < 0).sum()}"
+            continue
+        named = (outlier < 0) | (apart > 0)
+        value = np.nanmean([auroc(np.array(row["good"]), np.array(row["log_odds"])) for row in own])
+        yield f"{(named & (good == 0)).sum()}, {(named & (good == 1)).sum()}; {value:.3f}"
+
+
+def told(name: str, rows: list[Row]) -> str:
+    """A row of the table of answers."""
+    good, verdicts = (np.concatenate([row[of] for row in rows]) if rows else np.zeros(0) for of in ("good", "verdicts"))
+    wrong, said = (verdicts * (2 * good - 1) < 0).sum(), (verdicts != 0).sum()
+    values = [auroc(np.array(row["good"]), np.array(row["log_odds"])) for row in rows]
+    figures = f"{said / max(len(good), 1):.0%} | {wrong / max(said, 1):.1%}"
+    return f"| {name} | {figures} | {np.nanmean(values) if values else np.nan:.3f} |"
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+import rpil
 from claims import Job, Row
 from claims import jobs as claims_jobs
-from rpil import RPIL
-from rpil.inference.answered import Answered, answer, learned_from, most_telling
+from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from worlds import Array
@@ -22,8 +22,6 @@ from worlds.recorded import read_table
 from worlds.simulated import ENVIRONMENTS, grid, of_grid, random_and_shifted
 
 SETTINGS = AnswerSettings()
-FAST = replace(SETTINGS, max_left_out=0)
-"""Without a comparison of each label with the other answers, which changes no verdict."""
 N_LEFT = 3
 
 
@@ -55,10 +53,10 @@ def audited(job: Job) -> Row:
     world = job.make()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        audit = RPIL().fit(world.demonstrations).audit_
+        audit = rpil.audit(world.demonstrations)
     pair = [audit.index(other) for other in audit.pair]
-    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair, "claimed": audit.claimed}
-    of_all |= {"finding": audit.finding, "columns_within": audit.columns_within}
+    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
+    of_all |= {"finding": audit.finding, "claimed": audit.claimed}
     return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
 
 
@@ -77,15 +75,9 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
             return np.asarray(chosen)
 
 
-def columns_for(audit: Row, answers: Answers) -> Array:
-    """The columns of an audit from which these answers learn."""
-    return learned_from(audit["columns"], audit["columns_within"], answers, SETTINGS)
-
-
-def answered(audit: Row, answers: Answers, settings: AnswerSettings) -> Answered:
+def answered(audit: Row, answers: Answers, settings: AnswerSettings = SETTINGS) -> Answered:
     """What answers make of an audit."""
-    every = np.arange(len(audit["claimed"]))
-    return answer(columns_for(audit, answers), answers, settings, every, audit["claimed"])
+    return answer(audit["columns"], answers, settings, np.arange(len(audit["columns"])))
 
 
 def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = SETTINGS) -> Answered:
@@ -103,7 +95,7 @@ def compared(audit: Row) -> Answered | None:
     better, worse = audit["pair"] if quality[0] > quality[1] else audit["pair"][::-1]
     none = np.zeros(len(audit["good"]), dtype=int)
     answers = replace(Answers.of_labels(none), pairs=np.array([[better, worse]]))
-    return answered(audit, answers, FAST)
+    return answered(audit, answers)
 
 
 def rest_of(audit: Row, chosen: Array) -> Array:
@@ -121,8 +113,9 @@ def mean(values: Iterable[float]) -> str:
 
 def next_asked(audit: Row, labels: Array, unknown: list[int]) -> int:
     """The demonstration whose label is asked for next, none of the `unknown`."""
-    known = Answers.of_labels(labels)
-    return most_telling(columns_for(audit, known), known, SETTINGS, 1, unknown)[0]
+    is_said = labels != 0
+    is_said[unknown] = True
+    return places_to_ask(audit["log_odds"], is_said, int(np.count_nonzero(labels)), SETTINGS, 1)[0]
 
 
 def suggested(audit: Row, count: int) -> Array:

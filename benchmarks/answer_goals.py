@@ -1,7 +1,6 @@
 """What answers must not do, and what they must: rows of benchmarks/answers.py.
 
-Answers of one side, questions that are asked one after the other, both good, an outcome known for all, and what is left
-of the verdicts after one answer.
+Answers of one side, questions that are asked one after the other, both good, an outcome known for all.
 """
 
 from __future__ import annotations
@@ -12,19 +11,19 @@ from itertools import product
 
 import numpy as np
 
+import rpil
 from answer_draws import N_LEFT, SETTINGS, answered, labelled, mean, next_asked, rest_of
 from claims import Row, auroc
-from rpil import RPIL
 from rpil.inference.answers import Answers
 from value import worlds
 from worlds import Array
 
-HIGH, SURE = 0.8, 0.9
-"""AUROC without answers from which one side must not turn a set, and from which one answer confirms the verdicts."""
+HIGH = 0.8
+"""AUROC without answers from which one side must not turn a set."""
 N_QUESTIONS = 32
 LONG = 200
 """Demonstrations of a set that is asked so many questions."""
-OF_EACH = "good", "columns", "columns_within", "claimed", "log_odds"
+OF_EACH = "good", "columns", "log_odds"
 """Arrays of an audit with a row for each demonstration."""
 ARM_SIZE, ARM_BAD, ARM_SEED, ARM_SEEDS = 49, 0.45, 900, 3
 """Demonstrations of an arm's set, the share of bad ones, the first seed, and how many."""
@@ -118,21 +117,6 @@ def by_both_good(sets: list[Row]) -> list[Row]:
     return rows
 
 
-def left_after_one(sets: list[Row]) -> list[Row]:
-    """Words that are left after one answer that confirms the ranking: the pair, or a label at either end."""
-    n_before, left = 0, 0
-    for audit in (audit for audit in sets if before(audit) >= SURE and len(audit["pair"]) == 2):
-        upper, lower = audit["pair"]
-        for chosen, sign in ((upper, 1), (lower, -1)):
-            if audit["good"][chosen] == (sign > 0):
-                found = labelled(audit, np.array([chosen]), np.array([sign]))
-                others = np.arange(len(audit["good"])) != chosen
-                n_before += int((audit["claimed"] != 0)[others].sum())
-                left += int(((found.stays != 0) | (found.verdicts != 0))[others].sum())
-    what = f"verdicts of others left after one confirming label, sets of AUROC {SURE} or more"
-    return [{"what": what, "figure": f"{left} of {n_before}"}]
-
-
 def by_success(quick: bool) -> list[Row]:
     """Success known for all, on sets of Meta-World's arm."""
     if quick:
@@ -150,9 +134,9 @@ def of_success(task: str, seed: int) -> tuple[list[float], Array]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         world = worlds.make_world(task, ARM_SIZE, ARM_BAD, seed)
-        audit = RPIL().fit(world.demonstrations).audit_
+        audit = rpil.audit(world.demonstrations)
     good, success = world.is_good.astype(int), world.success.astype(float)
-    row = {"good": good, "columns": audit.columns, "claimed": audit.claimed, "columns_within": audit.columns_within}
+    row = {"good": good, "columns": audit.columns}
     known = Answers(np.zeros(len(good), dtype=int), np.empty((0, 2), dtype=int), success)
     found = answered(row, known, SETTINGS)
     both = 1e6 * success + audit.log_odds

@@ -25,7 +25,6 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import cross_val_predict
 
 from answer_draws import (
-    FAST,
     N_LEFT,
     SETTINGS,
     answered,
@@ -40,7 +39,7 @@ from answer_draws import (
     suggested,
     table_jobs,
 )
-from answer_goals import by_both_good, by_coin, by_one_side, by_questions, by_success, left_after_one
+from answer_goals import by_both_good, by_coin, by_one_side, by_questions, by_success
 from claims import Job, Row, auroc
 from options import asked
 from provenance import line, provenance
@@ -78,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_suggestion, sets, draws, count) for count in (4, 8)]
         parts += [partial(by_one_side, sets, 2 * draws, k, side) for side in (1, -1) for k in (1, 2, 3)]
         parts += [partial(by_questions, [audit], draws) for audit in sets]
-        parts += [partial(by_both_good, sets), partial(left_after_one, sets)]
+        parts += [partial(by_both_good, sets)]
         parts += [partial(by_success, options.quick)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
@@ -200,7 +199,7 @@ def by_ties(sets: list[Row], draws: int, count: int = 8) -> list[Row]:
             if min((good[rest] == 1).sum(), (good[rest] == 0).sum()) >= N_LEFT:
                 left_out = replace(Answers.of_labels(np.zeros(len(good), dtype=int)), pairs=pairs[~same])
                 ways = replace(left_out, tied=pairs[same]), left_out
-                own.append([auroc(good[rest], answered(audit, way, FAST).log_odds[rest]) for way in ways])
+                own.append([auroc(good[rest], answered(audit, way).log_odds[rest]) for way in ways])
         means += [np.mean(own, axis=0)] if own else []
     said, left = np.reshape(means, (-1, 2)).T
     return [
@@ -238,8 +237,8 @@ def by_one_wrong(sets: list[Row], draws: int) -> list[Row]:
 
 
 def by_suggestion(sets: list[Row], draws: int, count: int) -> list[Row]:
-    """Suggested labels against random ones."""
-    gains = []
+    """Suggested labels against random ones: AUROC, words, and the bad ones that are called bad."""
+    gains, words, named = [], [], []
     for audit in sets:
         random = []
         for draw in range(draws):
@@ -249,10 +248,22 @@ def by_suggestion(sets: list[Row], draws: int, count: int) -> list[Row]:
                 random.append(auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest]))
         chosen = suggested(audit, count)
         rest = rest_of(audit, chosen)
-        if random and min((audit["good"][rest] == 1).sum(), (audit["good"][rest] == 0).sum()) >= N_LEFT:
-            value = auroc(audit["good"][rest], labelled(audit, chosen).log_odds[rest])
-            gains.append(value - np.mean(random))
-    return [{"what": f"{count} suggested labels over random ones: AUROC", "figure": mean(gains)}]
+        good, found = audit["good"][rest], labelled(audit, chosen)
+        if random and min((good == 1).sum(), (good == 0).sum()) >= N_LEFT:
+            gains.append(auroc(good, found.log_odds[rest]) - np.mean(random))
+            said = found.verdicts[rest]
+            words.append([(said != 0).sum(), (said * (2 * good - 1) < 0).sum(), len(rest)])
+            named.append([((said < 0) & (good == 0)).sum(), (good == 0).sum()])
+    if not gains:
+        return []
+    (given, wrong, total), (bad, of_bad) = np.sum(words, axis=0), np.sum(named, axis=0)
+    figure = (
+        f"{wrong} of {given} wrong ({wrong / max(given, 1):.1%}), {given / total:.0%} have one, {bad} of {of_bad} bad"
+    )
+    return [
+        {"what": f"{count} suggested labels over random ones: AUROC", "figure": mean(gains)},
+        {"what": f"{count} suggested labels: verdicts", "figure": figure},
+    ]
 
 
 def by_outcome(sets: list[Row], draws: int) -> list[Row]:
@@ -268,7 +279,7 @@ def by_outcome(sets: list[Row], draws: int) -> list[Row]:
             none = np.zeros(len(good), dtype=int)
             answers = replace(Answers.of_labels(none), outcome=np.where(shown, audit["quality"], np.nan))
             rest = known[~shown[known]]
-            own.append(auroc(good[rest], answered(audit, answers, FAST).log_odds[rest]))
+            own.append(auroc(good[rest], answered(audit, answers).log_odds[rest]))
         values.append(np.nanmean(own))
         model = LogisticRegression(C=1.0, max_iter=1000)
         proba = cross_val_predict(model, audit["columns"][known], good[known], cv=5, method="predict_proba")[:, 1]

@@ -1,4 +1,4 @@
-"""What an audit says without answers, and whether it is right: verdicts, pairs, and what does not change them.
+"""What an audit says without answers, and whether it is right: outliers, groups apart, and whom to look at first.
 
     python benchmarks/claims.py --data ../shared/data --json claims.json
     python benchmarks/claims.py --data ../shared/data --only half,walks
@@ -8,8 +8,9 @@
 Kinds of data: `recorded` sets with good and bad demonstrations; the good `half` of each alone; `walks`, made with one
 law that is not linear; the paper's cells (`paper`) and the `grid` of simulated kinds; `changes` of recorded sets that
 are not behaviour, and a random half of the demonstrations; `people`, recorded sets whose
-operators are known, not named and named; worlds of a `point mass`; and the kinds of `worlds/kinds.py`. The truth
-`is_good` scores and is never read by the audit.
+operators are known, not named and named; worlds of a `point mass`; `plain` worlds in which one thing grows; and the
+kinds of `worlds/kinds.py`. The truth `is_good` scores and is never read by the audit. Beside the ranking stands that of
+the judge of 0.3 (`rivals/judge_of_0_3.npz`).
 """
 
 from __future__ import annotations
@@ -21,30 +22,34 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise, product
+from itertools import product
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import rpil
 from options import asked
 from provenance import line, provenance
+from rivals import judge_of_0_3
 from rpil import RPIL, Settings
-from worlds import Array, World, kinds
+from rpil.results.answering import looking_order, n_first
+from worlds import Array, World, kinds, plain
 from worlds.point_mass import ALL_DIFFER, BAD, GOOD, SIZES, point_mass
 from worlds.recorded import AS_IT_IS, CHANGES, changed, read, recorded_sets
 from worlds.simulated import PAPER, grid, of_grid, of_paper, walks
 
 Row = dict[str, Any]
-KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "point mass", *kinds.KINDS)
-P_BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
-"""Edges of the bins of P(similar) in which good demonstrations are counted."""
+KINDS = ("recorded", "half", "walks", "paper", "grid", "changes", "people", "point mass", "plain", *kinds.KINDS)
 CHANGED_SETS = ("metaworld_window_open", "metaworld_push", "rilco_hopper_mix", "vild_walker2d", "human_mountaincar")
 HEAD = (
-    "| kind | sets | outlier: bad, good | similar: good, bad | sets with a good outlier | share with a verdict |",
-    "|---|---|---|---|---|---|",
+    "| kind | sets | outlier: bad, good | apart: bad, good | first: bad | all: bad | sets with a good outlier |",
+    "|---|---|---|---|---|---|---|",
 )
+LEAST, WELL, MIN_STEPS = 0.01, 0.99, 10
+"""By how much a ranking may be lower than that of 0.3; AUROC from which somebody should be named in a cell of plain
+worlds, and steps of its demonstrations."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,8 @@ def jobs(folder: Path | None, draws: int, seeds: int) -> Iterator[Job]:
     for kind, discrete, size, seed in product((*BAD, *GOOD, *ALL_DIFFER), (False, True), SIZES, range(seeds)):
         what = f"{kind}, {'discrete' if discrete else 'continuous'}, {size[1]} of {size[0]}, {seed}"
         yield Job("point mass", what, partial(point_mass, kind, discrete, size, seed))
+    for name, make in plain.cells():
+        yield Job("plain", name, make)
     for kind, (make, given) in kinds.KINDS.items():
         for each in given:
             yield Job(kind, " ".join([kind, *map(str, each)]), partial(make, *each))
@@ -125,17 +132,27 @@ def good_half(path: Path) -> World:
 def audited(job: Job, settings: Settings | None = None) -> Row:
     """One audit as plain numbers."""
     world = job.make()
-    good = world.is_good
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = RPIL(random_state=job.seed, settings=settings)
-        audit = model.fit(world.demonstrations, demonstrators=world.people if job.people else None).audit_
-    verdicts = [{"similar": 1, "open": 0, "outlier": -1}[verdict] for verdict in audit.verdicts]
-    pair = [int(good[audit.index(name)]) for name in audit.pair]
-    values = {"good": good.tolist(), "verdicts": verdicts, "log_odds": audit.log_odds.tolist(), "pair": pair}
-    values["ids"] = list(audit.ids) if job.kind == "changes" else []
-    values["proba"] = audit.expert_proba.tolist()
-    return {"kind": job.kind, "name": job.name, "finding": audit.finding, "doubts": list(audit.doubts), **values}
+        if job.people:
+            audit = RPIL(settings=settings).fit(world.demonstrations, demonstrators=world.people).audit_
+        else:
+            audit = rpil.audit(world.demonstrations, random_state=job.seed, settings=settings)
+    apart = {*audit.competing[1]} if audit.finding == "a group apart" else set()
+    order = looking_order(audit)[0]
+    return {
+        "kind": job.kind,
+        "name": job.name,
+        "finding": audit.finding,
+        "good": world.is_good.tolist(),
+        "verdicts": [-int(verdict == "outlier") for verdict in audit.verdicts],
+        "apart": [int(name in apart) for name in audit.ids],
+        "first": order[: n_first(len(order))],
+        "log_odds": audit.log_odds.tolist(),
+        "pair": [int(world.is_good[audit.index(name)]) for name in audit.pair],
+        "ids": list(audit.ids) if job.kind == "changes" else [],
+        "n_steps": int(np.median(audit.lengths)),
+    }
 
 
 def auroc(good: Array, score: Array) -> float:
@@ -149,7 +166,7 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Verdicts of audits without answers, against the truth: `outlier` counts as bad, `similar` as good."
+    explained = "Audits without answers, against the truth: outliers, groups apart, and the first to look at."
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
@@ -157,15 +174,12 @@ def report(rows: list[Row]) -> list[str]:
     """Tables in Markdown."""
     of_kind = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     parts = [list(HEAD)]
-    ranked = [(row, auroc(np.array(row["good"]), np.array(row["log_odds"]))) for row in of_kind["recorded"]]
-    parts[0] += counted("recorded, AUROC >= .6", [row for row, value in ranked if value >= 0.6])
-    parts[0] += counted("recorded, AUROC < .6", [row for row, value in ranked if value < 0.6])
-    for kind in ("half", "walks"):
+    for kind in ("recorded", "half", "walks"):
         parts[0] += counted(kind, of_kind[kind])
     for cell in map(" ".join, PAPER):
         parts[0] += counted(f"paper: {cell}", [row for row in of_kind["paper"] if row["name"].startswith(cell)])
     parts[0] += counted("grid", of_kind["grid"])
-    parts += [cells_right(of_kind["grid"]), pairs_asked(of_kind["recorded"]), good_by_proba(of_kind["recorded"])]
+    parts += [pairs_asked(of_kind["recorded"]), plain_cells(of_kind["plain"]), beside_0_3(rows)]
     for told in ("not named", "named"):
         parts[0] += counted(f"operators {told}", [row for row in of_kind["people"] if row["name"].startswith(told)])
     for kind in kinds.KINDS:
@@ -174,18 +188,6 @@ def report(rows: list[Row]) -> list[str]:
     told = [described(row) for row in of_kind["recorded"]]
     parts += [["<details><summary>Set by set</summary>"], told, ["</details>"]] if told else []
     return [text for part in parts if part for text in ("", *part)][1:]
-
-
-def cells_right(rows: list[Row]) -> list[str]:
-    if not rows:
-        return []
-    right = {kind: [is_right(row) for row in rows if is_continuous(row) == kind] for kind in (False, True)}
-    discrete, continuous = (f"{sum(found)} of {len(found)}" for found in right.values())
-    return [f"Cells of the grid that are right: {discrete} discrete, {continuous} continuous."]
-
-
-def is_continuous(row: Row) -> bool:
-    return "Continuous" in row["name"] or "Pendulum" in row["name"]
 
 
 def pairs_asked(rows: list[Row]) -> list[str]:
@@ -197,76 +199,60 @@ def pairs_asked(rows: list[Row]) -> list[str]:
     return [f"{text}and one of middling quality in {middle}."]
 
 
-def good_by_proba(rows: list[Row]) -> list[str]:
-    """How many demonstrations with such a P(similar) are good, of recorded sets with verdicts: in the others P is 1/2.
-    Those of middling quality are left out.
-
-    `rpil.results.vocabulary` quotes the last line.
-    """
-    rows = [row for row in rows if any(row["verdicts"])]
-    if not rows:
-        return []
-    good, proba = (np.concatenate([row[name] for row in rows]) for name in ("good", "proba"))
-    source = np.repeat(np.arange(len(rows)), [len(row["good"]) for row in rows])[good >= 0]
-    good, proba = good[good >= 0], proba[good >= 0]
-    which = np.clip(np.searchsorted(P_BINS, proba, side="right") - 1, 0, len(P_BINS) - 2)
-    lines = ["| P(similar) | demonstrations | good | share good | sets |", "|---|---|---|---|---|"]
-    for k, (low, high) in enumerate(pairwise(P_BINS)):
-        own = which == k
-        share = f"{good[own].mean():.0%}" if own.any() else ""
-        counts = f"{own.sum()} | {good[own].sum()} | {share} | {len(set(source[own]))}"
-        lines.append(f"| {low:g} to {high:g} | {counts} |")
-    most, least = good[proba >= 0.9], good[proba <= 0.1]
-    if len(most) and len(least):
-        text = f"{most.mean():.0%} of the demonstrations with P(similar) of .9 or more were good, "
-        text += f"{least.mean():.0%} of those with .1 or less, and {good.mean():.0%} of all"
-        lines += ["", f"In {len(rows)} recorded sets with verdicts {text}."]
-    return lines
-
-
-def counts(rows: Sequence[Row]) -> dict[tuple[int, int], int]:
-    """Demonstrations by verdict (1 similar, -1 outlier) and truth (1 good, 0 bad)."""
-    verdicts, good = (np.concatenate([row[name] for row in rows]) for name in ("verdicts", "good"))
-    every = product((1, -1), (1, 0))
-    return {(verdict, truth): int(((verdicts == verdict) & (good == truth)).sum()) for verdict, truth in every}
-
-
 def counted(title: str, rows: Sequence[Row]) -> list[str]:
     """A row of the first table."""
     if not rows:
         return []
-    count, pairs = counts(rows), [(np.array(row["good"]), np.array(row["verdicts"])) for row in rows]
-    sets = sum(bool(((verdicts < 0) & (good == 1)).any()) for good, verdicts in pairs)
-    shares = np.array([float((verdicts[good >= 0] != 0).mean()) for good, verdicts in pairs])
-    error = shares.std(ddof=1) / np.sqrt(len(shares)) if len(shares) > 1 else np.nan
-    of_good = sum(int((good == 1).sum()) for good, _ in pairs)
-    outlier = f"{count[-1, 0]}, {count[-1, 1]} of {of_good} good"
-    return [
-        f"| {title} | {len(rows)} | {outlier} | {count[1, 1]}, {count[1, 0]} | {sets} | "
-        f"{shares.mean():.2f} (standard error {error:.2f}) |"
-    ]
+    good, outlier, apart = (np.concatenate([row[name] for row in rows]) for name in ("good", "verdicts", "apart"))
+    first = np.concatenate([np.array(row["good"])[row["first"]] for row in rows])
+    accused = sum(bool(((np.array(row["verdicts"]) < 0) & (np.array(row["good"]) == 1)).any()) for row in rows)
+    cells = [f"{(said & (good == 0)).sum()}, {(said & (good == 1)).sum()}" for said in (outlier < 0, apart > 0)]
+    bad_first, bad = ((truth == 0).sum() / max((truth >= 0).sum(), 1) for truth in (first, good))
+    return [f"| {title} | {len(rows)} | {' | '.join(cells)} | {bad_first:.0%} | {bad:.0%} | {accused} |"]
 
 
-def is_right(row: Row) -> bool:
-    """AUROC >= .99, verdicts for 80 % and none wrong; of flipped and shifted actions: the pair holds one of each."""
-    good, verdicts = np.array(row["good"]), np.array(row["verdicts"])
-    if " flip " in row["name"] or " shift " in row["name"]:
-        return set(row["pair"]) == {0, 1} and not (verdicts != 0).any()
-    return auroc(good, np.array(row["log_odds"])) >= 0.99 and (verdicts != 0).mean() >= 0.8 and not n_wrong(row)
+def plain_cells(rows: list[Row]) -> list[str]:
+    """In how many plain worlds with few bad ones and a right ranking nobody is named; and how many are, by size."""
+    if not rows:
+        return []
+    mute, able, named, total, accused, n_good = [], 0, 0, 0, 0, 0
+    for row in rows:
+        good, said = np.array(row["good"]), (np.array(row["verdicts"]) < 0) | (np.array(row["apart"]) > 0)
+        accused, n_good = accused + int((said & (good == 1)).sum()), n_good + int((good == 1).sum())
+        if row["name"].startswith("size") and (good == 0).any():
+            named, total = named + int((said & (good == 0)).sum()), total + int((good == 0).sum())
+        few = 0.02 <= (good == 0).mean() <= 0.36 and row["n_steps"] >= MIN_STEPS
+        if few and auroc(good, np.array(row["log_odds"])) >= WELL:
+            able += 1
+            mute += [row["name"]] if not (said & (good == 0)).any() else []
+    text = f"Plain worlds: nobody is named in {len(mute)} of {able} cells with a right ranking and 2 to 36 % bad"
+    text += f" ({'; '.join(mute)})" * bool(mute)
+    return [f"{text}; {accused} of {n_good} good ones are named; by size, {named} of {total} bad ones."]
 
 
-def n_wrong(row: Row) -> int:
-    count = counts([row])
-    return count[1, 0] + count[-1, 1]
+def beside_0_3(rows: list[Row]) -> list[str]:
+    """Where the ranking is lower than that of 0.3."""
+    before, lower, better, n = judge_of_0_3(), [], 0, 0
+    for row in rows:
+        good, old = np.array(row["good"]), before.get(f"{row['kind']}: {row['name']}")
+        if old is None or len(old) != len(good) or not {0, 1} <= {*good.tolist()}:
+            continue
+        now, then = auroc(good, np.array(row["log_odds"])), auroc(good, old)
+        n, better = n + 1, better + (now > then + LEAST)
+        lower += [f"{row['name']} {then:.3f} to {now:.3f}"] if now < then - LEAST else []
+    if not n:
+        return []
+    text = f"AUROC beside the judge of 0.3, {n} sets: lower by more than {LEAST} in {len(lower)}"
+    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)}, higher in {better}."]
 
 
 def changes(rows: list[Row]) -> list[str]:
-    """How many verdicts change where nothing that matters does; of a random half, those that its demonstrations had."""
+    """How many outliers change where nothing that matters does; of a random half, those that its demonstrations had."""
     own = {row["name"]: row for row in rows}
     bases = {name.split(":")[0]: row["verdicts"] for name, row in own.items() if name.endswith(AS_IT_IS)}
     if not bases:
         return []
-    lines = ["| change | verdicts given | turned over | withdrawn |", "|---|---|---|---|"]
+    lines = ["| change | outliers | withdrawn | new |", "|---|---|---|---|"]
     for change in CHANGES:
         rows_of = ((verdicts, own[f"{name}: {change}"]) for name, verdicts in bases.items())
         pairs = [
@@ -275,10 +261,8 @@ def changes(rows: list[Row]) -> list[str]:
             for m, verdict in zip(row["ids"], row["verdicts"], strict=False)
             if m < len(verdicts)
         ]
-        given = sum(old != 0 for old, _ in pairs)
-        turned = sum(old * new < 0 for old, new in pairs)
-        gone = sum(old != 0 and new == 0 for old, new in pairs)
-        lines.append(f"| {change} | {given} | {turned} | {gone} |")
+        gone, new = (sum(pair == change for pair in pairs) for change in ((-1, 0), (0, -1)))
+        lines.append(f"| {change} | {sum(old < 0 for old, _ in pairs)} | {gone} | {new} |")
     return lines
 
 
@@ -296,10 +280,11 @@ def point_masses(rows: list[Row]) -> list[str]:
 
 
 def described(row: Row) -> str:
-    """A line for a recorded set."""
-    value, verdicts = auroc(np.array(row["good"]), np.array(row["log_odds"])), np.count_nonzero(row["verdicts"])
-    text = f"AUROC {value:.2f}, {row['finding']}, {verdicts} verdicts, {n_wrong(row)} wrong"
-    return " ".join([f"- {row['name']}: {text}.", *row["doubts"]])
+    """A recorded set in a line."""
+    good, said = np.array(row["good"]), np.array(row["verdicts"]) < 0
+    value = auroc(good, np.array(row["log_odds"]))
+    wrong = int((said & (good == 1)).sum())
+    return f"- {row['name']}: AUROC {value:.2f}, {row['finding']}, {said.sum()} outliers, {wrong} of them good."
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ from multiprocessing import Pool
 
 import numpy as np
 
+import rpil
 from options import asked
 from provenance import line, provenance
-from rpil import RPIL
 from worlds.kinds import KINDS, small
 
 SEEDS, ORDERS = 6, 4
@@ -30,8 +30,8 @@ def findings(k: int) -> tuple[list[str], list[str]]:
     orders = [np.random.default_rng([25, n]).permutation(len(demonstrations)) for n in range(ORDERS)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        by_seed = [RPIL(random_state=seed).fit(demonstrations).audit_.finding for seed in range(SEEDS)]
-        by_order = [RPIL().fit(demonstrations.select(order)).audit_.finding for order in orders]
+        by_seed = [rpil.audit(demonstrations, random_state=seed).finding for seed in range(SEEDS)]
+        by_order = [rpil.audit(demonstrations.select(order)).finding for order in orders]
     return by_seed, [by_seed[0], *by_order]
 
 

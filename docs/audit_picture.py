@@ -18,7 +18,7 @@ from xml.sax.saxutils import escape
 
 COMMAND = "rpil audit landings.npz"
 WIDTH, CHARACTER, LINE, MARGIN = 82, 7.8, 18, 16  # in characters, and in pixels
-COLOURS = {"similar": "#56d364", "outlier": "#ff7b72", "open": "#e3b341"}
+COLOURS = {"outlier": "#ff7b72", "open": "#e3b341"}
 
 
 def main() -> None:
@@ -57,7 +57,7 @@ def svg(printed: list[str]) -> str:
 
 def coloured(line: str) -> str:
     """A line in which the verdict of a row of the ranking has its colour."""
-    row = re.fullmatch(r"(\S+ +)(similar|outlier|open)( .*|)", line)
+    row = re.fullmatch(r"(\S+ +)(outlier|open)( .*|)", line)
     if row is None:
         return escape(line)
     before, verdict, after = row.groups()

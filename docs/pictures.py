@@ -149,7 +149,7 @@ def policies() -> Any:
     draw_map(axes[0], ring(grid.reshape(-1, 2)), "the expert")
     for ax, (name, make) in zip(axes[1:], RIVALS.items(), strict=True):
         model = make().fit(demonstrations)
-        draw_map(ax, model.predict(grid.reshape(-1, 2)), f"{name}\n{count_right(model, good)}")
+        draw_map(ax, model.predict(grid.reshape(-1, 2)), f"{name}\n{count_outliers(model, good)}")
     return figure
 
 
@@ -161,10 +161,10 @@ def draw_map(ax: Any, actions: Array, title: str) -> None:
     ax.set_yticks([])
 
 
-def count_right(model: RPIL, good: Array) -> str:
-    """The number of right verdicts in words."""
-    right = np.array(model.audit_.verdicts) == np.where(good, "similar", "outlier")
-    return f"{right.sum()} of {len(good)} verdicts right"
+def count_outliers(model: RPIL, good: Array) -> str:
+    """How many of the bad demonstrations, and of the good ones, are outliers, in words."""
+    is_outlier = np.array(model.audit_.verdicts) == "outlier"
+    return f"outliers: {is_outlier[~good].sum()} bad, {is_outlier[good].sum()} good"
 
 
 # ---- how much of a demonstration is good -----------------------------------------------------------------------------

@@ -40,7 +40,7 @@ for name, audit in (("together", together), ("within each day", within)):
     print(f"{name}: {audit.finding}; {audit.verdict_counts()}")
 
 # %%
-# Above: judged together, Tuesday stands out as a day. Below: within each day only the bad ones do.
+# Above: judged together, all of Tuesday are outliers. Below: within each day only the bad ones are.
 figure, axes = plt.subplots(2, 1, figsize=(9, 6), layout="constrained")
 together.plot.sessions(ax=axes[0])
 within.plot.sessions(ax=axes[1])

@@ -26,15 +26,14 @@ with as_file(files("rpil.cli") / "bundled" / "overcooked_cramped_room.npz") as p
 print(demonstrations)
 
 # %%
-# One call judges. The finding says what verdicts there are: here "no outliers", so that all stay open, and are
-# ranked.
+# One call judges. The finding says what verdicts there are: here "no outliers", so that all are open, and are ranked.
 audit = rpil.audit(demonstrations)
 print(audit)
 
 # %%
 # The log-odds grow where a demonstration belongs with those that agree best. They agree with the score, though the
 # audit did not see it.
-print(f"rank correlation with the score: {spearmanr(audit.log_odds, score).statistic:.2f}")
+print(f"Spearman's correlation with the score: {spearmanr(audit.log_odds, score).statistic:.2f}")
 
 # %%
 # Left: the ranking, as `audit.plot.ranking()` draws it. Right: the score against it.

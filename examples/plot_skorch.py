@@ -84,7 +84,7 @@ naive = clone(policy).fit(observations, actions, network__sample_weight=np.ones(
 model = RPIL(policy=policy).fit(demonstrations)
 for was_good in (True, False):
     verdicts = [v for v, good in zip(model.audit_.verdicts, is_good, strict=True) if good == was_good]
-    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("similar", "outlier", "open"))
+    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("open", "outlier"))
     print(f"{'good' if was_good else 'random'} demonstrations: {words}")
 new = np.random.default_rng(1).normal(size=(2000, 2))
 alike, trusting = ((each.predict(new) == rule(new)).mean() for each in (naive, model))

@@ -3,7 +3,7 @@ A policy from step weights
 ==========================
 
 A point is to be steered to a goal. Half of the demonstrations are driven off course for a while. A policy that learns
-from all of them is driven off course, too; the same learner with the weights by which `RPIL` learns is not.
+from all of them is driven off course, too. The same learner with the weights by which `RPIL` learns seldom is.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ states, actions, blown = np.array(states), np.array(actions), np.array(blown)
 demonstrations = rpil.Demonstrations.from_groups(states, actions, np.repeat(np.arange(30), N_STEPS))
 
 # %%
-# `RPIL` knows nothing of the gust. Its weights act without answers; those of `rpil.audit` wait for two.
+# `RPIL` knows nothing of the gust. It trusts the larger part of the demonstrations that agree: every step of these
+# weighs 1, and every step of the others 0. The weights of `rpil.audit` are all 1 until you answer.
 weight = rpil.RPIL().fit(demonstrations).audit_.step_weight
 print(f"mean weight: {weight[blown].mean():.2f} in a gust, {weight[~blown].mean():.2f} else")
 

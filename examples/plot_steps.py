@@ -4,7 +4,7 @@ Which steps went wrong
 
 A demonstration need not be good or bad as a whole. Here some are good but for a stretch in which the hand slipped. An
 audit gives every step a log-ratio: how much better a policy of the others predicts the action than the frequencies of
-the actions do. From these comes the weight by which `RPIL` learns from the step.
+the actions do. From these comes the trust in each step, which the report and the page of `rpil review` draw.
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ demonstrations = rpil.Demonstrations.from_groups(
 )
 
 # %%
-# The weight of a step is small where it does not follow the policy of the others.
-audit = rpil.RPIL().fit(demonstrations).audit_
-weight = audit.step_weight.reshape(N_DEMONSTRATIONS, N_STEPS)
-print(f"mean weight: {weight[slip].mean():.2f} of slips, {weight[~slip].mean():.2f} of all other steps")
+# The trust in a step is small where it does not follow the policy of the others. It changes no weight: a training
+# weight is that of the whole demonstration.
+audit = rpil.audit(demonstrations)
+trust = np.stack([audit.step_trust(m) for m in range(N_DEMONSTRATIONS)])
+print(f"mean trust: {trust[slip].mean():.2f} in slips, {trust[~slip].mean():.2f} in all other steps")
 
 # %%
 # The steps of one of the six. Above: the log-ratio of each step, its running mean, and the worst five with their
-# numbers. Below: the weights. The bar marks where the hand really slipped.
+# numbers. Below: the trust. The bar marks where the hand really slipped.
 figure, (above, below) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
 audit.plot.steps(0, ax=above)
-below.step(np.arange(N_STEPS), weight[0], where="mid")
+below.step(np.arange(N_STEPS), trust[0], where="mid")
 where = np.flatnonzero(slip[0])
-below.hlines(2.1, where[0], where[-1], linewidth=6, label="slipped")
-below.set(xlabel="Step", ylabel="Weight", ylim=(0, 2.25))
+below.hlines(1.05, where[0], where[-1], linewidth=6, label="slipped")
+below.set(xlabel="Step", ylabel="Trust", ylim=(0, 1.1))
 below.legend(loc="lower left")
 plt.show()

@@ -79,7 +79,7 @@ for _ in range(30):
 found = reweight(Learner(), demonstrations, log_prob=log_prob, train=one_epoch)
 for was_good in (True, False):
     verdicts = [v for v, good in zip(found.audit.verdicts, is_good, strict=True) if good == was_good]
-    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("similar", "outlier", "open"))
+    words = ", ".join(f"{verdicts.count(v)} {v}" for v in ("open", "outlier"))
     print(f"{'good' if was_good else 'random'} demonstrations: {words}")
 print(f"right actions: {naive.accuracy():.3f} trusting all, {found.policy.accuracy():.3f} trusting the trustworthy")
 

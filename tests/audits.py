@@ -17,7 +17,7 @@ from rpil.results.vocabulary import SIDES, Verdict
 
 
 def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
-    """Two parts of the action of a demonstration that leaves the band of the similar in the middle half."""
+    """Two parts of the action of a demonstration that leaves the band of the rest in the middle half."""
     rng = np.random.default_rng(seed)
     mean = np.cumsum(rng.normal(size=(n_steps, 2)), axis=0)
     middle = np.abs(np.arange(n_steps) - n_steps / 2) < n_steps / 4
@@ -29,7 +29,7 @@ def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
 
 
 def make_audit(
-    verdicts: Sequence[Verdict] = ("similar",) * 5 + ("open",) + ("outlier",) * 4,
+    verdicts: Sequence[Verdict] = ("open",) * 6 + ("outlier",) * 4,
     *,
     ids: Sequence[Any] | None = None,
     lengths: Sequence[int] | None = None,
@@ -48,7 +48,7 @@ def make_audit(
     ratios, reliability = [], np.empty(size)
     for m, (verdict, length) in enumerate(zip(verdicts, lengths, strict=True)):
         middle = np.abs(np.arange(length) - length / 2) < length / 4
-        bad = {"upper": 0.02, "open": 0.3, "lower": 0.5}[SIDES[verdict]]
+        bad = 0.5 if SIDES[verdict] == "lower" else 0.02
         wrong = rng.random(length) < np.where(middle, min(2 * bad, 1), bad / 10)
         ratios.append(np.where(wrong, -rng.exponential(3.0, length), rng.uniform(0.1, np.log(3), length)))
         reliability[m] = 1 - wrong.mean()
@@ -66,7 +66,6 @@ def make_audit(
         "reliability_interval": np.clip(np.stack([reliability - half, reliability + half], axis=1), 0, 1),
         "verdicts": tuple(verdicts),
         "step_log_ratio": steps,
-        "step_share": np.full(len(steps), 0.5),
         "step_weight": (steps > 0).astype(float),
         "prior": Interval(0.55, 0.31, 0.77),
         "identifiable": True,
@@ -74,8 +73,8 @@ def make_audit(
         "pair": (),
         "answers": Answers.of_labels(np.zeros(size, dtype=np.int64)),
         "columns": np.empty((size, 0)),
-        "columns_within": np.empty((size, 0)),
         "claimed": np.zeros(size, dtype=np.int64),
+        "part": np.zeros(size),
         "copy_of": np.arange(size),
         "adversary": "uniform",
         "settings": AuditSettings(),

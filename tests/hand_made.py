@@ -27,7 +27,7 @@ Gains = Callable[[Array], Any]
 """Of the policy fitted to a group (M,) bool: its gain over frequent actions on each demonstration, (M,) or a number."""
 
 
-def same_actions(n_demonstrations: int, discrete: bool = False, n_parts: int = 2) -> FitData:
+def same_actions(n_demonstrations: int, discrete: bool = False) -> FitData:
     """Demonstrations that all take the same actions: an odd number of them, whose median is that of any group."""
     steps = 4 if discrete else 5
     n = n_demonstrations * steps
@@ -35,12 +35,12 @@ def same_actions(n_demonstrations: int, discrete: bool = False, n_parts: int = 2
     offsets, labels = np.arange(0, n + 1, steps), np.zeros(n_demonstrations, dtype=int)
     if discrete:
         return FitData(features, np.tile(np.arange(steps) % 2, n_demonstrations), offsets, Discrete(2), labels)
-    actions = np.tile(np.random.default_rng(0).normal(size=(steps, n_parts)), (n_demonstrations, 1))
+    actions = np.tile(np.random.default_rng(0).normal(size=(steps, 2)), (n_demonstrations, 1))
     return FitData(features, actions, offsets, Box.around(actions), labels)
 
 
 COLUMNS = np.column_stack([np.linspace(-1.5, 1.5, 12), np.tile([0.5, -0.5, 0.1], 4), np.repeat([-1.0, 1.0], 6)])
-"""What is known of twelve demonstrations, from which answers learn: agreement, a channel, and the group."""
+"""What is known of twelve demonstrations, from which answers learn: the ranking, a channel, and the group."""
 
 
 def answers_of(labels: Any = None, pairs: Any = (), outcome: Any = None, tied: Any = (), m: int = 12) -> Answers:
@@ -63,44 +63,20 @@ class Written(HeldOutModel):
     data: FitData
     gains: Gains
     settings: JudgeSettings
-    parts: Array | None = None
-    """(M, A): log-density of each part of the actions, for every group."""
-    gains_at: Gains | None = None
-    """The same as `gains` where the errors have the scale of another group; None where the scale changes nothing."""
     fitted: list[Array] = field(default_factory=list)
     """The groups to which policies were fitted."""
-    scaled: list[tuple[Array, Array]] = field(default_factory=list)
-    """The groups to which policies were fitted, and those whose scale of errors they got."""
-    copies: list[Written] = field(default_factory=list)
 
     def evaluate(self, weight: Array, ridge: float) -> Array:
         group = self.data.mean_steps(weight) > 0
         self.fitted.append(group)
-        return self._log_prob(self.gains(group))
-
-    def log_prob_at(self, weight: Array, other: Array, ridge: float) -> Array:
-        group, scale_of = (self.data.mean_steps(each) > 0 for each in (weight, other))
-        self.scaled.append((group, scale_of))
-        return self._log_prob((self.gains_at or self.gains)(group))
-
-    def log_prob_of_parts(self, weight: Array, ridge: float) -> Array | None:
-        self.fitted.append(self.data.mean_steps(weight) > 0)
-        return None if self.parts is None else self.data.per_step(self.parts)
-
-    def cold_copy(self) -> Written:
-        self.copies.append(Written(self.data, self.gains, self.settings, self.parts, self.gains_at))
-        return self.copies[-1]
-
-    def _log_prob(self, gains: Any) -> Array:
-        of_each = np.broadcast_to(np.asarray(gains, dtype=float), self.data.n_demonstrations)
+        of_each = np.broadcast_to(np.asarray(self.gains(group), dtype=float), self.data.n_demonstrations)
         return self.data.per_step(of_each) + reference(self.data, self.settings)
 
 
-def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings, parts: Array | None = None) -> Scoring:
+def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings) -> Scoring:
     """How demonstrations are scored by policies with these gains."""
-    model = Written(data, gains, settings, parts)
     log_q = reference(data, settings)
-    return Scoring(data, model, settings, 1e-2, log_q, log_q, True)
+    return Scoring(data, Written(data, gains, settings), settings, 1e-2, log_q, log_q)
 
 
 def groups_of(p_two: float, share: float = 0.5, deviation: float = 0.1) -> Groups:

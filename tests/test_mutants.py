@@ -69,7 +69,7 @@ def test_each_module_has_its_own_tests_and_those_beside():
         assert all(map(Path.is_file, map(Path, files)))
     assert named["choice"] == ["results/test_choice.py", "cli/test_keep_rules.py"]
     assert named["trust"] == ["inference/test_trust.py"]
-    assert {"inference/test_claims.py", "inference/test_trust.py"} <= {*named["claims"]}
+    assert {"inference/test_outliers.py", "inference/test_trust.py"} <= {*named["outliers"]}
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
 
 
@@ -83,7 +83,7 @@ def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch
         TOOL["main"]()
 
 
-@pytest.mark.parametrize("module", ["claims", "tasks"])
+@pytest.mark.parametrize("module", ["outliers", "tasks"])
 def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
     """The copy in which the tests run holds the changed module, and the library elsewhere."""
 

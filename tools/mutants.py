@@ -4,7 +4,7 @@ tests see.
 Usage
 -----
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
-survivors, by line, and the share that was killed. ``--modules claims,data/cells`` names others, with their room where
+survivors, by line, and the share that was killed. ``--modules outliers,data/cells`` names others, with their room where
 they are not in `ROOMS`; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
@@ -39,7 +39,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
-JUDGE = ("claims", "answers", "answered", "rivals", "trust", "groups")
+JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks")
 FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "maps")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
@@ -48,8 +48,6 @@ MORE_TESTS = (
     dict.fromkeys(JUDGE, "inference/test_trust.py")
     | dict.fromkeys(FAULTS, "faults/test_*.py")
     | {
-        "rivals": "inference/test_second_way.py",
-        "answered": "inference/test_within_groups.py",
         "step_weights": "scale/test_fit.py",
         "choice": "cli/test_keep_rules.py",
         "tasks": "estimators/test_within_tasks.py",

@@ -10,11 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+import rpil
 from contestants.ileed import ileed
 from contestants.likelihood import cleanlab, pooled, trimmed
+from rivals.short_judge import Judge
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rment import RMEnt
-from rpil.estimators.rpil import RPIL
 from value.information import information
 from worlds import Array
 
@@ -23,7 +24,7 @@ OURS = "rpil"
 
 def ours(data: Demonstrations, seed: int) -> Array:
     """The default audit, without answers."""
-    return np.asarray(RPIL(random_state=seed).fit(data).audit_.log_odds)
+    return np.asarray(rpil.audit(data, random_state=seed).log_odds)
 
 
 def rm_ent(data: Demonstrations, seed: int) -> Array:
@@ -40,10 +41,18 @@ def length(data: Demonstrations, seed: int) -> Array:
     return data.lengths.astype(float)
 
 
+def short_judge(data: Demonstrations, seed: int) -> Array:
+    """The ranking of the judge in a hundred lines (`rivals/short_judge.py`)."""
+    actions = np.unique(data.actions, return_inverse=True)[1] if data.is_discrete else data.actions.astype(float)
+    of_step = np.repeat(np.arange(len(data)), data.lengths)
+    return np.asarray(Judge(data.observations, actions, of_step, seed).rank)
+
+
 CONTESTANTS: dict[str, Callable[[Demonstrations, int], Array]] = {
     OURS: ours,
     "trimmed likelihood": trimmed,
     "likelihood": pooled,
+    "short judge": short_judge,
     "RM-ENT": rm_ent,
     "mutual information": information,
     "ILEED": ileed,

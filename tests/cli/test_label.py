@@ -41,7 +41,7 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
     assert "Give one of 1, 2, 3, 4, 5, u, s, z, q." in out
     single = re.search(r"Question 2 of 8 at most. Is it good or bad: (\d+)", out)[1]
     assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
-    assert "Now: 20 similar, 4 outliers.\nNo verdict changed.\n" in out
+    assert "Now: 20 open, 4 outliers.\nNo verdict changed.\n" in out
     assert "One answer alone does not" in out
     assert out.splitlines()[-2:] == [
         "2 answers of this run in labels.csv.",

@@ -107,7 +107,7 @@ def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit
     allowed = int(limit.partition(":")[2] or 0)
     line = f"rpil: 6 of 12 demonstrations are outliers, and --fail-on {limit} allows {allowed}."
     assert said == ([line] if code == 1 else [])
-    for wrong in ("similar", "outlier:", "outlier:x", "bad:-1"):
+    for wrong in ("similar", "open", "outlier:", "outlier:x", "bad:-1"):
         said = "is neither outlier nor bad, with a number as in outlier:2"
         refused(said, "audit", folder / "good.parquet", "--fail-on", wrong)
 

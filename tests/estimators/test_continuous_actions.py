@@ -34,7 +34,7 @@ def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
     actions = np.where(np.repeat(is_good, lengths)[:, None], np.clip(wanted, -1.0, 1.0), random)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     audit = RPIL().fit(Demonstrations.from_arrays(observations, actions, offsets)).audit_
-    assert audit.verdicts == tuple(np.where(is_good, "similar", "outlier"))
+    assert audit.verdicts == tuple(np.where(is_good, "open", "outlier"))
 
 
 def test_one_outlying_step_does_not_decide_a_verdict():

@@ -49,10 +49,11 @@ def assert_alike(model, other, most_open=0.0, least_correlation=0.99):
 
 
 @pytest.mark.parametrize(
-    ("maker", "kind", "most_open"), [(make, "random", 0), (make_continuous, "noisy", 0.2), (make, "flipped", 0)]
+    ("maker", "kind", "n_bad", "most_open"),
+    [(make, "random", 40, 0), (make_continuous, "noisy", 40, 0.2), (make, "flipped", 20, 0)],
 )
-def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, most_open):
-    toy, data = demonstrations(kind, maker=maker)
+def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, n_bad, most_open):
+    toy, data = demonstrations(kind, n_bad=n_bad, maker=maker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, other = both(data)
@@ -60,9 +61,9 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, m
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
     assert len(model.audit_.reasons) == len(data)
     assert model.audit_.deviations == ()  # actions are compared in memory only
-    assert set(model.audit_.traces) == set(data.ids)
+    assert len({*data.ids} - model.audit_.traces.keys()) <= 1  # the median one of an odd number has no evidence
     for name, own in model.audit_.traces.items():  # by the policy of the sample, as by that of all
-        beside = other.audit_.traces.get(name)  # the median similar one has no part with evidence of its own
+        beside = other.audit_.traces.get(name)  # the median one of the rest has no part with evidence of its own
         same = {part.name: part for part in beside.parts} if beside else {}
         assert own.parts[0].name in same or abs(own.parts[0].nats) < 20
         for part in (part for part in own.parts if part.name in same):
@@ -90,13 +91,11 @@ def test_labels_outside_the_sample_are_used():
     assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
 
 
-def test_demonstrators_of_large_data_are_a_doubt_without_answers_and_change_log_odds_with_them():
+def test_demonstrators_of_large_data_change_log_odds_with_answers_alone():
     toy, data = demonstrations("noisy")
     names = [f"{'good' if is_good else 'bad'} {m % 2}" for m, is_good in enumerate(toy.is_good)]
     told = {"demonstrators": names}
     for model in both(data, fit=told):
-        assert model.audit_.finding == "in doubt"
-        assert "of operators without a similar demonstration (bad" in model.audit_.doubts[0]
         assert not model.audit_.from_demonstrator.any()
         assert {who.trust for who in model.audit_.demonstrators} == {None}
     model, other = both(

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
 
+import rpil
 from problems import make, make_continuous, two_styles
 from rpil import RPIL, DataError, Settings, load, save
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.findings import FINDINGS
-from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
+from rpil.inference.settings import AnswerSettings, JudgeSettings, OutlierSettings
 
 STEPS = (40, 60)
 
@@ -47,11 +48,26 @@ def test_log_odds_are_the_sum_of_their_parts():
     assert audit.finding in FINDINGS
 
 
+@pytest.mark.parametrize("policy", [None, LogisticRegression()])
+def test_a_learner_trusts_the_larger_part_by_linear_policies_and_says_so(policy):
+    """Whatever its own policy is; labels of both parts turn it, and an audit looks for none."""
+    toy = make("flipped", 0, n_good=10, n_bad=5, steps=STEPS)
+    model = RPIL(policy=policy).fit(toy.demonstrations)
+    np.testing.assert_array_equal(model.audit_.part, np.where(toy.is_good, 1, -1))
+    np.testing.assert_array_equal(model.audit_.step_weight, toy.is_good[toy.groups])
+    assert "The policy trusts 10 of 15 that agree; two labels turn it." in model.audit_.notes
+    turned = RPIL(policy=policy, labels={"d0": "bad", "d14": "good"}).fit(toy.demonstrations)
+    np.testing.assert_array_equal(turned.audit_.step_weight, ~toy.is_good[toy.groups])
+    assert not any("trusts" in note for note in turned.audit_.notes)
+    assert (model.predict(toy.observations) == turned.predict(toy.observations)).mean() < 0.6
+    assert not rpil.audit(toy.demonstrations).part.any()
+
+
 def test_user_policy_with_repeated_columns():
     toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
     twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * 1e12
     audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
-    assert set(audit.verdicts) <= {"open", "similar"}
+    assert set(audit.verdicts) == {"open"}
 
 
 def test_user_policy_scores_demonstrations_as_it_judged_them():
@@ -135,7 +151,7 @@ def test_a_saved_audit_knows_its_copies(tmp_path):
 
 
 def test_the_audit_carries_the_thresholds_of_its_judge():
-    judge = JudgeSettings(claims=ClaimSettings(min_proba=0.6), answers=AnswerSettings(min_proba=0.7))
+    judge = JudgeSettings(outliers=OutlierSettings(min_proba=0.6), answers=AnswerSettings(min_proba=0.7))
     settings = (
         RPIL(settings=Settings(judge=judge)).fit(make("random", 3, n_good=4, n_bad=0).demonstrations).audit_.settings
     )

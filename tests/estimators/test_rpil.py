@@ -219,7 +219,7 @@ def test_progress_is_reported():
     said: list[str] = []
     RPIL(progress=said.append).fit(make("random", 0).demonstrations)
     assert said[0] == "features"
-    stages = ["ridge", "fitting the training group", "other folds", "what the scores support", "the policy"]
+    stages = ["ridge", "fitting the training group", "what the scores support", "the policy"]
     assert said[1:] == stages
     RPIL(adversary="uniform", progress=said.append).fit(make("random", 0).demonstrations)
     assert "fitting, from the start pooled" in said

@@ -1,4 +1,4 @@
-"""Bayesian logistic regression on answers, against numerical integration and hand-made answers."""
+"""Bayesian logistic regression on answers, against numerical optimisation and integration, and hand-made answers."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
-from scipy.special import expit, logit
-from scipy.stats import rankdata
+from scipy.optimize import minimize
+from scipy.special import expit, logit, softmax
+from scipy.stats import spearmanr
 
 from hand_made import answers_of
 from rpil.data.errors import DataError
-from rpil.inference import answers as module
-from rpil.inference.answers import Answers, check_copied_labels, posterior
+from rpil.inference.answers import NOTHING, Answers, check_copied_labels, explained, posterior, predicted
+from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
 
 NAN, SETTINGS = np.nan, AnswerSettings()
@@ -62,6 +62,27 @@ def test_sides_of_answers():
     assert answers_of([1, 0], tied=[(0, 1)]).sides == {1}
 
 
+def test_answers_contrast_where_there_are_two_and_both_sides():
+    for answers, contrast in (
+        (answers_of([1, -1]), True),
+        (answers_of([1, 1]), False),
+        (answers_of(m=2, pairs=[(0, 1)]), False),
+        (answers_of(m=3, pairs=[(0, 1), (1, 2)]), True),
+        (answers_of([1, 0], outcome=[NAN, 0.0]), True),
+        (answers_of(m=3, outcome=[1.0, 2.0, 3.0]), True),
+        (answers_of([1, 1], tied=[(0, 1)]), False),
+    ):
+        assert answers.contrast is contrast
+
+
+def test_a_flag_of_zero_is_said_of_its_demonstration_and_of_copies_without_one():
+    known = answers_of([0, 0, 0, 1], outcome=[0.0, 1.0, NAN, 0.0])
+    assert known.said.tolist() == [-1, 0, 0, 1]
+    assert known.shared(np.array([0, 1, 0, 3])).said.tolist() == [-1, 0, -1, 1]
+    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).said.tolist() == [0] * 3, "no flag"
+    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).select([0, 1]).said.tolist() == [0] * 2, "nor are some of them"
+
+
 def test_ranks_of_an_outcome_are_shares_that_are_lower_ties_half_and_flags_are_themselves():
     for outcome, ranks in (
         ([5.0, NAN, 1.0, 5.0, 3.0, 9.0], np.array([6, NAN, 1, 6, 3, 9]) / 10),
@@ -90,151 +111,218 @@ def test_rows_are_labels_then_outcomes_then_differences_of_pairs():
     np.testing.assert_allclose(targets, [0, 1, 1 / 6, 5 / 6, 0.5, 1, 1])
 
 
-def made(seed=0, m=14, columns=3):
-    """Channels, and answers of all sorts."""
+ERROR = SETTINGS.error
+
+
+def made(seed=0, m=14, columns=3, flags=False, labels=True):
+    """Columns, and answers of all sorts: outcomes are flags, or ranked."""
     rng = np.random.default_rng(seed)
-    channels = rng.normal(size=(m, columns))
-    labels = np.where(rng.random(m) < 0.4, np.sign(channels[:, 1] + 0.3 * rng.normal(size=m)), 0).astype(np.int64)
-    outcome = np.where(rng.random(m) < 0.4, channels[:, 0] + rng.normal(size=m), NAN)
-    return channels, answers_of(labels, [(0, 1), (2, 3), (5, 4)], outcome, tied=[(6, 7), (8, 3)])
+    values = rng.normal(size=(m, columns))
+    said = np.sign(values[:, 1 % columns] + 0.3 * rng.normal(size=m)) * (rng.random(m) < 0.4) * labels
+    ended = values[:, 0] + rng.normal(size=m)
+    outcome = np.where(rng.random(m) < 0.5, (ended > 0) if flags else ended, NAN)
+    pairs, tied = ([(0, 1), (2, 3), (5, 4)], [(6, 7), (8, 3)]) if labels else ([], [])
+    return values, answers_of(said, pairs, outcome, tied=tied)
 
 
-def prior(columns, direction):
-    """Mean and precision of w."""
-    mean = np.zeros(columns + 1)
-    mean[1], mean[-1] = 1.0, SETTINGS.group_weight
-    precision = SETTINGS.precision if direction else module.NOTHING
-    return direction * mean, np.append(SETTINGS.offset_precision, np.full(columns, precision))
-
-
-def log_joint(w, rows, targets, mean, precision, error):
+def log_joint(w, columns, answers, luck=ERROR, precision=1.0):
     """Of w and the answers, up to the constant of the prior: written again from the formula."""
-    yes = (1 - 2 * error) * expit(rows @ w) + error
-    return targets @ np.log(yes) + (1 - targets) @ np.log(1 - yes) - 0.5 * precision @ (w - mean) ** 2
+    rows, targets = answers.rows(columns)
+    proba, wrong = expit(rows @ w), np.where(answers.are_outcomes, luck, ERROR)
+    yes, no = wrong + (1 - wrong - ERROR) * proba, ERROR + (1 - wrong - ERROR) * (1 - proba)
+    away = w.copy()
+    away[1] -= 1.0
+    away[-1] -= 0.5
+    prior = 0.25 * away[0] ** 2 + precision * (away[1:] ** 2).sum()
+    return targets @ np.log(yes) + (1 - targets) @ np.log(no) - 0.5 * prior
 
 
-def hypotheses(directions=(1.0, -1.0, 0.0)):
-    """Direction and error rate of each normal distribution."""
-    return [(direction, error) for direction in directions for error in SETTINGS.error_rates]
+CASES = [
+    (made(), [ERROR], 1.0),
+    (made(1, flags=True), [ERROR, 0.5, 0.9], 1.0),  # labels of both sides beside them
+    (made(2, flags=True, labels=False), [ERROR, 0.5, 0.9], 16.0),
+    ((made()[0], answers_of([1] * 6 + [0] * 8)), [ERROR], NOTHING),
+    ((made()[0], answers_of([0] * 14, outcome=[1.0] * 14)), [ERROR, 0.5, 0.9], NOTHING),
+    ((made()[0], answers_of([-1] * 3 + [0] * 11, outcome=[NAN] * 3 + [1.0] * 3 + [0.0] * 8)), [ERROR, 0.5, 0.9], 16.0),
+]
 
 
-def test_means_have_no_slope_by_finite_differences():
-    channels, some = made()
-    found, (rows, targets) = posterior(channels, some, SETTINGS), some.rows(channels)
-    for mean, (direction, error) in zip(found.mean, hypotheses(), strict=True):
-        start, precision = prior(3, direction)
-        slope = approx_fprime(mean, log_joint, 1e-6, rows, targets, start, precision, error)
-        np.testing.assert_allclose(slope / np.sqrt(precision), 0.0, atol=1e-2 if direction == 0 else 1e-3)
-        assert np.abs(mean - start).max() > (0.05 if direction else 0)
+@pytest.mark.parametrize(("world", "lucks", "precision"), CASES)
+def test_means_are_the_most_probable_weights_by_another_optimiser(world, lucks, precision):
+    found = posterior(*world, SETTINGS)
+    np.testing.assert_allclose(found.luck, lucks)
+    scale = np.sqrt(np.array([0.25, precision, precision, precision]))
+    for mean, luck in zip(found.mean, lucks, strict=True):
+
+        def loss(v, luck=luck):
+            return -log_joint(v / scale, *world, luck, precision)
+
+        best = minimize(loss, np.array([0.0, 1.0, 0.0, 0.5]) * scale, method="Nelder-Mead", options=OPTIMISER)
+        np.testing.assert_allclose(mean, best.x / scale, atol=2e-3)
 
 
-def test_covariances_are_inverse_expected_information():
-    channels, some = made()
-    found, (rows, _) = posterior(channels, some, SETTINGS), some.rows(channels)
-    for k, (direction, error) in enumerate(hypotheses()):
-        information = np.diag(prior(3, direction)[1])
-        for row in rows:
-            yes = (1 - 2 * error) * expit(row @ found.mean[k]) + error
-            slope = approx_fprime(found.mean[k], lambda w, a=row, e=error: (1 - 2 * e) * expit(a @ w) + e, 1e-7)
-            information = information + np.outer(slope, slope) / (yes * (1 - yes))
-        np.testing.assert_allclose(found.covariance[k], np.linalg.inv(information), atol=1e-5)
+OPTIMISER = {"maxiter": 20_000, "maxfev": 20_000, "xatol": 1e-7, "fatol": 1e-11}
 
 
-PAIR_CHANNEL = np.array([0.9, -0.4, 0.3, -1.2, 0.5, 0.1])
-PAIRS, TIED = [(0, 1), (2, 3), (1, 3), (5, 4), (0, 4)], [(0, 3), (4, 5)]
+@pytest.mark.parametrize(("world", "lucks", "precision"), CASES)
+def test_covariances_and_weights_are_those_of_the_expected_information(world, lucks, precision):
+    found, (rows, _), evidence = posterior(*world, SETTINGS), world[1].rows(world[0]), []
+    for mean, covariance, luck in zip(found.mean, found.covariance, lucks, strict=True):
+        proba, wrong = expit(rows @ mean), np.where(world[1].are_outcomes, luck, ERROR)
+        yes = wrong + (1 - wrong - ERROR) * proba
+        slope = ((1 - wrong - ERROR) * proba * (1 - proba))[:, None] * rows
+        own = np.array([0.25, precision, precision, precision])
+        information = np.diag(own) + (slope / (yes * (1 - yes))[:, None]).T @ slope
+        np.testing.assert_allclose(covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-12)
+        log_det = np.log(np.linalg.det(information / np.sqrt(np.outer(own, own))))
+        evidence.append(log_joint(mean, *world, luck, precision) - 0.5 * log_det)
+    np.testing.assert_allclose(found.weight, softmax(evidence), rtol=1e-5)
 
 
-def integrated(rows, targets, direction, error):
-    """Log-evidence of answers about pairs, where one weight is all there is."""
-    grid = np.linspace(-12, 12, 2_001)
-    joint = [
-        log_joint(np.array([0.0, w]), rows, targets, np.array([0.0, direction * 2.0]), np.array([0.25, 1.0]), error)
-        for w in grid
-    ]
-    return np.log(np.exp(joint).sum() * (grid[1] - grid[0]) / np.sqrt(2 * np.pi))
-
-
-def test_evidence_is_that_of_numerical_integration():
-    rows, targets = answers_of(m=6, pairs=PAIRS, tied=TIED).rows(PAIR_CHANNEL[:, None])
-    tried = hypotheses((1.0, -1.0))
-    anchor, error = np.array([[0.0, direction * 2.0] for direction, _ in tried]), np.array([[e] for _, e in tried])
-    precision, luck = np.tile([0.25, 1.0], (len(tried), 1)), np.repeat(error, len(rows), axis=1)
-    evidence = module._laplace(rows, targets, anchor, precision, luck, error)[2]
-    np.testing.assert_allclose(evidence, [integrated(rows, targets, *each) for each in tried], atol=0.2)
-    nothing = module._laplace(rows[:0], targets[:0], anchor, precision, luck[:, :0], error)[2]
-    np.testing.assert_allclose(nothing, 0.0, atol=1e-9)
-
-
-def test_posterior_of_directions_and_error_rates():
-    some = answers_of(m=6, pairs=PAIRS)
-    rows, targets = some.rows(PAIR_CHANNEL[:, None])
-    found = posterior(PAIR_CHANNEL[:, None], some, SETTINGS)
-    log_weight = np.array([integrated(rows, targets, *each) for each in hypotheses((1.0, -1.0))])
-    log_weight = np.append(log_weight + np.log(np.repeat([0.425, 0.075], 2)), np.log([0.5] * 2) + 5 * np.log(0.5))
-    weight = np.exp(log_weight) / np.exp(log_weight).sum()
-    np.testing.assert_allclose(np.exp(found.log_weight), weight, atol=0.015)
-    assert np.exp(found.log_weight).sum() == pytest.approx(1.0)
-    assert found.p_nothing == pytest.approx(weight[4:].sum(), abs=0.01)
-
-
-def test_without_answers_the_ranking_is_by_agreement():
+def test_shares_of_luck_and_probabilities_are_those_of_numerical_integration():
+    """Of an offset and one column, whose prior mean is that of the group."""
     rng = np.random.default_rng(0)
-    channels = np.column_stack([rng.normal(size=(9, 3)), np.zeros(9)])
-    found = posterior(channels, answers_of(m=9), SETTINGS)
-    # equally sure: the higher in agreement, the more likely good
-    channels[:, 1:3] = 0.0
-    np.testing.assert_array_equal(rankdata(found.proba(channels)), rankdata(channels[:, 0]))
-    np.testing.assert_allclose(np.exp(found.log_weight), np.repeat([0.25, 0.25], 2))
-    np.testing.assert_allclose(found.mean[0], [0, 1, 0, 0, SETTINGS.group_weight], atol=1e-6)
-    np.testing.assert_allclose(found.covariance[0], np.diag([4, 1 / 16, 1 / 16, 1 / 16, 1 / 16]), atol=1e-9)
+    columns = rng.normal(size=(40, 1))
+    flags = answers_of(m=40, outcome=columns[:, 0] + rng.normal(size=40) > -0.5)
+    labels = answers_of(np.where(np.arange(40) < 12, np.sign(columns[:, 0] + rng.normal(size=40)), 0))
+    new = np.column_stack([np.ones(5), np.linspace(-2, 2, 5)])
+    grids = np.linspace(-9, 9, 181), np.linspace(-5, 6, 221)
+    weights = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 2)
+    for known, lucks, precision in ((labels, [ERROR], 1.0), (flags, [ERROR, 0.5, 0.9], 16.0)):
+        found, away = posterior(columns, known, SETTINGS), weights - [0.0, 0.5]
+        (rows, targets), total, probas = known.rows(columns), [], []
+        for luck in lucks:
+            wrong = np.where(known.are_outcomes, luck, ERROR)
+            yes = wrong + (1 - wrong - ERROR) * expit(weights @ rows.T)
+            joint = np.exp(
+                np.log(yes) @ targets + np.log(1 - yes) @ (1 - targets) - 0.5 * away**2 @ np.array([0.25, precision])
+            )
+            total.append(joint.sum())
+            probas.append(joint @ expit(weights @ new.T) / joint.sum())
+        exact = np.array(total) / np.sum(total)
+        np.testing.assert_allclose(found.weight, exact, atol=0.03)
+        np.testing.assert_allclose(found.proba(new), exact @ probas, atol=0.03)
+
+
+def test_without_answers_good_are_those_that_agree():
+    columns = np.random.default_rng(0).normal(size=(9, 4))
+    found = posterior(columns, answers_of(m=9), SETTINGS)
+    np.testing.assert_allclose(found.mean, [[0, 1, 0, 0, 0.5]])
+    np.testing.assert_allclose(found.covariance[0], np.diag([4, *[1 / NOTHING] * 4]), atol=1e-12)
+    rows = np.column_stack([np.ones(9), columns])
+    assert spearmanr(found.proba(rows), columns[:, 0] + 0.5 * columns[:, 3]).statistic == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("sort", [1, -1])
-def test_answers_of_one_side_never_turn_the_direction(sort):
+def test_answers_of_one_side_move_the_offset_and_never_turn_the_direction(sort):
     """However many good ones are at the bottom: with a bad one at the top they do."""
-    channels = np.column_stack([np.linspace(-2, 2, 30), np.linspace(-1, 1, 30)])
-    labels = sort * np.where(sort * channels[:, 0] < -0.5, 1, 0)
-    one_side = posterior(channels, answers_of(labels), SETTINGS)
-    assert (one_side.mean[:2, 1] > 0).all()
-    assert len(one_side.mean) == 2 * len(SETTINGS.error_rates)  # the answers may follow nothing
-    assert (one_side.mean[:2, 1] > 0).all()
-    labels[sort * channels[:, 0] > 1.9] = -sort
-    both = posterior(channels, answers_of(labels), SETTINGS)
-    assert both.proba(channels)[-1] < both.proba(channels)[0]
+    columns = np.column_stack([np.linspace(-2, 2, 30), np.linspace(-1, 1, 30)])
+    rows = np.column_stack([np.ones(30), columns])
+    labels = sort * np.where(sort * columns[:, 0] < -0.5, 1, 0)
+    found = posterior(columns, answers_of(labels), SETTINGS)
+    np.testing.assert_allclose(found.mean[0, 1:], [1, 0.5], atol=1e-4)
+    assert sort * found.mean[0, 0] > 1
+    labels[sort * columns[:, 0] > 1.5] = -sort
+    both = posterior(columns, answers_of(labels), SETTINGS)
+    assert both.proba(rows)[-1] < both.proba(rows)[0]
 
 
-def test_proba_by_hand():
-    channels, some = made()
-    found = posterior(channels, some, SETTINGS)
-    by_hand = np.zeros(len(channels))
-    for k, weight in enumerate(np.exp(found.log_weight)):
-        for m, row in enumerate(np.column_stack([np.ones(len(channels)), channels])):
-            told = found.mean[k][0] + SETTINGS.sharpness * row[1:] @ found.mean[k][1:]
-            moderated = told / np.sqrt(1 + np.pi / 8 * (row @ found.covariance[k] @ row))
-            by_hand[m] += weight * expit(moderated)
-    np.testing.assert_allclose(found.proba(channels), by_hand)
-    soft = posterior(channels, some, replace(SETTINGS, sharpness=0.5))
-    assert np.abs(logit(soft.proba(channels))).max() < np.abs(logit(by_hand)).max()
+@pytest.mark.parametrize("seed", range(2))
+def test_columns_count_as_far_as_answers_support_them(seed):
+    """Quality is in the second of three components, and in nothing else."""
+    rng = np.random.default_rng(seed)
+    columns, at = rng.normal(size=(48, len(CHANNELS) + 4)), len(CHANNELS) + 1
+    good = columns[:, at] > 0
+    columns[:, at] += np.where(good, 1.0, -1.0)
+    labels = np.where(np.arange(48) < 16, 2 * good - 1, 0)
+    rows = np.column_stack([np.ones(48), columns])
+    found = posterior(columns, answers_of(labels), SETTINGS)
+    rest = found.proba(rows)[16:]
+    assert np.mean(rest[good[16:]][:, None] > rest[~good[16:]]) > 0.85
+    assert found.mean[0].argmax() == 1 + at
 
 
-def test_labels_of_one_sort_do_not_move_the_share():
-    """Known good demonstrations were chosen for being good: the ones far below them may still be bad."""
-    channels = np.column_stack([np.linspace(-2, 2, 21), np.repeat([-1.0, 0.0, 1.0], 7)])
-    for sort in (1, -1):
-        labels = sort * (sort * channels[:, 0] > 0.5).astype(int)
-        one_sort = answers_of(labels.tolist(), [(20, 0)])
-        rows, _ = one_sort.rows(channels)
-        np.testing.assert_array_equal(rows[:, 0], 0.0)
-        np.testing.assert_array_equal(rows[:-1, 1:], channels[labels != 0])
-        found = posterior(channels, one_sort, SETTINGS)
-        np.testing.assert_allclose(found.mean[:, 0], 0.0, atol=1e-6)
-        assert found.proba(channels)[0] < 0.1 < 0.9 < found.proba(channels)[-1]
-    labels[-1] = 1
-    assert answers_of(labels.tolist()).rows(channels)[0][:, 0].all()  # both sorts
-    with_outcome = answers_of([1, 1, 0], outcome=[NAN, NAN, 1.0])
-    assert with_outcome.rows(channels[:3])[0][:, 0].all()  # an outcome was not chosen for its sort
+def moderated(found, row, k):
+    return row @ found.mean[k] / np.sqrt(1 + np.pi / 8 * row @ found.covariance[k] @ row)
 
 
+def test_probabilities_of_right_and_of_given_answers_by_hand():
+    """An outcome is evidence beside the columns, of which wrong ones bound what it tells."""
+    columns, some = made(1, flags=True)
+    rows, found = np.column_stack([np.ones(14), columns]), posterior(columns, some, SETTINGS)
+    is_outcome = np.arange(14) % 2 == 0
+    for told in (np.full(14, NAN), np.tile([0.0, 1.0], 7), np.linspace(0.01, 0.99, 14)):
+        right, given = np.zeros(14), np.zeros(14)
+        for k, luck in enumerate((0.02, 0.5, 0.9)):
+            least, most = np.log(0.02 / (1 - luck)), np.log(0.98 / luck)
+            for m, row in enumerate(rows):
+                with np.errstate(divide="ignore"):
+                    says = 0.0 if np.isnan(told[m]) else min(max(logit(told[m]), least), most)
+                right[m] += found.weight[k] * expit(moderated(found, row, k) + says)
+                wrong = luck if is_outcome[m] else 0.02
+                given[m] += found.weight[k] * (wrong + (0.98 - wrong) * expit(moderated(found, row, k)))
+        np.testing.assert_allclose(found.proba(rows, told), right)
+        np.testing.assert_allclose(found.proba_given(rows, is_outcome), given)
+    np.testing.assert_allclose(found.proba(rows), found.proba(rows, np.full(14, NAN)))
+
+
+def test_lucky_outcomes_are_flags_alone():
+    """All succeed but the last five: bad ones may have been lucky, and the higher in the ranking the less so."""
+    columns = np.column_stack([np.linspace(2, -2, 20), np.repeat([1.0, -1.0], 10)])
+    flags = answers_of(m=20, outcome=[1.0] * 15 + [0.0] * 5)
+    proba = posterior(columns, flags, SETTINGS).proba(np.column_stack([np.ones(20), columns]), flags.ranks())
+    assert (np.diff(proba) < 0).all()
+    assert proba[14] > 3 * proba[15]
+    ranked = posterior(columns, answers_of(m=20, outcome=np.arange(20.0)), SETTINGS)
+    assert ranked.luck.tolist() == [ERROR]
+
+
+# Whether answers predict each other.
+def left_out(answers, out):
+    """All answers but those of the numbers `out`, in the order of the rows."""
+    return answers.only(~np.isin(np.arange(answers.count), out))
+
+
+@pytest.mark.parametrize("max_folds", [16, 4])
+@pytest.mark.parametrize("flags", [False, True])
+def test_each_answer_is_predicted_by_the_others_or_by_other_folds(flags, max_folds):
+    columns, some = made(1, flags=flags)
+    settings = replace(SETTINGS, max_folds=max_folds)
+    assert max_folds == 4 or some.count <= 16
+    targets, by_others, share = predicted(columns, some, settings)
+    rows, expected = some.rows(columns)
+    np.testing.assert_array_equal(targets, expected)
+    n_single = len(rows) - 5  # three pairs, and two without a difference
+    for r in range(len(rows)):
+        out = [r] if max_folds == 16 else [s for s in range(len(rows)) if s % 4 == r % 4]
+        found = posterior(columns, left_out(some, out), settings)
+        assert by_others[r] == pytest.approx(found.proba_given(rows[[r]], some.are_outcomes[[r]])[0])
+        others = [targets[s] for s in range(n_single) if s not in out]
+        assert share[r] == pytest.approx((sum(others) + 0.5) / (len(others) + 1) if r < n_single else 0.5)
+
+
+def test_one_answer_is_predicted_by_nothing():
+    targets, by_others, share = predicted(made()[0], answers_of([1] + [0] * 13), SETTINGS)
+    assert (targets.tolist(), share.tolist()) == ([1.0], [0.5])
+    assert 0 < by_others[0] < 1
+
+
+def test_what_the_others_explain_is_a_share_of_the_log_loss_by_hand_with_bounded_probabilities():
+    for t, p, q, expected in (
+        (1.0, 0.8, 0.5, np.log(0.8) / np.log(0.5)),
+        (0.0, 0.8, 0.5, np.log(0.2) / np.log(0.5)),
+        (0.5, 0.8, 0.6, np.log(0.8 * 0.2) / np.log(0.6 * 0.4)),
+        (1.0, 0.999, 0.5, np.log(0.98) / np.log(0.5)),
+        (1.0, 0.001, 0.5, np.log(0.02) / np.log(0.5)),
+        (0.0, 0.5, 1.0, np.log(0.5) / np.log(0.02)),
+        (1.0, 0.5, 0.999, np.log(0.5) / np.log(0.98)),
+    ):
+        assert explained(*np.array([[t], [p], [q]])) == pytest.approx(1 - expected)
+    both = explained(np.ones(2), np.array([0.8, 0.4]), np.array([0.5, 0.7]))
+    assert both == pytest.approx(1 - np.log(0.8 * 0.4) / np.log(0.5 * 0.7))
+
+
+# Copies.
 def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():
     copy_of, ids = np.array([0, 1, 0, 1]), ["a", "b", "c", "d"]
     check_copied_labels(Answers.of_labels(np.array([1, -1, 1, 0])), copy_of, ids)
@@ -264,29 +352,3 @@ def test_returns_of_copies_are_no_flag_where_their_means_are_0_and_1():
     np.testing.assert_array_equal(
         answers_of(m=4, outcome=[0, 2, 0, 0]).once(np.array([0, 0, 2, 3])).ranks(), np.array([5, 2, 2]) / 6
     )
-
-
-def test_lucky_outcomes_are_flags_alone_and_bad_ones_are_often_lucky():
-    """All succeed but the last five, by hand: P(1) = luck + (1 - luck - e) P(good)."""
-    channels = np.column_stack([np.linspace(2, -2, 20), np.repeat([1.0, -1.0], 10)])
-    flags = answers_of(m=20, outcome=[1.0] * 15 + [0.0] * 5)
-    found, (rows, targets) = posterior(channels, flags, SETTINGS), flags.rows(channels)
-    errors = SETTINGS.error_rates
-    lucks = [max(luck, e) for luck in SETTINGS.luck for e in errors] * 3
-    np.testing.assert_allclose(found.luck, lucks)
-    np.testing.assert_allclose(found.error, errors * 9)
-    precision = np.array([SETTINGS.offset_precision, SETTINGS.weak_precision, SETTINGS.weak_precision])
-    for mean, luck, error, d in zip(
-        found.mean[:12], found.luck[:12], found.error[:12], np.repeat([1, -1], 6), strict=True
-    ):
-
-        def log_joint_of_flags(w, luck=luck, error=error, d=d):
-            yes = luck + (1 - luck - error) * expit(rows @ w)
-            away = w - d * np.array([0.0, 1.0, SETTINGS.group_weight])
-            return targets @ np.log(yes) + (1 - targets) @ np.log(1 - yes) - 0.5 * precision @ away**2
-
-        np.testing.assert_allclose(approx_fprime(mean, log_joint_of_flags, 1e-6), 0.0, atol=1e-3)
-    proba = found.proba(channels, flags.ranks())
-    assert (np.diff(proba) < 0).all()
-    ranked = posterior(channels, answers_of(m=20, outcome=np.arange(20.0)), SETTINGS)
-    np.testing.assert_allclose(ranked.luck, ranked.error)

@@ -10,8 +10,8 @@ from scipy.stats import norm
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.channels import CHANNELS, StateScale, channels, components, normal_scores, summaries
-from rpil.inference.settings import ChannelSettings
+from rpil.inference.channels import CHANNELS, StateScale, channels, columns_of, components, normal_scores, summaries
+from rpil.inference.settings import AnswerSettings, ChannelSettings
 from rpil.numerics.regression import ErrorSettings, student_log_densities
 
 SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
@@ -108,6 +108,13 @@ def test_normal_scores_are_quantiles_of_ranks():
     np.testing.assert_allclose(found[:, 0], norm.ppf([3.5 / 4, 1 / 4, 2.5 / 4, 1 / 4]))
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(normal_scores(np.exp(values) * 7), found)
+
+
+def test_columns_are_normal_scores_components_and_bounded_log_odds():
+    values, seen = np.array([[3.0, 5.0], [9.0, 5.0], [1.0, 5.0]]), np.array([[0.1], [0.4], [0.2]])
+    found = columns_of(values, seen, np.array([7.0, -1.5, -9.0]), AnswerSettings())
+    np.testing.assert_allclose(found[:, 0], norm.ppf([1 / 2, 5 / 6, 1 / 6]), atol=1e-12)
+    np.testing.assert_allclose(found[:, 1:], [[0, 0.1, 2], [0, 0.4, -1], [0, 0.2, -2]], atol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "most"), [(4, 3), (30, 8)])  # the scores are centred: four have three components

@@ -28,7 +28,7 @@ def judged(request):
     discrete = request.param == "discrete"
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS) if discrete else make_continuous("random", 0, steps=STEPS)
     data = fit_data_of(toy)
-    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), SETTINGS)
+    judgement = judge(data, held_out_model(data, HeldOutSettings()), SETTINGS)
     kept = FittedJudge.of(judgement, data, SETTINGS)
     return data, judgement, kept, kept.ratio.step_ratios(data.features, data.actions, SETTINGS.held_out)
 

@@ -104,9 +104,8 @@ def test_equal_scores_are_even():
     np.testing.assert_allclose(same.log_odds(np.full(2, 2.0), np.ones(2)), 0.0)
 
 
-@pytest.mark.parametrize(("deviation", "is_cluster"), [(0.249, True), (0.25, False), (0.251, False)])
-def test_a_cluster_is_four_deviations_away(deviation, is_cluster):
-    assert groups_of(spread=(deviation**2, 9.0)).is_cluster is is_cluster
+def test_distance_is_in_deviations_of_the_wider_group():
+    assert groups_of(spread=(0.04, 0.01)).distance == groups_of(spread=(0.01, 0.04)).distance == pytest.approx(5.0)
     assert groups_of(1.5).p_two == pytest.approx(expit(1.5))
 
 

@@ -62,42 +62,27 @@ def test_reference_does_not_depend_on_the_state():
         assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
 
 
-def test_parts_of_the_action_sum_to_the_whole():
-    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS, n_parts=3))
-    weight = np.random.default_rng(0).random(len(problem.actions))
-    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
-    parts = found.log_prob_of_parts(weight, 1e-2)
-    assert parts.shape == (len(problem.actions), 3)
-    np.testing.assert_allclose(parts.sum(axis=1), found.evaluate(weight, 1e-2))
-    softmax = fit_data_of(make("noisy", 0, steps=STEPS))
-    assert HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings()).log_prob_of_parts(weight, 1e-2) is None
+@pytest.mark.parametrize("maker", [make, make_continuous])
+def test_folds_follow_from_the_demonstrations_and_few_are_folds_of_their_own(maker):
+    problem = fit_data_of(maker("noisy", 0, steps=STEPS))
+    model = held_out_model(problem, HeldOutSettings(max_left_out=12))
+    assert isinstance(model, HeldOutSoftmax if maker is make else HeldOutRidge)
+    assert sorted(model.fold) == list(range(12))
+    for max_folds, n_folds in ((5, 5), (20, 12)):
+        many = HeldOutSettings(max_left_out=11, max_folds=max_folds)
+        found = held_out_model(problem, many).fold
+        np.testing.assert_array_equal(found, deal(problem, n_folds, 0))
+        assert len(set(found)) == n_folds
 
 
-def test_errors_may_have_the_scale_of_other_steps():
-    problem = fit_data_of(make_continuous("random", 0, steps=STEPS))
-    good = problem.per_step((np.arange(12) < 6).astype(float))
-    found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
-    own, at_bad = found.evaluate(good, 1e-2), found.log_prob_at(good, 1.0 - good, 1e-2)
-    np.testing.assert_array_equal(found.log_prob_at(good, good, 1e-2), own)
-    assert own[good > 0].mean() > at_bad[good > 0].mean() + 0.5
-    assert own[good == 0].mean() < at_bad[good == 0].mean() - 0.5
-    assert found.evaluate(1.0 - good, 1e-2)[good > 0].mean() != at_bad[good > 0].mean()  # another policy
-    softmax = fit_data_of(make("random", 0, steps=STEPS))
-    good = softmax.per_step((np.arange(12) < 6).astype(float))
-    model = HeldOutSoftmax(softmax, deal(softmax, 3, 0), HeldOutSettings())
-    expected = model.cold_copy().evaluate(good, 1e-2)
-    np.testing.assert_array_equal(model.log_prob_at(good, 1.0 - good, 1e-2), expected)  # no scale
-
-
-@pytest.mark.parametrize("toy", [make("noisy", 0, steps=STEPS), make_continuous("noisy", 0, steps=STEPS)])
-def test_other_folds_and_a_cold_copy(toy):
-    problem = fit_data_of(toy)
-    found = held_out_model(problem, 0, HeldOutSettings(max_folds=3, max_left_out=0))
-    again = found.dealt_again(1)
-    assert (again.fold != found.fold).any()
-    np.testing.assert_array_equal(again.fold, held_out_model(problem, 1, found.settings).fold)
-    weight = np.ones(len(problem.actions))
-    first = found.evaluate(weight, 1e-2)
-    found.evaluate(weight * (problem.per_step(np.arange(12)) < 3), 1e-1)
-    np.testing.assert_array_equal(found.cold_copy().evaluate(weight, 1e-2), first)
-    np.testing.assert_array_equal(found.cold_copy().fold, found.fold)
+def test_the_best_reference_is_by_mean_and_deviation_where_these_explain_more():
+    """Of two values the median is one."""
+    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS, n_parts=1))
+    everyone, settings = np.ones(12, dtype=bool), HeldOutSettings()
+    two = replace(problem, actions=np.where(problem.actions > np.quantile(problem.actions, 0.4), 1.0, -1.0))
+    for data, is_better in ((problem, False), (two, True)):
+        plain, best = (log_reference(data, everyone, settings, best) for best in (False, True))
+        assert (best.mean() > plain.mean()) == is_better
+        actions = ActionScale.of(data)(data.actions)
+        by_mean = student_log_densities(actions - actions.mean(), actions.std(axis=0) + 0.03, settings.errors)[:, 0]
+        np.testing.assert_allclose(best, by_mean if is_better else plain)

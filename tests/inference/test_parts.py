@@ -86,7 +86,7 @@ def test_what_rests_changes_neither_scores_nor_reference():
     settings, everyone = HeldOutSettings(), np.ones(problem.n_demonstrations, dtype=bool)
     gains = []
     for data in (problem, more):
-        model = held_out_model(problem, 0, settings)
+        model = held_out_model(problem, settings)
         model = replace(model, data=data)
         gains.append(model.evaluate(np.ones(n), 1e-2) - log_reference(data, everyone, settings))
     np.testing.assert_allclose(*gains, atol=1e-9)

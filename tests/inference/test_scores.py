@@ -86,7 +86,7 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     problem = fit_data_of(make_continuous("none", 0, steps=(40, 60)))
     weak = problem.per_step(np.arange(problem.n_demonstrations) == 2)
     problem = replace(problem, actions=np.where(weak[:, None], 1e-3 * problem.actions, problem.actions))
-    scoring = Scoring.of(problem, held_out_model(problem, 0, HeldOutSettings()), SETTINGS)
+    scoring = Scoring.of(problem, held_out_model(problem, HeldOutSettings()), SETTINGS)
     own = own_log_prob(problem, indicators(problem), SETTINGS.held_out.errors)
     assert scoring.typical_own == pytest.approx(np.median(own))
     np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)

@@ -1,4 +1,4 @@
-"""Reliability of demonstrations, and shares of steps in them."""
+"""Reliability of demonstrations, and which of their steps are an expert's."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.special import logit
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.settings import JudgeSettings, StepSettings
-from rpil.inference.step_trust import balanced, reliability_of, step_proba, step_shares
+from rpil.inference.settings import JudgeSettings
+from rpil.inference.step_trust import reliability_of, step_proba
 
 
 def test_reliability_is_the_share_of_steps_that_follow_the_policy():
@@ -28,38 +27,23 @@ def test_reliability_is_the_share_of_steps_that_follow_the_policy():
     assert (interval[:, 1] >= reliability - 1e-9).all()
 
 
-def test_a_demonstration_whose_steps_are_alike_has_equal_shares():
+def test_reliability_is_that_of_a_sum_over_the_grid_and_log_ratios_are_bounded():
     problem = FitData(np.ones((5, 1)), np.zeros(5, int), np.array([0, 3, 5]), Discrete(2), np.zeros(2, int))
-    share = step_shares(problem, np.array([-4.0, -4.0, -4.0, 60.0, 60.0]), JudgeSettings(), 1.0)
-    np.testing.assert_allclose(share, 0.5, atol=0.01)  # a step at an end has one neighbour only
+    log_ratio, nodes = np.array([1.0, -2.0, 0.5, -9.0, 4.0]), (np.arange(7) + 0.5) / 7
+    settings = JudgeSettings(reliability_nodes=7, max_log_ratio=3.0)
+    found, interval = reliability_of(problem, log_ratio, settings)
+    for m, own in enumerate(([1.0, -2.0, 0.5], [-3.0, 3.0])):
+        joint = np.prod([rho * np.exp(own) + 1 - rho for rho in nodes], axis=1)
+        cumulated = np.cumsum(joint) / joint.sum()
+        assert found[m] == pytest.approx(joint @ nodes / joint.sum())
+        ends = [nodes[np.flatnonzero(cumulated >= q)[0]] for q in (0.025, 0.975)]
+        np.testing.assert_allclose(interval[m], ends)
 
 
-def test_a_reliable_demonstration_is_taken_whole():
-    problem = FitData(np.ones((8, 1)), np.zeros(8, int), np.array([0, 4, 8]), Discrete(2), np.zeros(2, int))
-    log_ratio = np.array([4.0, 4.0, -4.0, 4.0, -4.0, -4.0, 4.0, -4.0])
-    reliability = reliability_of(problem, log_ratio, JudgeSettings())[0]
-    assert reliability[0] > 0.5 > reliability[1]
-    share = step_shares(problem, log_ratio, JudgeSettings(), 0.5)
-    np.testing.assert_array_equal(share[:4], 0.5)
-    assert share[6] > 0.8 > 0.5 > share[[4, 5, 7]].max()
+DEFAULT = JudgeSettings()
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_shares_have_a_mean_of_one_half_and_keep_the_order_and_the_differences_in_log_odds(seed):
-    rng = np.random.default_rng(seed)
-    lengths = rng.integers(1, 40, size=6)
-    log_odds = rng.normal(size=lengths.sum()) * rng.choice([0.1, 3.0, 20.0])
-    share, ends = balanced(log_odds, lengths), np.cumsum(lengths)[:-1]
-    for mine, before in zip(np.split(share, ends), np.split(log_odds, ends), strict=True):
-        assert mine.mean() == pytest.approx(0.5, abs=1e-6)
-        inner = (mine > 1e-6) & (mine < 1 - 1e-6)
-        np.testing.assert_allclose(np.diff(logit(mine[inner])), np.diff(before[inner]), atol=1e-3)
-
-
-DEFAULT = StepSettings()
-
-
-def summed_over_paths(share: float, log_ratio: np.ndarray, settings: StepSettings) -> np.ndarray:
+def summed_over_paths(share: float, log_ratio: np.ndarray, settings: JudgeSettings) -> np.ndarray:
     """P(each step is an expert's), by a sum over all sequences of good and bad steps, in stretches and alone."""
     total, good = 0.0, np.zeros(len(log_ratio))
     priors = {settings.stay: settings.p_stretches, 0.0: 1 - settings.p_stretches}
@@ -73,7 +57,7 @@ def summed_over_paths(share: float, log_ratio: np.ndarray, settings: StepSetting
     return good / total
 
 
-@pytest.mark.parametrize("settings", [DEFAULT, StepSettings(stay=0.6, p_stretches=0.9)])
+@pytest.mark.parametrize("settings", [DEFAULT, JudgeSettings(stay=0.6, p_stretches=0.9)])
 def test_steps_are_judged_as_a_sum_over_all_sequences_does(settings):
     """In demonstrations of different lengths side by side."""
     lengths, share = np.array([3, 7, 1, 5]), np.array([0.3, 0.9, 0.5, 0.02])

@@ -9,18 +9,19 @@ import pytest
 from scipy.special import expit
 
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
-from problems import fit_data_of, make
+from problems import fit_data_of, make, make_continuous
+from rpil.data.copies import Copies
 from rpil.data.demonstrator_groups import Demonstrators
-from rpil.inference.answered import answer, columns_of
+from rpil.inference import trust as module
+from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
-from rpil.inference.channels import StateScale
-from rpil.inference.claims import Claims
+from rpil.inference.channels import CHANNELS, StateScale, columns_of, normal_scores
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import held_out_model
+from rpil.inference.outliers import Claims
 from rpil.inference.scores import Scoring
-from rpil.inference.settings import ClaimSettings, HeldOutSettings, JudgeSettings
-from rpil.inference.step_trust import StepTrust
-from rpil.inference.trust import Judgement, judge, score_by_best_group
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
+from rpil.inference.trust import Judgement, judge, repeated, score_by_best_group
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement
@@ -29,47 +30,46 @@ from rpil.results.vocabulary import SIDES
 STEPS = (40, 60)
 SETTINGS = JudgeSettings()
 SCORE = np.array([1.0, 0.9, 1.1, 1.0, 1.05, 0.95, 0.0, 0.1, -0.1, 0.0])
-WORDS = np.array([1] * 6 + [-1] * 4)
+LOWER = SCORE < 0.5
 TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-def concluded(labels=None, p_two=0.999, data=None):
-    """The judgement of `SCORE`, of which agreement and length are known, the audit with these labels, and the labels as
-    answers."""
+def concluded(labels=None, p_two=0.999, data=None, finding="outliers"):
+    """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
     data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    described = np.column_stack([SCORE, np.cos(np.arange(10.0))])
+    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))])  # one for each channel
     columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
-    claims, states, own = Claims("outliers", WORDS), StateScale(np.ones(2), 0.0), np.arange(10)
-    steps = StepTrust(np.zeros(10), np.zeros((10, 2)), np.zeros(0), 0.0)
-    judgement = Judgement(scores, columns, states, claims, (4, 8), own, np.empty((10, 0)), steps, np.zeros(0))
+    claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
+    none = np.zeros(10), np.zeros((10, 2)), np.zeros(0), np.zeros(10)
+    judgement = Judgement(scores, columns, states, claims, own, *none)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     return judgement, audit_from_judgement(judgement, data, range(10), answers, AuditSettings()), answers
 
 
-def signs(audit):
-    """The verdicts as 1, 0 and -1."""
-    return np.array([{"upper": 1, "open": 0, "lower": -1}[SIDES[verdict]] for verdict in audit.verdicts])
-
-
 def test_without_answers_the_claims_are_said():
     judgement, audit, _ = concluded()
-    assert audit.finding == "outliers"
-    assert audit.anchor == "none"
-    np.testing.assert_array_equal(signs(audit), WORDS)
+    assert (audit.finding, audit.anchor, audit.identifiable) == ("outliers", "none", True)
+    assert [SIDES[verdict] for verdict in audit.verdicts] == ["open"] * 6 + ["lower"] * 4
     np.testing.assert_array_equal(audit.from_actions, judgement.scores.log_odds)
     assert not audit.from_label.any()
     assert not audit.from_demonstrator.any()
     np.testing.assert_array_equal(audit.log_odds, audit.from_actions)
-    assert audit.pair == (4, 8)
-    np.testing.assert_array_equal(judgement.training_group, SCORE > 0.5)
+    np.testing.assert_array_equal(judgement.training_group, ~LOWER)
     np.testing.assert_array_equal(audit.columns, judgement.columns)
+    apart = concluded(finding="a group apart")[1]
+    assert (apart.competing, apart.identifiable) == ((tuple(range(6)), tuple(range(6, 10))), False)
+    assert set(apart.verdicts) == {"open"}
 
 
-def test_claims_that_log_odds_contradict_are_not_said():
-    judgement, _, _ = concluded()
-    turned = replace(judgement, claims=Claims("outliers", -WORDS))
-    assert not turned.verdicts.any()
+def test_the_pair_that_is_asked_about_are_no_copies():
+    judgement, audit, _ = concluded()
+    assert judgement.pair == audit.pair == (4, 6)  # of the ranking 8 6 9 7 1 5 0 3 4 2
+    of_two = np.array([0, 1, 2, 3, 4, 5, 6, 6, 8, 6])
+    assert replace(judgement, copy_of=of_two).pair == (4, 6)
+    of_six = np.array([0, 1, 2, 0, 0, 0, 6, 6, 8, 6])  # 8 6 1 0 2
+    assert replace(judgement, copy_of=of_six).pair == (2, 8)
+    assert replace(judgement, copy_of=np.zeros(10, dtype=int)).pair is None
 
 
 def test_the_share_of_experts_is_known_where_groups_or_answers_are():
@@ -79,15 +79,10 @@ def test_the_share_of_experts_is_known_where_groups_or_answers_are():
         assert share == pytest.approx(expert_share_interval(expit(audit.log_odds), assumed))
 
 
-def operated(names):
-    """Data of two operators."""
-    return replace(same_actions(10), demonstrators=Demonstrators.from_names(names))
-
-
 def test_answers_count_before_operators():
-    data = operated(["a"] * 5 + ["b"] * 5)
+    data = replace(same_actions(10), demonstrators=Demonstrators.from_names(["a"] * 5 + ["b"] * 5))
     _, audit, answers = concluded(TOLD, data=data)
-    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10), WORDS)
+    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10))
     np.testing.assert_allclose(audit.from_actions + audit.from_label, by_hand.log_odds)
     posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
@@ -117,8 +112,7 @@ def fitted_to(score, kind=Fixed, discrete=False):
     """The groups to which policies are fitted."""
     data, score = same_actions(10, discrete), np.asarray(score, dtype=float)
     model = Written(data, lambda group: score, SETTINGS)
-    everyone = np.ones(10, dtype=bool)
-    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions)))), everyone)
+    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions)))))
     assert model.fitted[0].all()
     np.testing.assert_array_equal(scores.fit.group, model.fitted[-1])
     return [np.flatnonzero(group).tolist() for group in model.fitted[1:]]
@@ -146,71 +140,75 @@ def test_discrete_actions_that_chance_explains_better_are_left_out():
     assert fitted_to(score, Low, discrete=True)[-1] == [0, 1, 2]
 
 
-# From steps to verdicts.
-def judged(kind, seed, n_good, n_bad, settings=SETTINGS, **given):
-    toy = make(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
+# From steps to findings.
+def judged(kind, seed, n_good, n_bad, maker=make, **given):
+    toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
     data = fit_data_of(toy)
-    return toy, judge(data, held_out_model(data, 0, HeldOutSettings()), settings, **given)
+    return toy, judge(data, held_out_model(data, HeldOutSettings()), SETTINGS, **given)
 
 
-def test_random_actions_are_unlike():
+@pytest.mark.parametrize("maker", [make, make_continuous])
+@pytest.mark.parametrize(
+    ("kind", "n_good", "n_bad", "finding"),
+    [
+        *[("random", 10, 4, "outliers"), ("flipped", 10, 4, "a group apart"), ("flipped", 7, 6, "two groups")],
+        *[("random", 6, 10, "two groups"), ("none", 8, 4, "no outliers")],
+    ],
+)
+def test_findings_of_plain_worlds(kind, n_good, n_bad, finding, maker):
+    toy, found = judged(kind, 1, n_good, n_bad, maker)
+    assert found.claims.finding == finding
+    if finding == "two groups":  # either may be the lower one
+        assert set(toy.is_good[found.claims.lower]) == {toy.is_good[found.claims.lower][0]}
+        assert found.claims.lower.sum() in (n_good, n_bad)
+    else:
+        np.testing.assert_array_equal(found.claims.lower, ~toy.is_good & (finding != "no outliers"))
+
+
+def test_the_judge_tells_its_stages_and_keeps_what_they_found():
     said = []
-    toy, judgement = judged("random", 0, 10, 6, progress=said.append)
-    assert judgement.claims.finding == "outliers"
-    np.testing.assert_array_equal(judgement.verdicts, np.where(toy.is_good, 1, -1))
-    assert said == ["ridge", "fitting the training group", "other folds", "what the scores support"]
-    assert toy.is_good[judgement.pair[0]]
-    assert not toy.is_good[judgement.pair[1]]
-    steps = np.concatenate([[0], np.cumsum(np.diff(toy.offsets))])
-    assert judgement.log_ratio.shape == judgement.step_trust.share.shape == (steps[-1],)
-    reliability = judgement.step_trust.reliability
-    assert reliability[toy.is_good].min() > reliability[~toy.is_good].max()
+    toy, found = judged("random", 0, 10, 6, progress=said.append)
+    assert said == ["ridge", "fitting the training group", "what the scores support"]
+    assert toy.is_good[found.pair[0]]
+    assert not toy.is_good[found.pair[1]]
+    assert found.log_ratio.shape == (toy.offsets[-1],)
+    assert found.reliability[toy.is_good].min() > found.reliability[~toy.is_good].max()
+    np.testing.assert_allclose(found.columns[:, 0], normal_scores(found.log_odds[:, None])[:, 0])
+    np.testing.assert_allclose(found.columns[:, -1], np.clip(found.log_odds, -3, 3) * 2 / 3)
+    assert found.columns.shape == (16, len(CHANNELS) + 8 + 1)
+    assert found.part.tolist() == [0.0] * 16  # nobody learns
+    assert found.copy_of.tolist() == [*range(16)]
 
 
-def test_a_policy_of_their_own_makes_two_groups():
-    toy, judgement = judged("shifted", 1, 6, 4)
-    assert judgement.claims.finding == "two groups"
-    assert not judgement.verdicts.any()
-    groups = {frozenset(group.tolist()) for group in judgement.claims.groups}
-    assert groups == {frozenset(np.flatnonzero(toy.is_good)), frozenset(np.flatnonzero(~toy.is_good))}
-    first, second = judgement.pair
-    assert toy.is_good[first] != toy.is_good[second]
+@pytest.mark.parametrize("kind", ["random", "flipped"])
+def test_parts_are_looked_for_by_the_data_of_the_learner_and_the_outliers(kind, monkeypatch):
+    given, learner = [], fit_data_of(make(kind, 0, n_good=10, n_bad=4, steps=STEPS))
+    monkeypatch.setattr(module, "two_parts", lambda *parts: given.append(parts) or np.full(14, 0.5))
+    toy, found = judged(kind, 0, 10, 4, learner=learner)
+    assert found.part.tolist() == [0.5] * 14
+    ((data, scores, outlier, settings),) = given
+    assert (data, scores, settings) == (learner, found.scores, SETTINGS)
+    np.testing.assert_array_equal(outlier, ~toy.is_good & (kind == "random"))  # and not a group apart
 
 
-class Twice(Written):
-    """That would deal other folds."""
-
-    def dealt_again(self, seed):
-        self.fitted.append(f"dealt by {seed}")
-
-
-def dealt(gains, min_p_two_of_noise=0.2, **given):
-    """The judgement of demonstrations with these gains, and how other folds were dealt."""
-    data = same_actions(10)
-    claims = replace(ClaimSettings(), min_p_two_of_noise=min_p_two_of_noise)
-    settings = JudgeSettings(groups=replace(SETTINGS.groups, min_steps=1), claims=claims)
-    model = Twice(data, lambda group: gains, settings)
-    judgement = judge(data, model, settings, **given)
-    return judgement, [one for one in model.fitted if isinstance(one, str)]
-
-
-def test_other_folds_are_dealt_where_groups_are_likely():
-    judgement, said = dealt(100 * SCORE, seed=5)
-    assert said == ["dealt by 6"]
-    assert dealt(100 * SCORE)[1] == ["dealt by 1"]
-    assert dealt(np.ones(10))[1] == []
-    p_two = judgement.scores.groups.p_two
-    assert 0.2 < p_two < 1.0
-    assert len(dealt(100 * SCORE, p_two)[1]) == 1
-    assert dealt(100 * SCORE, np.nextafter(p_two, 1.0))[1] == []
+def test_copies_have_what_was_found_of_the_first_of_them():
+    toy, found = judged("random", 0, 10, 6, learner=fit_data_of(make("random", 0, n_good=10, n_bad=6, steps=STEPS)))
+    place, lengths = np.append(np.arange(16), [12, 3]), np.diff(toy.offsets)
+    every = repeated(found, Copies.of(place), np.append(0, np.cumsum(lengths[place])))
+    for name in ("columns", "reliability", "reliability_interval", "part", "log_odds"):
+        np.testing.assert_array_equal(getattr(every, name), getattr(found, name)[place], err_msg=name)
+    np.testing.assert_array_equal(every.claims.lower, found.claims.lower[place])
+    assert every.copy_of.tolist() == place.tolist()
+    first, last = np.split(every.log_ratio[toy.offsets[-1] :], [lengths[12]])
+    np.testing.assert_array_equal(first, found.log_ratio[toy.offsets[12] : toy.offsets[13]])
+    np.testing.assert_array_equal(last, found.log_ratio[toy.offsets[3] : toy.offsets[4]])
 
 
 def test_nothing_could_be_learned_from_random_observations():
-    toy = make("noisy", 0, n_good=10, n_bad=10, steps=STEPS)
-    data = toy.problem()
+    data = make("noisy", 0, n_good=10, n_bad=10, steps=STEPS).problem()
     noise = np.random.default_rng(0).normal(size=data.features.shape)
     noise[:, -1] = 1.0
     data = replace(data, features=noise)
-    judgement = judge(data, held_out_model(data, 0, HeldOutSettings()), JudgeSettings())
+    judgement = judge(data, held_out_model(data, HeldOutSettings()), SETTINGS)
     assert judgement.claims.finding == "nothing could be learned"
-    assert not judgement.verdicts.any()
+    assert not judgement.claims.lower.any()

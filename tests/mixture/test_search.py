@@ -20,7 +20,7 @@ STEPS = (40, 60)
 
 def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> SearchSettings:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return SearchSettings(policy, MixtureSettings(m_step=mode), partial(judged_starts, problem, Settings(), seed))
+    return SearchSettings(policy, MixtureSettings(m_step=mode), partial(judged_starts, problem, Settings()))
 
 
 def fitted(problem: FitData, which="uniform", seed: int = 0):

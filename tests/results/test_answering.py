@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from audits import make_audit
 from problems import make, refused
-from rpil import RPIL, DataError, Demonstrations, Settings, load, save
+from rpil import RPIL, DataError, Demonstrations, load, save
 from rpil.inference.findings import FINDINGS
-from rpil.inference.settings import JudgeSettings, StepSettings
 from rpil.results.answering import NEXT_STEPS, NOT_USED, shown_proba
 from rpil.results.record import Audit
 from rpil.results.vocabulary import VOCABULARIES
 
-TOY = make("random", 2, n_good=7, n_bad=4, steps=(13, 13))
+TOY = make("random", 2, n_good=9, n_bad=4, steps=(20, 20))
 LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
 
 
 @pytest.fixture(scope="module")
-def model() -> RPIL:
-    return RPIL().fit(TOY.demonstrations)
-
-
-@pytest.fixture(scope="module")
-def audit(model) -> Audit:
-    return model.audit_
+def audit() -> Audit:
+    """Nine that agree, and four outliers."""
+    found = RPIL().fit(TOY.demonstrations).audit_
+    assert TOY.is_judged_right(found)
+    return found
 
 
 def test_every_finding_has_a_next_step():
@@ -36,7 +31,7 @@ def test_every_finding_has_a_next_step():
 
 
 @pytest.mark.parametrize(
-    ("labels", "pairs"), [(LABELS, ()), ({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d7")])]
+    ("labels", "pairs"), [(LABELS, ()), ({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d9")])]
 )
 def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     later = audit.answered(labels, pairs)
@@ -49,30 +44,18 @@ def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     assert later.finding == fitted.finding == "answered"
     assert later.anchor == fitted.anchor == "answers"
     assert set(later.assumptions) == set(fitted.assumptions)
+    assert (later.notes, later.doubts) == (fitted.notes, fitted.doubts) == ((), ())
     for name in ("log_odds", "from_actions", "from_label", "expert_proba"):
         np.testing.assert_allclose(getattr(later, name), getattr(fitted, name), atol=1e-9)
     np.testing.assert_allclose(sum(later.evidence.values()), later.log_odds, atol=1e-9)
     assert (later.prior.low, later.prior.mean, later.prior.high) == pytest.approx(
         (fitted.prior.low, fitted.prior.mean, fitted.prior.high)
     )
-    mean = np.add.reduceat(later.step_weight, later.offsets[:-1]) / later.lengths
-    if len(together) > 1:
-        np.testing.assert_allclose(mean, later.expert_proba, rtol=1e-6)
     np.testing.assert_allclose(later.step_weight, fitted.step_weight, rtol=1e-9)
 
 
-def test_steps_are_weighed_after_answers_as_the_fit_was_told_to(audit, tmp_path):
-    settings = Settings(judge=JudgeSettings(steps=StepSettings(stay=0.3, p_stretches=0.9)))
-    fitted = RPIL(settings=settings).fit(TOY.demonstrations)
-    save(fitted, tmp_path / "model.rpil")
-    together = RPIL(settings=settings).fit(TOY.demonstrations, labels=LABELS).audit_
-    for unanswered in (fitted.audit_, load(tmp_path / "model.rpil").audit_):
-        np.testing.assert_allclose(unanswered.answered(LABELS).step_weight, together.step_weight, atol=1e-9)
-    assert np.abs(audit.answered(LABELS).step_weight - together.step_weight).max() > 0.01
-
-
 def test_ties_of_an_audit_are_those_of_a_fit(audit, tmp_path):
-    words = [("d0", "same as d9"), ("d3", "better than d8"), ("d4", "better than d7")]
+    words = [("d0", "same as d9"), ("d3", "better than d8"), ("d4", "better than d12")]
     later, model = audit.answered(words), RPIL().fit(TOY.demonstrations, labels=words)
     assert later.answers.tied.tolist() == [[0, 9]]
     assert "P(good) is learned from 3 pairs, each of which may be wrong." in later.assumptions
@@ -80,7 +63,7 @@ def test_ties_of_an_audit_are_those_of_a_fit(audit, tmp_path):
     assert np.ptp(later.log_odds[[0, 9]]) < np.ptp(without.log_odds[[0, 9]])
     save(model, tmp_path / "model.rpil")
     pairs = {("d0", "d9"): "same as", ("d3", "d8"): "better than"}
-    in_turn = audit.answered(pairs=pairs).answered(pairs=[("d4", "d7")])
+    in_turn = audit.answered(pairs=pairs).answered(pairs=[("d4", "d12")])
     for same in (model.audit_, load(tmp_path / "model.rpil").audit_, in_turn):
         np.testing.assert_allclose(same.log_odds, later.log_odds, atol=1e-9)
         assert same.answers.tied.tolist() == [[0, 9]]
@@ -106,19 +89,26 @@ ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; g
 
 
 def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
-    for one, of_first in ((audit.answered({"d0": "bad"}), "bad"), (audit.answered(pairs=[("d0", "d9")]), "open")):
-        assert one.verdicts == ((of_first if one.labelled else audit.verdicts[0]), *audit.verdicts[1:])
-        assert {"similar", "outlier"} <= {*one.verdicts}
-        assert one.doubts == (ONE_ANSWER,)
-        beginning = (
-            "Outlier without the answers, which do not contradict it; " if one.labelled else "You called it worse"
-        )
-        assert one.reasons[audit.index("d9")].startswith(beginning)
-    assert audit.answered(LABELS).doubts == ()
-    back = audit.answered({"d0": "bad"})
-    assert back.claimed.tolist() == audit.claimed.tolist()
-    counts = back.verdict_counts()
-    assert counts == {word: back.verdicts.count(word) for word in ("similar", "good", "open", "outlier", "bad")}
+    one, pair = audit.answered({"d0": "bad"}), audit.answered(pairs=[("d0", "d9")])
+    assert one.verdicts == ("bad", *audit.verdicts[1:])
+    assert pair.verdicts == audit.verdicts
+    assert one.reasons[9].startswith("Different ")
+    assert pair.reasons[9].startswith("You called it worse than d0")
+    for found in (one, pair):
+        assert found.doubts == (ONE_ANSWER,)
+        assert found.claimed.tolist() == audit.claimed.tolist() == [0] * 9 + [-1] * 4
+        assert found.notes == audit.notes
+    assert one.verdict_counts() == {"good": 0, "open": 8, "outlier": 4, "bad": 1}
+
+
+def test_of_one_side_outliers_stay_and_once_answers_contrast_nothing_of_before_does(audit):
+    same = audit.answered({"d1": "bad", "d9": "bad"})
+    assert same.verdicts == ("open", "bad", *["open"] * 7, "bad", *["outlier"] * 3)
+    assert (same.doubts, same.identifiable) == ((), True)
+    assert {*audit.answered({"d1": "bad", "d9": "good"}).verdicts[2:]} == {"good", "open"}
+    by_answers = audit.answered(LABELS)
+    assert {*by_answers.verdicts} == {"good", "open", "bad"}
+    assert [by_answers.verdicts[m] for m in (0, 1, 9, 10)] == ["good", "good", "bad", "bad"]
 
 
 def test_no_answer_changes_nothing(audit):
@@ -183,14 +173,6 @@ def labelled(audit):
     return np.isin(audit.ids, audit.labelled)
 
 
-def test_weights_of_steps_follow_the_answers(audit):
-    answered = audit.answered(LABELS)
-    for name in ("d9", "d10"):
-        assert answered.step_weight[answered.steps(audit.index(name))].max() < 0.2
-    nobody = replace(audit, expert_proba=np.zeros(len(audit.ids))).answered(LABELS)
-    assert np.isfinite(nobody.step_weight).all()
-
-
 def test_a_probability_claims_no_more_than_the_words():
     log_odds, words = np.array([5.0, 5.0, 1.0, -0.5, -7.0, -7.0]), np.array([1, 0, 0, -1, 0, -1])
     proba = shown_proba(log_odds, words, "outliers", 0.9)
@@ -200,5 +182,5 @@ def test_a_probability_claims_no_more_than_the_words():
     assert proba[4] > 1 - 0.9
     np.testing.assert_array_equal(shown_proba(log_odds, words, "answered", 0.9), proba)
     assert shown_proba(log_odds, words, "answered", 0.8)[1] == pytest.approx(0.8)
-    for finding in ("two groups", "in doubt", "no outliers", "nothing could be learned"):
+    for finding in ("a group apart", "two groups", "no outliers", "nothing could be learned"):
         assert shown_proba(log_odds, words * 0, finding, 0.9).tolist() == [0.5] * 6

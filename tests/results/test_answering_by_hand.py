@@ -16,6 +16,7 @@ from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import (
     NOT_USED,
+    NOTHING_FOLLOWED,
     doubts_of_answers,
     known_demonstrators,
     rank_demonstrators,
@@ -27,7 +28,9 @@ from rpil.results.facts import TWO_GROUPS
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
-OF_GROUPS, OF_ALL = f"{TWO_GROUPS}A has 3 demonstrations and B 3.", "Part 3 rests."
+OF_GROUPS, OF_ALL = f"{TWO_GROUPS}B is shorter.", "Part 3 rests."
+TRUSTS = "The policy trusts 3 of 6 that agree; two labels turn it."
+ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
 COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 """From which the first demonstrations seem good."""
 
@@ -35,8 +38,8 @@ COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 def two_groups(**changes):
     """Six demonstrations, of which the first three are one group and the others another."""
     known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
-    said = FINDINGS["two groups"], VOCABULARIES["none"].explanation, OF_GROUPS, OF_ALL, "Slow.", NOT_USED
-    known |= {"notes": (OF_GROUPS, OF_ALL), "doubts": ("Slow.",), "assumptions": said}
+    said = FINDINGS["two groups"], VOCABULARIES["none"].explanation, OF_GROUPS, OF_ALL, TRUSTS, "Slow.", NOT_USED
+    known |= {"notes": (OF_GROUPS, OF_ALL, TRUSTS), "doubts": ("Slow.",), "assumptions": said}
     return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
 
 
@@ -44,15 +47,19 @@ def sentence(counts):
     return f"P(good) is learned from {counts}, each of which may be wrong."
 
 
-def test_two_groups_are_told_until_a_second_answer():
+@pytest.mark.parametrize("labels", [{0: "good"}, {0: "bad", 4: "bad"}])
+def test_two_groups_are_told_until_answers_contrast(labels):
     audit, words = two_groups(), (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
-    one = audit.answered({0: "good"})
+    one = audit.answered(labels)
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
-    assert one.assumptions == (*words, OF_GROUPS, OF_ALL, sentence("1 label"))
-    for two in (audit.answered({0: "good", 3: "bad"}), one.answered({3: "bad"})):
+    count = "1 label" if len(labels) == 1 else "2 labels"
+    assert one.assumptions == (*words, OF_GROUPS, OF_ALL, TRUSTS, sentence(count))
+    for two in (audit.answered({0: "good", 3: "bad"}), audit.answered({0: "good"}).answered({3: "bad"})):
         assert (two.identifiable, two.competing, two.notes) == (True, (), (OF_ALL,))
         assert two.assumptions == (*words, OF_ALL, sentence("2 labels"))
     assert two_groups(identifiable=True).answered({0: "good"}).identifiable
+    of_one = two_groups(notes=("All outliers are of one operator, Ann: perhaps a style.",))
+    assert (len(of_one.answered({0: "bad"}).notes), of_one.answered({0: "bad", 1: "good"}).notes) == (1, ())
 
 
 @pytest.mark.parametrize(
@@ -78,7 +85,7 @@ def test_answers_are_counted(labels, pairs, outcome, counts):
 
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
-    columns = np.repeat([1.0, 0.6, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
+    columns = np.repeat([1.0, 0.8, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
     people = Demonstrator("Ann", None, (1, *range(6, 12))), Demonstrator("Bob", None, (0, *range(2, 6)))
     labels = dict.fromkeys(range(2, 6), "good") | dict.fromkeys(range(6, 12), "bad")
     audit = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns)
@@ -92,22 +99,26 @@ def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_wit
 
 
 def test_words_of_answers_stand_above_those_that_stay():
-    words, stays = np.array([1, 1, 0, 0, 0, -1, -1]), np.array([0, -1, 1, 0, -1, 1, 0])
+    words, stays = np.array([1, 1, 0, 0, -1, -1]), np.array([0, -1, 0, -1, -1, 0])
     found = verdicts_of(words, "answers", stays)
-    assert found == ("good", "good", "similar", "open", "outlier", "bad", "bad")
-    assert verdicts_of(np.array([1, 0, -1]), "none") == ("similar", "open", "outlier")
+    assert found == ("good", "good", "open", "outlier", "bad", "bad")
+    assert verdicts_of(np.array([0, -1]), "none") == ("open", "outlier")
     assert verdicts_of(np.array([1, 0, -1]), "answers") == ("good", "open", "bad")
 
 
-def test_doubts_of_answers():
-    odds, none = np.zeros(4), np.zeros(4, dtype=int)
-
-    def doubts(count, p_nothing=0.4):
-        return doubts_of_answers(Answered(odds, none, none, none[:0], count, p_nothing))
-
-    assert ["One answer alone does not" in doubt for doubt in doubts(1)] == [True]
-    assert doubts(2) == doubts(7, p_nothing=0.6) == doubts(8) == ()
-    assert ["No measured fact" in doubt for doubt in doubts(8, p_nothing=0.6)] == [True]
+@pytest.mark.parametrize(
+    ("count", "follows", "doubts"),
+    [
+        (1, False, (ONE_ANSWER,)),
+        (2, False, ()),
+        (7, False, ()),
+        (8, False, (NOTHING_FOLLOWED,)),
+        (8, True, ()),
+    ],
+)
+def test_doubts_of_answers(count, follows, doubts):
+    none = np.zeros(4, dtype=int)
+    assert doubts_of_answers(Answered(np.zeros(4), none, none[:0], count, follows)) == doubts
 
 
 def asking(ratio=(), **changes):
@@ -115,7 +126,7 @@ def asking(ratio=(), **changes):
     steps = np.ones(20)
     for step, value in ratio:
         steps[10 + step] = value
-    made = {"verdicts": ("similar", "outlier"), "lengths": [10, 10], "step_log_ratio": steps, "pair": (0, 1)}
+    made = {"verdicts": ("open", "outlier"), "lengths": [10, 10], "step_log_ratio": steps, "pair": (0, 1)}
     return make_audit(**(made | changes))
 
 
@@ -128,6 +139,7 @@ def asking(ratio=(), **changes):
         # -60 is no more than -50: else the steps between would be a part of the stretch.
         ([(1, -60.0), (2, 40.0), (3, 15.0), (4, -50.0)], [1, 1], "at step 1", "at 0.1 s"),
         ([(4, -4.9)], None, "", ""),
+        ([(m, -6.0) for m in range(7)], [0, 6], "at steps 0 to 6", "from 0.0 to 0.7 s"),
         ([(m, -6.0) for m in range(8)], [0, 7], "", ""),  # nearly all of it is no place
     ],
 )
@@ -140,7 +152,7 @@ def test_where_to_look(ratio, look_at, where, seconds):
 
 
 def test_nothing_is_to_see_where_steps_are_not_kept():
-    kept = {"step_log_ratio": np.empty(0), "step_share": np.empty(0), "step_weight": np.empty(0)}
+    kept = {"step_log_ratio": np.empty(0), "step_weight": np.empty(0)}
     assert stretch_of(asking(**kept), 1) is None
 
 
@@ -166,23 +178,19 @@ def test_the_pair_is_asked_about_before_any_answer(changes, is_asked):
         assert json.loads(json.dumps(asked)) == {"pair": [0, 1], "look_at": [None, [4, 4]], "text": text}
 
 
-@pytest.mark.parametrize(
-    ("log_odds", "order"),
-    [
-        ([0.3, -5, 9], [0, 1, 2]),
-        ([7, 1, 3, 2, -1], [3, 1, 2, 0, 4]),
-        ([4, 3, 2, 1], [1, 2, 0, 3]),  # those as near are in the order of the data
-        ([8, 1, 7, 2, 6, 3, 5, 4], [6, 7, 4, 5, 2, 3, 0, 1]),
-    ],
-)
-def test_without_columns_those_nearest_to_the_middle_are_asked_first(log_odds, order):
-    audit = make_audit(("open",) * len(log_odds), log_odds=np.array(log_odds, dtype=float))
-    assert audit.suggest_labels(len(order)) == tuple(order)
-    assert audit.suggest_labels(1) == (order[0],)
+def test_labels_are_asked_for_at_fixed_places_of_the_ranking_without_answers():
+    """The 21 places are 0, .05, .. 1, and the labels are those of 20, 19, .. 0."""
+    made = {"log_odds": np.zeros(21), "from_actions": np.arange(20.0, -1, -1)}
+    order = (18, 1, 14, 9, 19, 5, 16, 12)  # .1, .95, .3, .55, .03, .75, .2, .4
+    audit = make_audit(("open",) * 21, **made)
+    assert (audit.suggest_labels(1), audit.suggest_labels(8)) == (order[:1], order)
+    assert {*audit.suggest_labels(99)} == {*range(21)}
+    labelled = make_audit(("open",) * 21, labels={18: -1, 3: 1}, **made)
+    assert labelled.suggest_labels(2) == order[2:4]
+    failed = replace(labelled.answers, outcome=np.where(np.arange(21) == 14, 0.0, np.nan))
+    assert replace(labelled, answers=failed).suggest_labels(2) == (13, 9), "of a failure is known enough"
     with pytest.raises(DataError, match="k=0 labels cannot be suggested; ask for one at least"):
         audit.suggest_labels(0)
-    labelled = make_audit(("open",) * len(order), log_odds=np.array(log_odds, dtype=float), labels={order[0]: -1})
-    assert labelled.suggest_labels(9) == tuple(order[1:])
 
 
 def test_of_copies_the_first_is_suggested_and_none_of_a_labelled_one():
@@ -197,18 +205,11 @@ NAMES = Demonstrators.from_names(["Ann", "Bob", "Ann", None, "Bob"])
 TRUST = np.array([[0.2, 0.1, 0.3], [0.8, 0.7, 0.9], [0.5, 0.0, 1.0]])
 
 
-def test_demonstrators_are_ranked_by_trust_and_counted_by_verdict():
+def test_demonstrators_are_ranked_by_trust_and_without_it_stand_in_the_order_of_the_data():
     bob, ann = rank_demonstrators(NAMES, TRUST, IDS)
-    assert (bob.name, bob.demonstrations) == ("Bob", (IDS[1], IDS[4]))
+    assert (bob.name, bob.demonstrations, bob.trust) == ("Bob", (IDS[1], IDS[4]), Interval(0.8, 0.7, 0.9))
     assert (ann.name, ann.demonstrations) == ("Ann", (IDS[0], IDS[2]))
-    audit = make_audit(("outlier", "similar", "open", "similar", "similar"), ids=IDS, demonstrators=(bob, ann))
-    assert audit.verdict_counts(bob.demonstrations) == {"similar": 2, "open": 0, "outlier": 0}
-    assert audit.verdict_counts(ann.demonstrations) == {"similar": 0, "open": 1, "outlier": 1}
-    assert bob.trust == Interval(0.8, 0.7, 0.9)
     assert rank_demonstrators(Demonstrators(), TRUST, IDS) == ()
-
-
-def test_without_trust_demonstrators_stand_in_the_order_of_the_data():
     found = rank_demonstrators(NAMES, np.empty((0, 3)), IDS)
     assert [(who.name, who.trust) for who in found] == [("Ann", None), ("Bob", None)]
 

@@ -47,8 +47,8 @@ def full_audit() -> Audit:
         doubts=("A doubt.",),
         notes=("A note.", "The two groups: differ."),
         columns=rng.normal(size=(n, 5)),
-        columns_within=rng.normal(size=(n, 6)),
         claimed=np.arange(n) % 3 - 1,
+        part=(np.arange(n) % 5 - 2) / 2,
         copy_of=np.array([0, 1, 2, 0, 4, 0, 6, 7, 8, 2]),
         deviations=("It drops.", *[""] * 9),
         sessions=("mon",) * 5 + ("tue",) * 5,
@@ -59,7 +59,6 @@ def full_audit() -> Audit:
         fps=30.0,
         provenance=Provenance("1", "rpil audit", 0, {"x": ("a", 1, None)}, ()),
         rejected_by=("", "", "labels", "outcome", "answers", "adversary", "", "", "", ""),
-        step_share=rng.random(395).astype(np.float32),
         **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
     )
 
@@ -81,7 +80,8 @@ def same(one: object, other: object) -> bool:
 @pytest.fixture(scope="module")
 def audits() -> dict[str, Audit]:
     demonstrations = make("random", 0, n_good=8, n_bad=3, steps=(20, 30)).demonstrations
-    one = RPIL(settings=FAST).fit(demonstrations, demonstrators=[m % 2 for m in range(11)], order=range(11)).audit_
+    one = RPIL(settings=FAST).fit(demonstrations, demonstrators=[m % 2 for m in range(11)]).audit_
+    one = replace(one, order=np.arange(11.0))
     parts = {"x": select(one, range(6)), "y": select(one, range(6, 11))}
     places = {"x": [*range(6)], "y": [*range(6, 11)]}
     tasks = join_audits(parts, places, demonstrations.ids, demonstrations.offsets)
@@ -136,8 +136,6 @@ def test_a_column_is_selected_and_joined(name, axis, nothing):
     joined = getattr(join_audits(parts, places, IDS, audit.offsets), name)
     if name == "order":
         assert joined is None
-    elif name == "columns_within":
-        assert joined.shape == (10, 0)
     else:
         last = np.concatenate([rows[m] for m in range(9)])
         np.testing.assert_array_equal(np.array(joined)[last], column[last])
@@ -219,7 +217,7 @@ def test_arrays_that_do_not_belong_together_are_refused(path):
         ("audit/claimed", np.full(10, 2)),
         ("audit/offsets", np.zeros(11, dtype=np.int64)),
         ("audit/order", np.full(10, np.inf)),
-        ("audit/columns_within", np.zeros((10, 3))),
+        ("audit/part", np.full(10, 1.5)),
         ("audit/answers/labels", np.full(10, 3)),
         ("audit/answers/pairs", np.array([[0, -1]])),
         ("audit/answers/tied", np.array([[0, 10]])),

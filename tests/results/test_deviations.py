@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,12 +13,19 @@ import pytest
 from audits import make_audit
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
+from rpil.inference.outliers import Claims
 from rpil.inference.settings import HeldOutSettings
+from rpil.inference.trust import Judgement
 from rpil.results.evidence import MAX_STEPS, StepEvidence, by_final_policy, deviations
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
-AUDIT = make_audit(("similar", "outlier"), step_log_ratio=RATIO, lengths=[40, 40])
+AUDIT = make_audit(("open", "outlier"), step_log_ratio=RATIO, lengths=[40, 40])
+
+
+def judged_below(m: int, n: int) -> Judgement:
+    """What is read of a judgement: demonstration `m` of `n` differs from the rest."""
+    return cast(Judgement, SimpleNamespace(claims=Claims("outliers", np.arange(n) == m)))
 
 
 def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> StepEvidence:
@@ -29,7 +38,7 @@ def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> StepEvidence:
     def outputs(rows: np.ndarray) -> np.ndarray:
         return np.zeros((len(rows), n_parts)) if n_parts else np.log(np.full((len(rows), 3), 1 / 3))
 
-    return by_final_policy(replace(AUDIT, offsets=offsets), None, data, outputs, HeldOutSettings())
+    return by_final_policy(replace(AUDIT, offsets=offsets), judged_below(1, 2), data, outputs, HeldOutSettings())
 
 
 def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:
@@ -82,10 +91,10 @@ def test_a_part_that_moves_in_the_others_alone_is_named_first(still: float) -> N
     offsets, labels = np.array([0, 40, 80, 120]), np.zeros(3, dtype=int)
     box = Box(np.full(2, -99.0), np.full(2, 99.0))
     data = FitData(np.ones((120, 1)), actions, offsets, box, labels, action_names=("arm", "elbow"))
-    audit = make_audit(
-        ("similar", "similar", "outlier"), step_log_ratio=np.append(np.ones(40), RATIO), lengths=[40, 40, 40]
+    audit = make_audit(("open", "open", "outlier"), step_log_ratio=np.append(np.ones(40), RATIO), lengths=[40, 40, 40])
+    evidence = by_final_policy(
+        audit, judged_below(2, 3), data, lambda rows: np.zeros((len(rows), 2)), HeldOutSettings()
     )
-    evidence = by_final_policy(audit, None, data, lambda rows: np.zeros((len(rows), 2)), HeldOutSettings())
     phrases = deviations(audit, evidence, np.empty(0), no_outputs)
     assert phrases == ("", "", f"elbow stays at {still:g}, and moves in the others")
 
@@ -111,7 +120,7 @@ def test_what_stays_within_the_band_is_no_deviation() -> None:
 
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     ratio = np.concatenate([np.ones(50), -np.linspace(1, 2, 50)])
-    audit = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[50, 50])
+    audit = make_audit(("open", "outlier"), step_log_ratio=ratio, lengths=[50, 50])
     asked = []
 
     def outputs(rows: np.ndarray) -> np.ndarray:
@@ -123,6 +132,9 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     assert f"{MAX_STEPS} of its {MAX_STEPS} worst steps" in phrase
 
 
-@pytest.mark.parametrize("changes", [{"finding": "no outliers"}, {"verdicts": ("open", "outlier")}])
+@pytest.mark.parametrize(
+    "changes",
+    [{"finding": "no outliers"}, {"anchor": "answers", "finding": "answered", "verdicts": ("open", "bad")}],
+)
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
     assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2), no_outputs) == ()

@@ -35,7 +35,7 @@ def test_a_curve_that_is_flat_or_not_known_is_packed(values):
 def test_drawing_has_the_steps_of_its_demonstration():
     part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
     traces = {1: Traces((part,), compared_with="trusted")}
-    audit = make_audit(("similar", "outlier"), lengths=[40, 1200], traces=traces)
+    audit = make_audit(("open", "outlier"), lengths=[40, 1200], traces=traces)
     drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
     level = (ratio.max() - ratio.min()) / LEVELS

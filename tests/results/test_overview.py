@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html import escape
 
 import numpy as np
+import pytest
 
 from audits import make_audit
-from rpil.results.overview import headline, overview_html, overview_text, shortened
+from rpil.inference.findings import FINDINGS
+from rpil.results.overview import (
+    MAX_NAMED_FIRST,
+    first_sentence,
+    headline,
+    look_first,
+    overview_html,
+    overview_text,
+    shortened,
+)
 
 
 def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
     audit = make_audit(ids=list("abcdefghij"), doubts=("One reason.", "Another."), pair=("a", "j"))
-    finding, words, doubt, question, head, *lowest, last = overview_text(audit).splitlines()
-    assert finding == f"Audit: {headline(audit)}"
-    assert words == f"10 demonstrations, {audit.offsets[-1]:,} steps: 5 similar, 1 open, 4 outliers."
+    first, finding, words, doubt, question, head, *lowest, last = overview_text(audit).splitlines()
+    assert first == f"Audit: {first_sentence(audit)}"
+    assert finding == headline(audit)
+    assert words == f"10 demonstrations, {audit.offsets[-1]:,} steps: 6 open, 4 outliers."
     assert doubt == "Doubt: One reason. (1 more in doubts)"
     assert question == f"Question: {audit.question}"
     assert head == "The lowest 3 scores (log_odds), of 10:"
     names = [line.split()[0] for line in lowest]
     assert names == [audit.ids[m] for m in np.argsort(audit.log_odds)[:3]]
     m = audit.index(names[0])
-    assert f"outlier, P(similar) {audit.expert_proba[m]:.2f}, score {audit.log_odds[m]:+.1f}" in lowest[0]
+    assert f"outlier, P(usual) {audit.expert_proba[m]:.2f}, score {audit.log_odds[m]:+.1f}" in lowest[0]
     assert "to_frame()" in last
 
 
@@ -32,13 +44,13 @@ def test_names_stay_in_one_short_line():
     assert shortened("x" * 40) == "x" * 40
     assert shortened(7) == "7"
     audit = make_audit(("open",) * 3, ids=["a\nb", "x" * 500, "\u202e"])
-    assert len(overview_text(audit).splitlines()) == 7
-    assert max(map(len, overview_text(audit).splitlines())) < 120
+    assert len(overview_text(audit).splitlines()) == 8
+    assert max(map(len, overview_text(audit).splitlines()[1:])) < 120
 
 
 def test_a_notebook_shows_the_text_and_the_lowest_ten_with_their_reasons():
     ids = ["<script>alert(1)</script>", *map(str, range(14))]
-    audit = make_audit(("similar",) * 8 + ("open",) * 2 + ("outlier",) * 5, ids=ids, doubts=("A <b>doubt</b>.",))
+    audit = make_audit(("open",) * 8 + ("open",) * 2 + ("outlier",) * 5, ids=ids, doubts=("A <b>doubt</b>.",))
     text = overview_html(audit)
     assert "A &lt;b&gt;doubt&lt;/b&gt;." in text
     assert "<script" not in text
@@ -46,3 +58,51 @@ def test_a_notebook_shows_the_text_and_the_lowest_ten_with_their_reasons():
     rows = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", text)]
     shown = [[audit.ids[m], audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest]
     assert rows == [[escape(cell) for cell in row] for row in shown]
+
+
+def ranked(n, **changes):
+    """Open demonstrations, of which the first is the lowest."""
+    return make_audit(("open",) * n, lengths=[2] * n, log_odds=np.arange(float(n)), **changes)
+
+
+@pytest.mark.parametrize(("n", "size"), [(3, 3), (59, 5), (60, 6), (200, 20)])
+def test_a_tenth_is_to_be_looked_at_first_and_five_at_least(n, size):
+    assert look_first(ranked(n)) == [*range(size)]
+
+
+def test_faulty_ones_come_first_and_labelled_ones_not_at_all():
+    audit = ranked(20, labels={0: 1, 9: -1})
+    assert look_first(audit, faulty=[17, 9, 2, "gone"]) == [17, 2, 1, 3, 4]
+    assert first_sentence(audit, [17]) == "Look at these 5 first: 17, 1, 2, 3, 4."
+    assert first_sentence(ranked(2, labels={1: 1}), named=lambda name: f"<{name}>") == "Look at this 1 first: <0>."
+    assert first_sentence(ranked(2, labels={0: 1, 1: 1})) == "Every demonstration has a label."
+    assert first_sentence(ranked(2)) == "Look at these 2 first: 0, 1."
+    many = first_sentence(ranked(200))
+    assert many == f"Look at these 20 first: {', '.join(map(str, range(MAX_NAMED_FIRST)))} and 8 more."
+
+
+def test_the_finding_in_a_sentence():
+    audit = make_audit(("open", "outlier", "outlier"), log_odds=np.array([1.0, -2.0, -1.0]))
+    assert headline(audit) == "2 of 3 act differently from the rest: 1, 2."
+    assert headline(audit, most=0) == "2 of 3 act differently from the rest."
+    one = make_audit(("open", "outlier"), ids=("a", "b\x1b"))
+    assert headline(one) == "1 of 2 acts differently from the rest: b\\x1b."
+    named = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture")
+    assert headline(named) == "1 of 2 acts like the adversary that was named: 1."
+    answered = make_audit(("good", "bad", "open", "outlier"), anchor="answers", finding="answered")
+    assert headline(answered) == "By your answers: 1 good, 1 open, 1 outlier (3), 1 bad (1)."
+    assert headline(answered, most=0) == "By your answers: 1 good, 1 open, 1 outlier, 1 bad."
+
+
+def test_groups_and_nothing_in_a_sentence():
+    groups = {"competing": ((0, 1, 2), (3, 4)), "identifiable": False}
+    apart = ranked(5, finding="a group apart", **groups)
+    rest = "; without an answer nobody can say if they are worse."
+    assert headline(apart) == f"2 of 5 act alike, and differ from the rest (3, 4){rest}"
+    assert headline(apart, most=0) == f"2 of 5 act alike, and differ from the rest{rest}"
+    assert headline(replace(apart, competing=())) == FINDINGS["a group apart"]
+    two = ranked(5, finding="two groups", **groups)
+    assert headline(two) == "Two groups act differently: 3 and 2; without an answer nobody can say which is good."
+    assert headline(ranked(2, finding="no outliers")) == "Nobody differs clearly."
+    nothing = headline(ranked(2, finding="nothing could be learned"))
+    assert nothing.startswith("Nothing could be learned: the observations do not help to predict the actions")

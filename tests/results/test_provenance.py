@@ -12,7 +12,7 @@ import pytest
 
 from audits import make_audit
 from rpil.estimators.settings import Settings
-from rpil.inference.settings import ClaimSettings, JudgeSettings
+from rpil.inference.settings import JudgeSettings, OutlierSettings
 from rpil.results import provenance
 from rpil.results.provenance import Provenance, changed_settings, digest
 from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
@@ -58,10 +58,10 @@ def test_settings_that_differ_are_named():
     assert changed_settings(Settings(), Settings()) == {}
     changed = replace(
         Settings(),
-        judge=replace(JudgeSettings(), claims=replace(ClaimSettings(), min_proba=0.75)),
+        judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)),
         judge_features="raw",
     )
-    assert changed_settings(changed, Settings()) == {"judge_features": "raw", "judge.claims.min_proba": 0.75}
+    assert changed_settings(changed, Settings()) == {"judge_features": "raw", "judge.outliers.min_proba": 0.75}
     assert changed_settings(math.inf, 1.0, "x") == {"x": "inf"}  # which JSON does not have
 
 

@@ -32,37 +32,35 @@ def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
 def test_reason_names_the_stretch_of_the_audit() -> None:
     ratio = np.ones(40)
     ratio[25:29] = -3.0
-    audit = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[20, 20])
-    assert audit.reasons == ("Acts like most others.", "Different at steps 5 to 8.")
+    audit = make_audit(("open", "outlier"), step_log_ratio=ratio, lengths=[20, 20])
+    assert audit.reasons == ("In the middle of the ranking.", "Different at steps 5 to 8.")
     assert replace(audit, fps=10.0).reasons[1] == "Different from 0.5 to 0.9 s."
     seen = replace(audit, fps=10.0, deviations=("", "at step 7: elbow is -70; others there have -9 to 12"))
     assert seen.reasons[1] == "Different from 0.5 to 0.9 s, most at 0.7 s: elbow is -70; others there have -9 to 12."
     ratio[22:40] = -3.0
     assert replace(audit, step_log_ratio=ratio).reasons[1] == "Different nearly throughout."
     ratio[3] = -9.0
-    assert replace(audit, step_log_ratio=ratio).reasons[0] == "Acts like most others; most different at step 3."
+    assert replace(audit, step_log_ratio=ratio).reasons[0] == "In the middle of the ranking; most different at step 3."
 
 
 def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
-    parts = {"from_actions": np.array([3.0, 0.5]), "from_demonstrator": np.array([1.0, -4.0])}
-    audit = make_audit(("similar", "outlier"), log_odds=np.array([4.0, -3.5]), **parts, **NO_STRETCH)
-    assert audit.reasons == ("Acts like most others.", "Judged by the other demonstrations of its operator.")
+    """As it is of outliers without answers that one answer leaves."""
+    parts = {"from_actions": np.array([0.5, -3.0, -1.0]), "from_demonstrator": np.array([-4.0, -1.0, -1.0])}
+    known = {"anchor": "answers", "finding": "answered", "log_odds": np.array([-3.5, -4.0, -2.0])}
+    audit = make_audit(("outlier",) * 3, **parts, **known, step_log_ratio=np.ones(30), lengths=[10] * 3)
+    different = "Its actions differ from those of most others."
+    assert audit.reasons == ("Judged by the other demonstrations of its operator.", different, different)
 
 
 def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
-    log_odds = np.array([5.0, 11.1, 1.0, -4.0])
-    proba = {"expert_proba": 1 / (1 + np.exp(-log_odds))}
+    limit = float(np.log(0.77 / 0.23))  # of the verdict good
+    log_odds = np.array([limit + 0.01, limit - 0.01, 0.01 - limit, -0.01 - limit])
     audit = make_audit(
-        ("similar", "open", "open", "open"), log_odds=log_odds, **proba, **NO_STRETCH | {"lengths": [10] * 4}
+        ("open",) * 4, log_odds=log_odds, anchor="answers", finding="answered", **NO_STRETCH | {"lengths": [10] * 4}
     )
-    assert audit.reasons[1:] == (
-        "Looks similar (place 1 of 4); left open to be safe.",
-        "Its score is between those of similar and outlier ones.",
-        "Looks different (place 4 of 4); left open to be safe.",
-    )
-    known = {"anchor": "answers", "finding": "answered", "expert_proba": proba["expert_proba"][:2]}
-    answered = make_audit(("good", "open"), log_odds=log_odds[:2], **known, **NO_STRETCH)
-    assert answered.reasons[1] == "Looks good (place 1 of 2); left open to be safe."
+    between = "Its score is between those of good and bad ones."
+    high, low = (f"Looks {one}; left open to be safe." for one in ("good (place 1 of 4)", "bad (place 4 of 4)"))
+    assert audit.reasons == (high, between, between, low)
 
 
 def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_told() -> None:
@@ -95,9 +93,11 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
     )
 
 
-def test_doubt_leaves_no_verdict() -> None:
-    audit = replace(make_audit(("open",) * 2, finding="in doubt", **NO_STRETCH), doubts=("Folds differ.", "More."))
-    assert audit.reasons == ("No verdict, because the finding is in doubt.",) * 2
+def test_beside_outliers_a_reason_is_the_place_in_the_ranking() -> None:
+    audit = make_audit(
+        (*("open",) * 4, "outlier"), log_odds=np.array([1.0, 2, 3, 4, 0]), **NO_STRETCH | {"lengths": [8] * 5}
+    )
+    assert audit.reasons[:4] == tuple(f"{fifth} of the ranking." for fifth in FIFTHS[1:])
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
@@ -113,8 +113,9 @@ def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
     assert nothing.reasons == ("Nothing could be learned.",) * 2
 
 
-def test_competing_groups_wait_for_a_label() -> None:
-    groups = {"competing": ((0,), (1,)), "pair": (0, 1), "identifiable": False, "finding": "two groups"}
+@pytest.mark.parametrize("finding", ["a group apart", "two groups"])
+def test_competing_groups_wait_for_a_label(finding: str) -> None:
+    groups = {"competing": ((0,), (1,)), "pair": (0, 1), "identifiable": False, "finding": finding}
     audit = make_audit(("open",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
     acts = [f"Acts as group {letter} does; only an answer can tell which is good." for letter in "AB"]
     assert audit.reasons == (*acts, "In neither group.")
@@ -128,6 +129,6 @@ def test_a_named_adversary_is_named_in_reasons() -> None:
 def test_impossible_steps_do_not_make_a_reason_infinite() -> None:
     ratio = np.ones(40)
     ratio[30] = -np.inf
-    reason = make_audit(("similar", "outlier"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
+    reason = make_audit(("open", "outlier"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
     assert "inf" not in reason
     assert "at step 10" in reason

@@ -12,24 +12,26 @@ import pytest
 from audits import make_audit
 from html_page import Page
 from rpil.data.errors import DataError
+from rpil.results.answering import looking_order
 from rpil.results.record import Audit, Demonstrator, Interval
 
 
-def test_a_frame_has_the_demonstrations_in_the_order_of_the_data():
+def test_a_frame_has_the_demonstrations_in_the_order_of_looking():
     audit = make_audit(ids=list("abcdefghij"))
-    table = audit.to_frame("pyarrow")
-    assert table["id"].to_pylist() == list(audit.ids)
-    assert table["verdict"].to_pylist() == list(audit.verdicts)
-    assert table["reason"].to_pylist() == list(audit.reasons)
-    np.testing.assert_array_equal(table["log_odds"].to_numpy(), audit.log_odds)
-    np.testing.assert_array_equal(table["n_steps"].to_numpy(), audit.lengths)
+    table, (order, _) = audit.to_frame("pyarrow"), looking_order(audit)
+    assert order != sorted(order)
+    for name, column in (("id", audit.ids), ("verdict", audit.verdicts), ("reason", audit.reasons)):
+        assert table[name].to_pylist() == [column[m] for m in order]
+    assert table["look"].to_pylist() == [*range(1, 11)]
+    np.testing.assert_array_equal(table["log_odds"].to_numpy(), audit.log_odds[order])
+    np.testing.assert_array_equal(table["n_steps"].to_numpy(), audit.lengths[order])
     assert not {"faults", "task", "run", "demonstrator", "session"} & {*table.column_names}
 
 
 def test_a_frame_has_demonstrators_and_sessions_where_they_are_known():
     who = (Demonstrator("ann", Interval(0.5, 0.1, 0.9), (0, 2)), Demonstrator("bob", Interval(0.5, 0.1, 0.9), (1,)))
-    audit = make_audit(("similar",) * 3, demonstrators=who, sessions=("mon", "mon", "tue"))
-    table = audit.to_frame("pyarrow")
+    changes = {"demonstrators": who, "sessions": ("mon", "mon", "tue"), "log_odds": np.arange(3.0)}
+    table = make_audit(("open",) * 3, **changes).to_frame("pyarrow")
     assert table["demonstrator"].to_pylist() == ["ann", "bob", "ann"]
     assert table["session"].to_pylist() == ["mon", "mon", "tue"]
 

@@ -15,7 +15,7 @@ from rpil.results.judged import Demonstrator, Interval
 
 def test_worst_steps_are_the_most_negative_and_never_positive():
     ratio = np.concatenate([[1.0, -2.0, 0.0], [5.0], [-1.0, -3.0, 2.0, -1.0], [-np.inf, 0.5], [-6, -2, -4, -3, -5]])
-    audit = make_audit(("similar",) * 5, lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
+    audit = make_audit(("open",) * 5, lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
     assert [audit.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
     assert audit.worst_steps(4, k=2) == [0, 4]
     np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
@@ -37,11 +37,11 @@ def test_a_copy_of_what_is_labelled_has_its_reason():
 
 def test_a_demonstration_without_a_word_has_a_place_and_no_probability():
     log_odds = np.array([3.0, 1.0, -4.0, 2.0])
-    words = ("similar", "open", "outlier", "open")
+    words = ("open", "open", "outlier", "open")
     audit = make_audit(words, log_odds=log_odds, expert_proba=np.array([0.95, 0.7, 0.02, 0.88]))
     assert audit.ranks.tolist() == [1, 3, 4, 2]
     assert [audit.place(m) for m in range(4)] == [
-        "P(similar) 0.95", "place 3 of 4", "P(similar) 0.02", "place 2 of 4"
+        "place 1 of 4", "place 3 of 4", "P(usual) 0.02", "place 2 of 4"
     ]  # fmt: skip
     named = replace(audit, anchor="named adversary", verdicts=("expert", "open", "adversary", "open"))
     assert named.place(1) == "P(expert) 0.70"
@@ -49,7 +49,7 @@ def test_a_demonstration_without_a_word_has_a_place_and_no_probability():
 
 def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_it_is_known():
     ann, bob = Demonstrator("Ann", Interval(0.8, 0.7, 0.9), (0, 1)), Demonstrator("Bob", None, (2, 3))
-    audit = make_audit(("similar", "open", "outlier", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))
+    audit = make_audit(("open", "open", "outlier", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))
     first, second = json.loads(json.dumps(audit.to_dict()))["demonstrators"]
     assert first["trust"] == {"mean": 0.8, "low": 0.7, "high": 0.9}
     assert second == {
@@ -57,5 +57,5 @@ def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_
         "trust": None,
         "n_demonstrations": 2,
         "style": "1.40 of the median length",
-        "verdicts": {"similar": 0, "open": 1, "outlier": 1},
+        "verdicts": {"open": 1, "outlier": 1},
     }

@@ -1,4 +1,4 @@
-"""Weights of steps: who weighs less, and which steps of a demonstration."""
+"""Weights of steps: whom a learner trusts, P(good) for other trainings, and where a person took over."""
 
 from __future__ import annotations
 
@@ -6,117 +6,170 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import expit
 
 import rpil
 from audits import make_audit
 from episode_rows import N, T, episodes
-from rpil.inference.answers import Answers
+from hand_made import answers_of
+from problems import make
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import of_demonstrations, step_weight, weights_of
+from rpil.results.step_weights import balanced, of_demonstrations, takeover_signs, weights_of
 
-LENGTHS = np.array([2, 1, 1])
-
-
-def in_mean(audit):
-    """The mean weight of a step of each demonstration."""
-    return np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
+FOR_OTHERS = AuditSettings(weighs_for_learner=False)
+LENGTHS, PROBA = [3, 1, 4, 2, 5, 1], np.array([0.9, 0.8, 0.3, 0.2, 0.6, 0.4])
+CONTRAST = answers_of([1, 0, 0, -1, 0, 0])
 
 
-def shared(audit, seed=0):
-    """The audit with shares of steps whose mean over each demonstration is 1/2."""
-    share = np.random.default_rng(seed).random(int(audit.offsets[-1]))
-    mean = np.repeat(np.add.reduceat(share, audit.offsets[:-1]) / audit.lengths, audit.lengths)
-    audit = replace(audit, step_share=0.5 + (share - mean) / 2)
-    return replace(audit, step_weight=weights_of(audit))
+def judged(part=(1, 1, 0.5, -1, -0.5, 0), answers=None, **changes):
+    """Six demonstrations, of parts that a learner trusts or not."""
+    known = answers_of(m=6) if answers is None else answers
+    fields = {"expert_proba": PROBA, "part": np.array(part, dtype=float), "lengths": LENGTHS, "answers": known}
+    return make_audit(("open",) * 6, **({"anchor": "answers" if known.count else "none"} | fields | changes))
 
 
-def test_the_weight_of_a_step_is_that_of_its_demonstration_times_its_share():
-    weight, sign, share = np.array([1.0, 0.2, 0.6]), np.array([1.0, -1.0, 0.0]), np.array([0.1, 0.9, 0.3, 0.8])
-    found = step_weight(LENGTHS, weight, sign, share)
-    assert found == pytest.approx([0.2, 1.8, 0.2 * 1.4, 0.6])
+def weights(labels=(), pairs=(), outcome=None, tied=(), part=(1, 1, 1, -1, -1, -1), **changes):
+    """The weights for the learner after these answers."""
+    answers = answers_of([*labels, *[0] * (6 - len(labels))], pairs, outcome, tied)
+    return of_demonstrations(judged(part, answers, **changes)).tolist()
 
 
-def test_without_steps_there_are_no_weights():
-    assert step_weight(LENGTHS, np.ones(3), np.ones(3), np.empty(0)).size == 0
+def test_a_learner_trusts_all_but_the_other_part():
+    assert of_demonstrations(judged()).tolist() == [1, 1, 1, 0, 1, 1]
+    assert of_demonstrations(judged((0,) * 6)).tolist() == [1] * 6
 
 
-def test_who_is_unlike_weighs_less_and_all_others_the_same():
-    audit = shared(make_audit())
-    outlier = np.array([verdict == "outlier" for verdict in audit.verdicts])
-    np.testing.assert_allclose(in_mean(audit), np.where(outlier, audit.expert_proba, 1.0))
+def test_one_answer_changes_the_weight_of_its_own_demonstration_and_of_its_copies_alone():
+    assert weights([0, -1]) == [1, 0, 1, 0, 0, 0]
+    assert weights([0, 0, 0, 1]) == [1, 1, 1, 1, 0, 0]
+    copies = np.array([0, 1, 1, 3, 3, 5])
+    assert weights([0, -1, -1], copy_of=copies) == [1, 0, 0, 0, 0, 0], "labels of copies are one answer"
+    assert weights([0, 0, 0, 1], copy_of=copies) == [1, 1, 1, 1, 1, 0]
+    assert weights(pairs=[(3, 0)]) == [1, 1, 1, 0, 0, 0], "which of two is better says nothing of the parts"
+
+
+BETTER, OTHER = [1, 1, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]
+FLAGS = [np.nan, np.nan, 1, np.nan, np.nan, 0]
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("answers", "expected"),
     [
-        {"finding": "in doubt", "verdicts": ("open",) * 10},
-        {"finding": "two groups", "verdicts": ("open",) * 10, "identifiable": False, "competing": ((0, 1, 2), (3, 4))},
+        ({"labels": [1, 0, 0, -1]}, BETTER),
+        ({"labels": [-1, 0, 0, 1]}, OTHER),
+        ({"labels": [-1], "pairs": [(4, 1)]}, OTHER),
+        ({"pairs": [(0, 3), (1, 4)]}, BETTER),
+        ({"pairs": [(3, 0), (4, 1)]}, OTHER),
+        ({"labels": [0, 1], "outcome": FLAGS}, BETTER),
+        ({"outcome": FLAGS}, BETTER),  # of flags the failures speak, as successes may be luck
+        ({"outcome": [0, 1, np.nan, np.nan, np.nan, np.nan]}, OTHER),
+        ({"labels": [-1, 0, 0, 1], "part": [1, 0.5, 0.5, -0.5, -0.5, -1]}, OTHER),
+        ({"labels": [1, 0, 0, -1], "part": [1, 0, 0, -1, -1, -1]}, [1, 0, 0, 0, 0, 0]),
     ],
 )
-def test_else_all_demonstrations_weigh_the_same(changes):
-    audit = shared(replace(make_audit(), **changes))
-    np.testing.assert_allclose(in_mean(audit), 1.0)
-    assert bool(np.ptp(audit.step_weight) > 0.5) is audit.identifiable
+def test_contrasting_answers_that_agree_with_the_parts_say_which_one_is_good(answers, expected):
+    assert weights(**answers) == expected
 
 
-FOR_OTHERS = AuditSettings(weighs_for_learner=False)
+@pytest.mark.parametrize(
+    "answers",
+    [
+        {"labels": [1, -1]},  # both are of one part
+        {"labels": [0, -1, 0, 1, -1]},
+        {"labels": [1, 0, 0, -1], "pairs": [(4, 2)]},
+        {"labels": [1, 0, 0, -1], "outcome": [np.nan, 0, np.nan, np.nan, 1, 1]},
+        {"labels": [1, 0, 0, -1], "part": [0] * 6},
+        {"labels": [1, 1]},  # no contrast
+        {"outcome": [0, 0, np.nan, np.nan, np.nan, np.nan]},
+        {"labels": [1], "tied": [(3, 4)]},
+    ],
+)
+def test_answers_that_divide_otherwise_or_not_at_all_weigh_by_p_good(answers):
+    assert weights(**answers) == PROBA.tolist()
 
 
-def test_for_other_trainings_every_step_weighs_one_until_answers_contrast():
-    for labels in ({}, {0: 1, 1: 1, 2: 1}, {7: -1, 8: -1}):
-        audit = shared(make_audit(labels=labels, settings=FOR_OTHERS))
-        np.testing.assert_array_equal(audit.step_weight, 1.0)
+def test_the_label_of_a_copy_decides_whatever_its_part():
+    found = weights([1, 1, 0, -1], part=(1, 1, 1, -1, 1, -1), copy_of=np.array([0, 1, 2, 3, 3, 1]))
+    assert found == [1, 1, 1, 0, 0, 1]
 
 
-def test_after_answers_that_contrast_the_weights_are_p_good_with_a_mean_of_one():
-    audit = shared(make_audit(labels={0: 1, 9: -1}, settings=FOR_OTHERS, anchor="answers"))
-    assert audit.step_weight.mean() == pytest.approx(1)
-    ratio = in_mean(audit) / audit.expert_proba
-    np.testing.assert_allclose(ratio, ratio[0])
-    within = [np.ptp(audit.step_weight[audit.steps(m)]) for m in range(10)]
-    assert max(within) == 0, "no step weighs another one's"
-    pair = replace(Answers.none(10), pairs=np.array([[0, 9]]))
-    np.testing.assert_array_equal(shared(replace(audit, answers=pair)).step_weight, 1.0, "one answer")
+def test_for_other_trainings_all_weigh_one_until_answers_contrast_and_then_p_good_with_a_mean_of_one():
+    for answers in (answers_of(m=6), answers_of([1, 1, 0, 0, 0, 0]), answers_of([0, 0, 0, -1, 0, -1])):
+        assert of_demonstrations(judged(answers=answers, settings=FOR_OTHERS)).tolist() == [1] * 6
+    pair, second = answers_of(pairs=[(0, 3)], m=6), answers_of(pairs=[(0, 3), (1, 4)], m=6)
+    assert of_demonstrations(judged(answers=pair, settings=FOR_OTHERS)).tolist() == [1] * 6
+    mean = PROBA @ LENGTHS / sum(LENGTHS)
+    for answers in (CONTRAST, second):
+        np.testing.assert_allclose(of_demonstrations(judged(answers=answers, settings=FOR_OTHERS)), PROBA / mean)
+    copies = judged(answers=answers_of([1, 0, 0, 0, 0, 0]), settings=FOR_OTHERS, copy_of=np.array([0, 0, 2, 3, 4, 5]))
+    assert of_demonstrations(copies).tolist() == [1] * 6
+    tasks = judged(answers=CONTRAST, settings=FOR_OTHERS, anchor="none")  # of which one alone has answers
+    assert of_demonstrations(tasks).tolist() == [1] * 6
 
 
-def test_flags_are_answers_of_both_sides():
-    for flags, contrast in (([1, 0], True), ([1, np.nan], False), ([np.nan, np.nan], False), ([0, 0], False)):
-        assert replace(Answers.none(2), outcome=np.array(flags, dtype=float)).contrast is contrast
+def test_a_named_adversary_weighs_each_step_by_p_expert():
+    for settings in (AuditSettings(), FOR_OTHERS):
+        audit = judged(answers=CONTRAST, anchor="named adversary", settings=settings)
+        np.testing.assert_array_equal(weights_of(audit), np.repeat(PROBA, LENGTHS))
+    assert weights_of(replace(audit, step_log_ratio=np.empty(0))).size == 0
 
 
-def test_one_label_changes_the_weight_of_its_own_demonstration_and_of_its_copies():
-    audit = make_audit(("open",) * 4, labels={2: -1}, copy_of=np.array([0, 1, 2, 2]), anchor="answers")
-    audit = replace(audit, verdicts=("open", "open", "bad", "bad"), expert_proba=np.array([0.1, 0.9, 1e-6, 1e-6]))
-    assert of_demonstrations(audit)[0].tolist() == [1, 1, 1e-6, 1e-6]
-    assert of_demonstrations(audit)[1].tolist() == [1] * 4
+def test_where_a_person_took_over_weights_move_within_demonstrations_and_keep_their_means():
+    signs = np.array([-1, 1, 1, 0, 0, 0, 0, 0, 0, -1, 0, 0, -1, 1, 0, 1], dtype=float)
+    found = np.split(weights_of(judged(anchor="named adversary", taken_over=signs)), np.cumsum(LENGTHS)[:-1])
+    for weight, mean, z in zip(found, PROBA, np.split(signs, np.cumsum(LENGTHS)[:-1]), strict=True):
+        own = np.full(len(z), mean)
+        if z.any():
+            b = brentq(lambda b, z=z: expit(2 * z + b).mean() - 0.5, -9, 9)
+            own = 2 * mean * expit(2 * z + b)
+        np.testing.assert_allclose(weight, own, rtol=1e-7)
 
 
-def test_after_two_answers_demonstrations_weigh_by_p_good_and_steps_as_far_as_the_training_group_is_good():
-    proba, from_actions = np.array([0.9, 0.8, 0.1, 0.2]), np.array([2.0, 1.0, -1.0, -2.0])
-    audit = make_audit(("open",) * 4, labels={0: 1, 3: -1}, anchor="answers", lengths=(9, 5, 9, 5))
-    audit = shared(replace(audit, expert_proba=proba, from_actions=from_actions))
-    np.testing.assert_allclose(in_mean(audit), proba)
-    assert of_demonstrations(audit)[1] == pytest.approx(0.7)
-    assert of_demonstrations(replace(audit, from_actions=-from_actions))[1] == pytest.approx(-0.7)
-    # Once the ranking is right, no bad demonstration weighs more than a good one.
-    assert in_mean(audit)[:2].min() > in_mean(audit)[2:].max()
+def test_balanced_weights_have_the_mean_one_half_and_the_odds_that_were_given():
+    lengths, rng = np.array([1, 7, 30]), np.random.default_rng(0)
+    log_odds = rng.normal(0, 3, size=38)
+    found = np.split(balanced(log_odds, lengths), np.cumsum(lengths)[:-1])
+    for proba, odds in zip(found, np.split(log_odds, np.cumsum(lengths)[:-1]), strict=True):
+        assert proba.mean() == pytest.approx(0.5, abs=1e-7)
+        np.testing.assert_allclose(np.diff(np.log(proba / (1 - proba))), np.diff(odds), atol=1e-6)
 
 
-def test_who_scores_neither_high_nor_low_is_not_in_the_training_group():
-    audit = make_audit(("open",) * 3, labels={0: 1, 2: -1}, anchor="answers")
-    audit = replace(audit, expert_proba=np.array([0.9, 0.4, 0.1]), from_actions=np.array([2.0, 0.0, -1.0]))
-    assert of_demonstrations(audit)[1] == pytest.approx(0.9 - (0.4 + 0.1) / 2)
+@pytest.mark.parametrize(("fps", "n"), [(None, 10), (0.2, 1), (3.4, 3), (2.0, 2)])
+def test_a_second_before_a_person_took_over_counts_against_the_policy(fps, n):
+    flags, offsets = np.zeros(60, dtype=bool), np.array([0, 30, 60])
+    flags[[15, 16, 20, 30, 31, 33]] = True  # twice in the first one, and from the start of the second
+    first, second = takeover_signs(flags, offsets, fps)
+    expected = np.zeros(60)
+    for start, begin in ((15, 0), (20, 0), (33, 30)):
+        expected[max(start - n, begin) : start] = -1
+    expected[flags] = 1
+    np.testing.assert_array_equal(np.concatenate([first, second]), expected)
+    assert (len(first), len(second)) == (30, 30)
+    assert takeover_signs(None, offsets, fps) == takeover_signs(np.zeros(60, dtype=bool), offsets, fps) == ()
 
 
-@pytest.mark.parametrize(("from_actions", "sign"), [((1.0, 2.0), 0.0), ((1.0, -1.0), 0.8)])
-def test_without_two_groups_steps_are_no_evidence_after_answers(from_actions, sign):
-    audit = make_audit(("open",) * 2, labels={0: 1, 1: -1}, anchor="answers", expert_proba=np.array([0.9, 0.1]))
-    assert of_demonstrations(replace(audit, from_actions=np.array(from_actions)))[1] == pytest.approx(sign)
+@pytest.fixture(scope="module")
+def parted():
+    """Nine that agree, and five of another policy."""
+    return rpil.RPIL().fit(make("shifted", 1, n_good=9, n_bad=5, steps=(20, 20)).demonstrations).audit_
 
 
-def test_a_named_adversary_weighs_by_p_expert():
-    audit = shared(make_audit(("expert", "adversary"), anchor="named adversary"))
-    np.testing.assert_array_equal(audit.step_weight, np.repeat(audit.expert_proba, audit.lengths))
+def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parted):
+    first = (np.arange(14) < 9).astype(float)
+
+    def of_each(audit):
+        return audit.step_weight[audit.offsets[:-1]].tolist()
+
+    assert of_each(parted) == first.tolist()
+    assert {*parted.verdicts} == {"open"}, "an audit does not say who is good"
+    assert parted.notes[-1] == "The policy trusts 9 of 14 that agree; two labels turn it."
+    turned = parted.answered({"d0": "bad", "d10": "good"})
+    assert of_each(turned) == (1 - first).tolist()
+    confirmed = parted.answered({"d0": "good", "d10": "bad"})
+    assert of_each(confirmed) == first.tolist()
+    otherwise = parted.answered({"d0": "good", "d1": "bad"})
+    assert of_each(otherwise) == otherwise.expert_proba.tolist()
 
 
 def with_interventions(flags):
@@ -124,24 +177,23 @@ def with_interventions(flags):
     return episodes(phase=None, is_human_intervention=np.tile(flags, N))
 
 
-def test_a_person_who_takes_over_moves_the_weights_of_steps_and_no_verdict(tmp_path):
-    flags = np.zeros(T, dtype=bool)
-    flags[15:20] = True
-    told, plain = rpil.audit(with_interventions(flags)), rpil.audit(episodes(phase=None))
+TOOK_OVER = (np.arange(T) >= 15) & (np.arange(T) < 20)
+
+
+def test_a_person_who_takes_over_moves_the_weights_of_steps_and_no_verdict():
+    told, plain = rpil.audit(with_interventions(TOOK_OVER)), rpil.audit(episodes(phase=None))
     assert (told.verdicts, told.finding) == (plain.verdicts, plain.finding)
     np.testing.assert_array_equal(told.log_odds, plain.log_odds)
     signs = np.zeros(T)
     signs[5:15], signs[15:20] = -1, 1  # one second at ten steps a second
     np.testing.assert_array_equal(told.taken_over, np.tile(signs, N))
-    means = told.step_weight.reshape(N, T).mean(axis=0)
-    assert means[5:15].max() < means[:5].min() <= means[:5].max() < means[15:20].min()
-    np.testing.assert_allclose(
-        told.step_weight.reshape(N, T).mean(axis=1), plain.step_weight.reshape(N, T).mean(axis=1)
-    )
     assert f"A person took over in {N} of {N}" in told.notes[-1]
-    answered = told.answered({"e0": "bad", "e1": "good", "e2": "bad"})
-    low = answered.step_weight.reshape(N, T)[:, 5:15].mean(axis=1)
-    assert (low < answered.step_weight.reshape(N, T)[:, 15:20].mean(axis=1)).all()
+    for audit, of_all in ((told, plain), (told.answered({"e0": "bad", "e1": "good"}), None)):
+        each = audit.step_weight.reshape(N, T)
+        assert (each[:, 5:15].max(axis=1) < each[:, :5].min(axis=1)).all()
+        assert (each[:, :5].max(axis=1) < each[:, 15:20].min(axis=1)).all()
+        mean = of_demonstrations(audit) if of_all is None else of_all.step_weight.reshape(N, T).mean(axis=1)
+        np.testing.assert_allclose(each.mean(axis=1), mean, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -161,9 +213,7 @@ def test_which_columns_are_flags_of_interventions(flags, is_known):
 
 
 def test_a_policy_learns_from_what_a_person_did():
-    flags = np.zeros(T, dtype=bool)
-    flags[15:20] = True
-    told = rpil.RPIL(random_state=0).fit(rpil.open(with_interventions(flags)))
+    told = rpil.RPIL(random_state=0).fit(rpil.open(with_interventions(TOOK_OVER)))
     plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
     x = np.zeros((1, 1))
     assert told.predict(x) != plain.predict(x)

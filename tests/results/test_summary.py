@@ -5,16 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.special import logit
 
+from audits import make_audit
+from hand_made import answers_of
 from problems import pooled_state
+from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.claims import Doubt
+from rpil.inference.channels import CHANNELS
+from rpil.inference.outliers import Claims
 from rpil.mixture.em import MixtureFit, Posterior
+from rpil.results.facts import TWO_GROUPS
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
-from rpil.results.summary import audit_from_mixture, doubt_sentence, parts_not_judged
+from rpil.results.summary import audit_from_mixture, notes_of, parts_not_judged, whom_it_trusts
 
 SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
@@ -57,13 +63,41 @@ def test_infinite_log_odds_become_finite():
     np.testing.assert_allclose(audit.log_odds[2:], [0.0, 1e6, 1e6])
 
 
-def test_a_doubt_names_demonstrations():
-    doubt = Doubt("{members}.", (np.array([3, 1]),))
-    assert doubt_sentence(doubt, IDS) == "d, b."
-    several = replace(doubt, runs=tuple(map(np.array, ([0, 1, 2], [4], [3, 1]))))
-    assert doubt_sentence(several, IDS) == "a to c, e, d, b."
-    many = replace(several, runs=(np.array([0]),) * 11)
-    assert doubt_sentence(many, IDS) == f"{'a, ' * 10}...."
+def test_notes_name_the_only_operator_of_all_outliers_or_how_groups_differ():
+    lower, columns = np.array([False, True, True, False, False]), np.zeros((5, len(CHANNELS) + 1))
+
+    def notes(names, finding="outliers", lower=lower):
+        offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
+        people = Demonstrators.from_names(names) if names else Demonstrators()
+        data = FitData(np.ones((15, 1)), np.zeros(15, dtype=int), offsets, Discrete(3), demonstrators=people)
+        return notes_of(Claims(finding, lower), columns, data)
+
+    said = r"All outliers are of one operator, Ann\x1b: perhaps a style or a set-up, and not necessarily worse."
+    assert notes(["Bob", "Ann\x1b", "Ann\x1b", "Bob", "Ann\x1b"]) == (said,)
+    assert notes(["Bob", "Ann", "Bob", "Bob", "Ann"]) == notes(["Ann"] * 5) == notes([]) == ()
+    assert notes(["Bob", "Ann", "Ann", "Bob", "Bob"], lower=lower & (np.arange(5) < 2)) == (), "one alone"
+    assert notes(["Bob", "Ann", "Ann", "Bob", "Bob"], "no outliers", lower & False) == ()
+    for finding in ("a group apart", "two groups"):
+        (note,) = notes(["Bob", "Ann", "Ann", "Bob", "Bob"], finding)
+        assert note.startswith(TWO_GROUPS)
+
+
+@pytest.mark.parametrize(
+    ("part", "sentence"),
+    [
+        ((1, 1, 1, -1, -1), "The policy trusts 3 of 5 that agree; two labels turn it."),
+        ((-1, -1, 1, -1, -1), "The policy trusts 1 of 5 that agree; two labels turn it."),
+        ((-0.5, -0.5, 0.5, 0.5, 0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
+        ((0.5, 0.5, -0.5, -0.5, -0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
+        ((0,) * 5, ""),
+    ],
+)
+def test_whom_a_learner_trusts_is_said_until_answers_contrast(part, sentence):
+    audit = make_audit(("open",) * 5, part=np.array(part, dtype=float))
+    assert whom_it_trusts(audit) == sentence
+    for labels in ([1, 1, 0, 0, 0], [1, 0, 0, 0, 0]):
+        assert whom_it_trusts(replace(audit, answers=answers_of(labels))) == sentence
+    assert whom_it_trusts(replace(audit, answers=answers_of([1, 0, 0, -1, 0]))) == ""
 
 
 def test_parts_that_rest_are_named():

@@ -34,7 +34,6 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets)
     assert audit.ids == tuple(ids)
-    assert audit.columns_within.shape == (21, 0)
     for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
         assert [audit.reasons[m] for m in rows] == [*part.reasons]
         assert [audit.worst_steps(m) for m in rows] == [part.worst_steps(k) for k in range(10)]
@@ -83,9 +82,9 @@ def test_copies_and_notes_keep_their_tasks():
 
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     """A demonstration that is alone is in the middle of each column, of which all tasks have the same."""
-    one = {"claimed": np.array([1, -1]), "columns": np.array([[1.0, 2.0], [3.0, 4.0]])}
-    audit = joined(one, {"claimed": np.array([-1, 1]), "columns": np.array([[5.0, 6.0], [7.0, 8.0]])})
-    assert audit.claimed.tolist() == [1, -1, -1, 1, 0]
+    one = {"claimed": np.array([0, -1]), "columns": np.array([[1.0, 2.0], [3.0, 4.0]])}
+    audit = joined(one, {"claimed": np.array([-1, 0]), "columns": np.array([[5.0, 6.0], [7.0, 8.0]])})
+    assert audit.claimed.tolist() == [0, -1, -1, 0, 0]
     assert audit.columns.tolist() == [[1, 2], [5, 6], [3, 4], [7, 8], [0, 0]]
     wide = np.arange(2.0 * (len(CHANNELS) + 4)).reshape(2, -1)
     fewer = np.delete(wide, len(CHANNELS), axis=1)
@@ -106,10 +105,10 @@ def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
 
 def test_of_a_demonstration_that_is_alone_nothing_is_known():
     audit = joined()
-    for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed"):
+    for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed", "part"):
         assert getattr(audit, name)[4] == 0
     assert (audit.expert_proba[4], audit.reliability[4], *audit.reliability_interval[4]) == (0.5, 0.5, 0, 1)
-    for name, nothing in (("step_log_ratio", 0.0), ("step_share", 0.5), ("step_weight", 1.0)):
+    for name, nothing in (("step_log_ratio", 0.0), ("step_weight", 1.0)):
         assert getattr(audit, name)[8:].tolist() == [nothing] * 2
     assert (audit.sessions, audit.within) == ((), "tasks")
     assert joined(what="sessions").within == "sessions"
@@ -125,8 +124,8 @@ def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():
 
 
 def test_the_finding_that_says_most_and_an_anchor_that_all_share():
-    audit = joined({"finding": "in doubt"}, {"finding": "two groups"})
-    assert (audit.finding, audit.anchor) == ("two groups", "none")
+    audit = joined({"finding": "two groups"}, {"finding": "a group apart"})
+    assert (audit.finding, audit.anchor) == ("a group apart", "none")
     assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
     assert joined({"anchor": "answers"}, {}).anchor == "none"
 

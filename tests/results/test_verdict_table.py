@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
@@ -12,10 +13,11 @@ import pytest
 
 from audits import make_audit
 from rpil.data.errors import DataError
+from rpil.results.answering import looking_order
 from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
 
 COLUMNS = [
-    "id", "verdict", "label", "said", "rejected_by", "rank", "expert_proba", "log_odds", "n_steps",
+    "id", "verdict", "label", "said", "rejected_by", "rank", "look", "expert_proba", "log_odds", "n_steps",
     "from_actions", "from_demonstrator", "from_label", "reliability", "demonstrator", "task", "faults", "reason", "run",
 ]  # fmt: skip
 
@@ -42,6 +44,7 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
     assert [row["verdict"] for row in rows] == list(audit.verdicts)
     assert {row["label"] or "" for row in rows} == {""}
     assert [row["rank"] for row in rows] == audit.ranks.tolist()
+    assert [row["look"] for row in rows] == (np.argsort(looking_order(audit)[0]) + 1).tolist()
     assert [row["expert_proba"] for row in rows] == audit.expert_proba.tolist()
     assert [row["log_odds"] for row in rows] == audit.log_odds.tolist()
     assert [row["reliability"] for row in rows] == audit.reliability.tolist()

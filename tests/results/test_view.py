@@ -31,9 +31,8 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     assert columns["reason"] == list(audit.reasons)
     assert columns["n_steps"] == audit.lengths.tolist()
     np.testing.assert_allclose(columns["log_odds"], audit.log_odds, rtol=1e-5)
-    assert columns["p"][5] is None  # it has no word
-    known = [m for m in range(10) if m != 5]
-    np.testing.assert_allclose([columns["p"][m] for m in known], audit.expert_proba[known], atol=1e-9)
+    assert columns["p"][:6] == [None] * 6  # they have no word
+    np.testing.assert_allclose(columns["p"][6:], audit.expert_proba[6:], atol=1e-9)
     assert columns["rank"] == audit.ranks.tolist()
     np.testing.assert_allclose(np.transpose([columns["low"], columns["high"]]), audit.reliability_interval, atol=1e-9)
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
@@ -43,18 +42,20 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     assert found["run"] == audit.run_id
 
 
-def test_the_pair_and_contradicting_labels_are_looked_at_before_unlike_open_and_typical_ones():
-    ids = [f"d{k}" for k in range(10)]
-    audit = make_audit(ids=ids, pair=("d1", "d7"), contradicting=("d3",))
-    order, n_review = looking_order(audit)
-    lower = sorted((6, 8, 9), key=lambda m: audit.log_odds[m])
-    upper = sorted((0, 2, 4), key=lambda m: audit.log_odds[m])
-    assert order == [1, 7, 3, *lower, 5, *upper]
-    assert n_review == 6
-    found = view(audit)
+def test_contradicting_labels_are_looked_at_before_outliers_a_group_apart_and_the_lowest_of_the_others():
+    log_odds = np.array([5.0, 3.0, -8.0, 1.0, 9.0, -2.0, -1.0, -1.0, 4.0, 0.0])
+    words = ("open",) * 5 + ("outlier",) * 2 + ("bad", "good", "open")
+    audit = make_audit(words, ids=[f"d{k}" for k in range(10)], pair=("d1", "d7"), log_odds=log_odds)
+    assert looking_order(audit) == ([5, 7, 6, 2, 9, 3, 1, 0, 4, 8], 5), "of equal ones the last first"
+    contradicted = replace(audit, contradicting=("d4", "d6"), competing=(("d0",), ("d9", "d3", "d8")))
+    assert looking_order(contradicted) == ([4, 6, 5, 7, 2, 9, 3, 1, 0, 8], 5)
+    order, n_review = looking_order(replace(contradicted, finding="a group apart"))
+    assert (order, n_review) == ([4, 6, 5, 7, 9, 3, 8, 2, 1, 0], 7)
+    found = view(replace(contradicted, finding="a group apart"))
     assert [found["demonstrations"]["look"].index(k) for k in range(10)] == order
-    assert (found["pair"], found["contradicting"]) == ([1, 7], [3])
+    assert (found["n_review"], found["pair"], found["contradicting"]) == (7, [1, 7], [4, 6])
     assert "Which is better: d1" in found["question"]
+    assert [looking_order(make_audit(("open",) * n))[1] for n in (4, 59, 60)] == [4, 5, 6]
 
 
 def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
@@ -67,7 +68,7 @@ def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
 
 
 def test_facts_beside_the_audit_are_those_of_each_demonstration():
-    audit = make_audit(("similar", "outlier"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
+    audit = make_audit(("open", "outlier"), ids=("a", "b"), sessions=("mon", "tue"), order=np.array([9.0, 4.0]))
     found = view(audit, tasks={"b": "pour"}, demonstrators={"a": "ann"})
     columns = found["demonstrations"]
     assert (columns["task"], columns["demonstrator"]) == (["", "pour"], ["ann", ""])
@@ -82,7 +83,7 @@ def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
     findings = (fault("jump", "b", 2.0), fault("jump", "a", 9.0), fault("lag", "b", 5.0), fault("jump", "gone", 1.0))
     reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}
     report = FaultReport(findings, reasons, {}, {"lag": "a lag of 2 steps"}, {}, 2, 10)
-    found = view(make_audit(("similar", "outlier"), ids=("a", "b")), faults=report)["faults"]
+    found = view(make_audit(("open", "outlier"), ids=("a", "b")), faults=report)["faults"]
     assert [(kind["rule"], kind["n"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
     assert found["found"]["demonstration"] == [0, 1, 1, None]
     assert found["found"]["sentence"][3] == "gone: x leaps"
@@ -101,7 +102,7 @@ def test_groups_and_demonstrators():
     found = view(make_audit(("open",) * 10, ids=ids, demonstrators=(who,), **changes))
     assert found["demonstrations"]["group"] == ["A"] * 4 + ["B"] * 6
     assert (found["notes"], found["differ"]) == (["A note."], [note])
-    assert found["demonstrators"][0]["counts"] == {"similar": 0, "open": 6, "outlier": 0}
+    assert found["demonstrators"][0]["counts"] == {"open": 6, "outlier": 0}
     assert found["demonstrators"][0]["mean"] == 0.8
     assert found["demonstrators"][0]["style"].endswith(" of the median length")
     without = replace(who, trust=None)
@@ -109,5 +110,5 @@ def test_groups_and_demonstrators():
 
 
 def test_infinite_log_odds_are_numbers():
-    audit = make_audit(("similar", "outlier"), log_odds=np.array([np.inf, -np.inf]))
+    audit = make_audit(("open", "outlier"), log_odds=np.array([np.inf, -np.inf]))
     assert view(audit)["demonstrations"]["log_odds"] == [1e9, -1e9]

@@ -1,20 +1,24 @@
-"""Weights of steps in the passes over everything."""
+"""What passes over everything say of demonstrations outside the sample, and the weights of their steps."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from problems import make
+from problems import fit_data_of, make
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.fit_data import FitData
+from rpil.inference.fitted_judge import FittedJudge, fit_ratio
+from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import step_shares
-from rpil.results.step_weights import of_demonstrations, step_weight
-from rpil.scale.fit import JudgedSample, StepWeights
+from rpil.inference.trust import judge
+from rpil.results.step_weights import of_demonstrations
+from rpil.scale.fit import BlockScores, JudgedSample, StepWeights, judge_everyone, policies_of_parts, score_block
 from small import small_rpil
+
+SETTINGS = JudgeSettings()
 
 
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
@@ -22,44 +26,83 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
 
 
-def test_a_pass_weighs_steps_by_the_policies_of_the_sample():
-    _, data = demonstrations("noisy")
-    model = small_rpil().fit(data)
-    audit, settings = model.audit_, JudgeSettings()
-    design = model.judge_features_.design(data.observations)
-    problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
-    group = np.arange(120) < 80
-    judgement = SimpleNamespace(
-        training_group=group,
-        scores=SimpleNamespace(fit=SimpleNamespace(ridge=1e-3)),
-        claims=SimpleNamespace(do_steps_tell=True),
-        step_trust=SimpleNamespace(whole_from=0.6),
-    )
-    weigh = StepWeights.of(audit, JudgedSample(problem, np.arange(120), judgement, model.judge_), settings)
-    log_ratio, share, weight = weigh.steps(problem, slice(0, 120))
-    kind, of_others = type(model.judge_.ratio), problem.per_step((~group).astype(float))
-    others = kind.fit(problem, of_others, 1e-3, settings.held_out)
-    log_prob, expected, _ = model.judge_.ratio.step_ratios(problem.features, problem.actions, settings.held_out)
-    against = log_prob - others.step_ratios(problem.features, problem.actions, settings.held_out)[0]
+def test_a_step_weighs_what_its_demonstration_does():
+    toy, data = demonstrations("noisy")
+    model, problem = small_rpil().fit(data), fit_data_of(toy)
+    problem = replace(problem, features=model.judge_features_.design(data.observations))
+    weigh = StepWeights.of(model.audit_, JudgedSample(problem, np.arange(120), None, model.judge_), SETTINGS)
+    log_ratio, weight = weigh.steps(problem, slice(0, 120))
+    expected = model.judge_.ratio.step_ratios(problem.features, problem.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(log_ratio, expected)
-    np.testing.assert_array_equal(share, step_shares(problem, against, settings, 0.6))
-    np.testing.assert_array_equal(weight, step_weight(data.lengths, *of_demonstrations(audit), share))
+    np.testing.assert_array_equal(weight, np.repeat(of_demonstrations(model.audit_), data.lengths))
 
 
-def test_without_others_the_steps_of_a_demonstration_weigh_the_same():
-    _, data = demonstrations("noisy")
-    model = small_rpil().fit(data)
-    design = model.judge_features_.design(data.observations)
-    problem = FitData(design, data.actions, data.offsets, model.space_, np.zeros(120, int))
-    judgement = SimpleNamespace(
-        training_group=np.ones(120, dtype=bool),
-        claims=SimpleNamespace(do_steps_tell=False),
-        step_trust=SimpleNamespace(whole_from=0.6),
+def of_sample(kind, indices):
+    """Everything about demonstrations of which those at `indices` are the sample."""
+    toy = make(kind, 0, n_good=24, n_bad=12, steps=(40, 60))
+    every = fit_data_of(toy)
+    rows = np.concatenate([np.arange(*every.offsets[m : m + 2]) for m in indices])
+    offsets = np.append(0, np.cumsum(every.lengths[indices]))
+    sampled = replace(every, features=every.features[rows], actions=every.actions[rows], offsets=offsets, labels=[])
+    judged = judge(sampled, held_out_model(sampled, SETTINGS.held_out), SETTINGS, learner=sampled)
+    sample = JudgedSample(sampled, indices, judged, FittedJudge.of(judged, sampled, SETTINGS))
+    return toy, every, sample
+
+
+@pytest.mark.parametrize(("kind", "value"), [("random", 1.0), ("flipped", 1.0), ("none", 0.0)])
+def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
+    indices = np.sort(np.random.default_rng(0).permutation(36)[:20])
+    toy, every, sample = of_sample(kind, indices)
+    judged, ridge = sample.judgement, sample.judgement.scores.fit.ridge
+    parts = policies_of_parts(sample.data, judged, SETTINGS)
+    block = score_block((None, every), sample.judge, parts, SETTINGS)
+    found = judge_everyone(sample, every, [block], SETTINGS)
+    np.testing.assert_array_equal(found.part, value * np.where(toy.is_good, 1, -1))
+    np.testing.assert_array_equal(found.part[indices], judged.part)
+    np.testing.assert_array_equal(found.claims.lower, ~toy.is_good & (value > 0))
+    assert found.claims.finding == judged.claims.finding
+    np.testing.assert_array_equal(found.scores.score[indices], judged.scores.score)
+    np.testing.assert_array_equal(found.copy_of, np.arange(36))
+    np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.log_odds))
+    if not value:
+        assert parts == ()
+        assert not block.side.any()
+        return
+    explained = []
+    for sign in (1, -1):
+        ratio = fit_ratio(
+            sample.data, sample.data.per_step((judged.part == sign).astype(float)), ridge, SETTINGS.held_out
+        )
+        explained.append(every.mean_steps(ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[0]))
+    np.testing.assert_allclose(block.side, explained[0] - explained[1])
+
+
+def test_a_tie_of_the_sample_is_a_tie_of_all():
+    _, every, sample = of_sample("flipped", np.arange(12, 36))  # as many of either
+    assert set(np.abs(sample.judgement.part)) == {0.5}
+    block = score_block(
+        (None, every), sample.judge, policies_of_parts(sample.data, sample.judgement, SETTINGS), SETTINGS
     )
-    weigh = StepWeights.of(
-        model.audit_, JudgedSample(problem, np.arange(120), judgement, model.judge_), JudgeSettings()
-    )
-    np.testing.assert_allclose(weigh.steps(problem, slice(0, 120))[1], 0.5, atol=1e-6)
+    found = judge_everyone(sample, every, [block], SETTINGS).part
+    assert set(found[:24]) == {found[0]}
+    assert set(found[24:]) == {-found[0]}
+    assert abs(found[0]) == 0.5
+
+
+def test_blocks_are_joined_in_order():
+    _, every, sample = of_sample("random", np.arange(36))
+    halves = [replace(every, **cut(every, slice(*ends))) for ends in ((0, 10), (10, 36))]
+    blocks = [score_block((None, each), sample.judge, (), SETTINGS) for each in halves]
+    joined, whole = BlockScores.join(iter(blocks), 36), score_block((None, every), sample.judge, (), SETTINGS)
+    for one, other in zip(joined, whole, strict=True):
+        np.testing.assert_allclose(one, other)
+
+
+def cut(data, some):
+    offsets = data.offsets[some.start : some.stop + 1]
+    rows = slice(offsets[0], offsets[-1])
+    of_rows = {"features": data.features[rows], "actions": data.actions[rows]}
+    return of_rows | {"offsets": offsets - offsets[0], "labels": data.labels[some]}
 
 
 def test_shards_hold_every_demonstration_once_in_order():

@@ -24,7 +24,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
-from rpil.cli.printed_audit import head_lines, next_steps, odd_lines, print_audit
+from rpil.cli.printed_audit import head_lines, next_steps, print_audit
 from rpil.cli.progress import show_stages
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def audit(
     else:
         within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
-        print_audit(result, [*head, *within, ""], odd_lines(faults), closing_lines(ctx, result), all_rows)
+        print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")

@@ -48,7 +48,7 @@ class DemoResult:
     """Rank correlation of the log-odds with the score of all people."""
     lander: Audit
     wrong_verdicts: int
-    """Verdicts about the lander that are not the truth; "open" counts as wrong."""
+    """Corrupted demonstrations of the lander that are no outliers, and others that are."""
     returns: dict[str, Returns] = field(default_factory=dict)
     """Of the policies `POLICY_NAMES`, or empty."""
     not_played: str = ""
@@ -126,7 +126,7 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
         auroc_ci95=(float(interval.confidence_interval.low), float(interval.confidence_interval.high)),
         spearman=float(spearmanr(people.log_odds, load_truth(OVERCOOKED, "episode_quality")).statistic),
         lander=model.audit_,
-        wrong_verdicts=int((verdicts != np.where(is_good, "upper", "lower")).sum()),
+        wrong_verdicts=int(((verdicts == "lower") == (is_good > 0)).sum()),
         returns=returns,
         not_played=not_played,
     )

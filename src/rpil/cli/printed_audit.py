@@ -34,22 +34,27 @@ SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 
 def print_audit(
-    audit: Audit, head: Sequence[str] = (), odd: Sequence[str] = (), closing: Sequence[str] = (), all_rows: bool = False
+    audit: Audit,
+    head: Sequence[str] = (),
+    faults: FaultReport | None = None,
+    closing: Sequence[str] = (),
+    all_rows: bool = False,
 ) -> None:
-    """Print the lines of the `head`, the finding, `odd` recordings, the table of the lowest scores, notes, and the
-    lines of the `closing`."""
-    from rpil.results.vocabulary import SIDES
+    """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
+    at, notes, and the lines of the `closing`."""
+    from rpil.results.overview import first_sentence, look_first
 
-    width = line_width()
-    above = [*head, *finding_lines(audit), *odd, ""]
+    width, odd = line_width(), [] if faults is None else odd_lines(faults)
+    faulty = () if faults is None else tuple(found.id for found in faults.findings)
+    above = [*fit(first_sentence(audit, faulty, short_id), width, 2), *head, *finding_lines(audit), *odd, ""]
     more = "" if all_rows or len(audit.ids) <= MIN_ROWS else " All: --all."
     counts, notes = fit(f"{verdict_sentence(audit)}{more}", width), [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
     below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
     room = MAX_LINES - len([*above, *below]) - 1
-    shown = audit.ranking()[::-1].tolist()[: None if all_rows else min(MAX_ROWS, max(MIN_ROWS, room))]
-    if not all_rows:  # those to look at
-        shown = [m for m in shown if SIDES[audit.verdicts[m]] != "upper"] or shown
+    shown = look_first(audit, faulty)[: min(MAX_ROWS, max(MIN_ROWS, room))]
+    if all_rows or not shown:
+        shown = audit.ranking()[::-1].tolist()[: None if all_rows else MIN_ROWS]
     print_lines(above)
     for line in table_lines(_columns(audit, shown, all_rows), None if all_rows and not sys.stdout.isatty() else width):
         click.echo(line)
@@ -151,7 +156,7 @@ def _operators(audit: Audit, most: int | None) -> Iterator[str]:
         yield f"{PLURALS.get(lower, lower).capitalize()} by operator: {listed(shares, most or len(shares), ', ')}."
     if most is None:
         yield from (f"{printable(who.name)}: {audit.style(who)}." for who in order)
-    if sizes and not any("--session" in doubt for doubt in audit.doubts):
+    if sizes:
         yield "To judge within each operator: --session operator, their column."
 
 

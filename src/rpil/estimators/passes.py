@@ -17,12 +17,20 @@ from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.results.evidence import StepEvidence, similar_members, traces, worth_a_look
+from rpil.results.evidence import StepEvidence, members_of_rest, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
 from rpil.results.step_weights import weights_of
 from rpil.scale.ascent import ascend, gather_steps
-from rpil.scale.fit import DesignMap, JudgedSample, StepWeights, WeightedBlock, judge_everyone, score_block
+from rpil.scale.fit import (
+    DesignMap,
+    JudgedSample,
+    StepWeights,
+    WeightedBlock,
+    judge_everyone,
+    policies_of_parts,
+    score_block,
+)
 from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Shards
 
@@ -47,12 +55,11 @@ class SampledFit(FullFit):
         features = options.judge_features(demonstrations)
         assert isinstance(features, FeatureMap)
         data = task.data(demonstrations, features, single=True)
-        order = None if task.order is None else task.order[indices]
         engine = options.engine or LocalEngine()
         blocks = engine.place(task.source.shards(engine.n_shards, settings.block_steps)).then(
             DesignMap(features, task.space, task.classes)
         )
-        return JudgeInput(demonstrations, options.judged(data), features, order, indices, blocks)
+        return JudgeInput(demonstrations, options.judged(data), features, indices, blocks)
 
     def extend(
         self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
@@ -65,7 +72,10 @@ class SampledFit(FullFit):
         everyone = FitData(
             none, none, task.source.offsets, task.space, demonstrators=task.demonstrators, action_names=names
         )
-        scores = posed.blocks.map(partial(score_block, judge=sample.judge, settings=options.settings.judge))
+        parts = policies_of_parts(posed.data, judgement, options.settings.judge)
+        scores = posed.blocks.map(
+            partial(score_block, judge=sample.judge, parts=parts, settings=options.settings.judge)
+        )
         judgement = judge_everyone(sample, everyone, scores, options.settings.judge)
         return judgement, replace(sample.judge, groups=judgement.scores.groups), everyone
 
@@ -93,9 +103,9 @@ class SampledFit(FullFit):
 
     def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
         """The audit with the weights of all steps and with traces, and the sum of the weights."""
-        found = blocks.map(attrgetter("log_ratio", "share", "weight"))
-        (log_ratio, share, step_weight), total = gather_steps(found, int(self.task.source.offsets[-1]))
-        audit = replace(decided.audit, step_log_ratio=log_ratio, step_share=share, step_weight=step_weight)
+        found = blocks.map(attrgetter("log_ratio", "weight"))
+        (log_ratio, step_weight), total = gather_steps(found, int(self.task.source.offsets[-1]))
+        audit = replace(decided.audit, step_log_ratio=log_ratio, step_weight=step_weight)
         if audit.taken_over is not None:
             audit = replace(audit, step_weight=weights_of(audit))
         return replace(audit, traces=self._traces(posed, decided, audit)), total
@@ -114,7 +124,7 @@ class SampledFit(FullFit):
             expected = ratio.step_ratios(data.features, data.actions, settings)[0]
         else:
             expected = ratio.scaling.back(linear(data.features, ratio.weights))
-        evidence = StepEvidence.of(data, read, expected, similar_members(sample.judgement, read), settings)
+        evidence = StepEvidence.of(data, read, expected, members_of_rest(sample.judgement, read), settings)
         return traces(audit, evidence, drawn)
 
 

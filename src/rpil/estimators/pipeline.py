@@ -31,7 +31,7 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.results.evidence import by_final_policy, by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
+from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged, whom_it_trusts
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
@@ -113,6 +113,15 @@ class FitOptions:
         check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
         return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
+    def linear_data(self, posed: JudgeInput) -> FitData:
+        """The data of the judge, with features of a linear policy where the policy is the user's."""
+        if self.policy is None:
+            return posed.data
+        seen = posed.demonstrations.observations
+        settings = self.settings.selection.maps
+        features = FeatureMap.fit("folded", seen, offsets=posed.demonstrations.offsets, settings=settings)
+        return replace(posed.data, features=features.design(seen))
+
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
         if self.policy is not None or not data.space.has_density:
@@ -127,8 +136,6 @@ class JudgeInput:
     demonstrations: Demonstrations
     data: FitData
     features: Features
-    order: Array | None = None
-    """The order in which the demonstrations were made, where it is stated."""
     indices: Array | None = None
     """The demonstrations of a sample among all."""
     blocks: Shards[tuple[Block, FitData]] | None = None
@@ -157,15 +164,18 @@ class FitResult:
     judgement: Judgement | None = None
 
 
-def judged_by(posed: JudgeInput, options: FitOptions, is_kept: bool) -> tuple[Judgement, FittedJudge | None]:
-    """What the judge says of the demonstrations that it reads, and where it `is_kept` what judges others later."""
-    data, settings, seed = posed.data, options.settings.judge, options.random_state
+def judged_by(
+    posed: JudgeInput, options: FitOptions, is_kept: bool, learns: bool
+) -> tuple[Judgement, FittedJudge | None]:
+    """What the judge says of the demonstrations that it reads, for a learner where one `learns`, and where it `is_kept`
+    what judges others later."""
+    data, settings = posed.data, options.settings.judge
     model: HeldOutModel
     if options.policy is None:
-        model = held_out_model(data, seed, settings.held_out)
+        model = held_out_model(data, settings.held_out)
     else:
         model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
-    judgement = judge(data, model, settings, seed=seed, order=posed.order, progress=options.progress)
+    judgement = judge(data, model, settings, options.progress, options.linear_data(posed) if learns else None)
     if not is_kept:
         return judgement, None
     from rpil.inference.fitted_judge import FittedJudge
@@ -182,7 +192,7 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
     assert isinstance(posed.features, FeatureMap)
     ridge = ridge_of(posed.features, options.C, n_steps, data.space)
     start = linear_policy(data.space, ridge, n_steps)
-    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings, options.random_state))
+    search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
@@ -190,9 +200,9 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
 
-def judged_starts(data: FitData, settings: Settings, seed: int) -> dict[str, Array]:
+def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
     """Starts of EM that the judge proposes: its training group, and each of the demonstrations with the best scores."""
-    judged = judge(data, held_out_model(data, seed, settings.judge.held_out), settings.judge, seed=seed)
+    judged = judge(data, held_out_model(data, settings.judge.held_out), settings.judge)
     best = np.argsort(-judged.scores.score, kind="stable")[: settings.mixture.single_starts]
     single = {f"single {m}": (np.arange(data.n_demonstrations) == m).astype(float) for m in best}
     return {"agreeing": judged.training_group.astype(float)} | single
@@ -226,18 +236,22 @@ class FullFit:
         different = every.select(copies.judged) if copies.any else every
         features = options.judge_features(different)
         data = options.judged(self._data(different, features, copies.judged))
-        order = None if task.order is None else task.order[copies.judged]
-        return JudgeInput(different, data, features, order, copies=copies if copies.any else None)
+        return JudgeInput(different, data, features, copies=copies if copies.any else None)
 
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, settings, copies = self.task, self.options.settings, posed.copies
         is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
-        judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept))
+        judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept, self.keeps_policy))
         # An audit answers like the judge, and without a policy its weights are for other trainings.
         settings_of_audit = replace(settings.audit, judge=settings.judge, weighs_for_learner=self.keeps_policy)
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
-        notes = (*audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence)
+        notes = (
+            *audit.notes,
+            whom_it_trusts(audit),
+            *parts_not_judged(posed.data),
+            "" if copies is None else copies.sentence,
+        )
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
         decided = FitResult(audit, posed.features, posed.features, judge=judge, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
@@ -267,9 +281,9 @@ class FullFit:
             every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         data = posed.data
-        learner = replace(
-            audit, settings=replace(audit.settings, weighs_for_learner=True)
-        )  # also for what sentences say
+        # Also for what sentences say; an audit looks for no parts, and compares with those that are no outliers.
+        part = audit.part if self.keeps_policy else np.where(audit.claimed < 0, -1.0, 1.0)
+        learner = replace(audit, part=part, settings=replace(audit.settings, weighs_for_learner=True))
         final_policy = cache(lambda: self._final_policy(posed, weights_of(learner)))
 
         def outputs(rows: Array) -> Array:
@@ -280,7 +294,7 @@ class FullFit:
         if judgement is None or (self.options.policy is not None and data.space.kind == "continuous"):
             evidence = by_final_policy(audit, judgement, data, outputs, settings)
         else:
-            evidence = by_held_out_policies(judgement, judged.data, judged.copies, self.options.random_state, settings)
+            evidence = by_held_out_policies(judgement, judged.data, judged.copies, settings)
         phrases = deviations(audit, evidence, self.task.classes, outputs)
         drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
         features, policy = final_policy() if self.keeps_policy else (posed.features, None)

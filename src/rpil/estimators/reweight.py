@@ -234,9 +234,9 @@ def reweight(
     once = demonstrations.select(copies.judged) if copies.any else demonstrations
     features = FeatureMap.fit("folded", once.observations, settings=FeatureSettings())
     data = task.data(once, features)
-    seed, fold = chosen.random_state, data.per_step(deal(data, chosen.n_folds, chosen.random_state))
+    fold = data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
-    judgement = judge(data, model, chosen.judge, seed=seed, progress=progress)
+    judgement = judge(data, model, chosen.judge, progress, data)
     n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
     data = data if once is demonstrations else task.data(demonstrations, features)
     judgement = repeated(judgement, copies, data.offsets)

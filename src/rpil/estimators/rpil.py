@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import fields
 from typing import TYPE_CHECKING, Literal
 
@@ -155,7 +155,6 @@ class RPIL(PolicyEstimator):
         labels: Labels | StrPath | None = None,
         demonstrators: DemonstratorNames | str | None = None,
         outcome: Outcome | str | None = None,
-        order: Sequence[float] | Array | None = None,
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -178,24 +177,22 @@ class RPIL(PolicyEstimator):
             own.
         outcome : mapping of id to number, or sequence of M numbers, or path, optional
             How each ended, as its return; more is better, NaN is not known, and of 0 and 1 those with 0 are bad.
-        order : sequence of M numbers, optional
-            The place of each demonstration in the order in which they were made.
 
         Raises
         ------
         DataError
             One sentence: rows without groups, constant actions, an action outside the box, a single demonstration, an
-            unknown id, a wrong number of `demonstrators`, outcomes or places, an outcome that is the same for all, or
+            unknown id, a wrong number of `demonstrators` or outcomes, an outcome that is the same for all, or
             only demonstrations labelled bad.
         """
         labels = self.labels if labels is None else labels
         if isinstance(X, Recording):
-            return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome, order))
+            return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome))
         source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
         if isinstance(X, Dataset):
             see(self, X)
         answers = answers_of(labels, outcome, source)
-        task = Task.of(source, self.action_box, answers, demonstrators, order)
+        task = Task.of(source, self.action_box, answers, demonstrators)
         return self._keep(task, fit_task(task, self._options()))
 
     def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:

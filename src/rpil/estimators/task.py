@@ -20,7 +20,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, label_codes, match_pairs, parse_labels, read_answers
-from rpil.data.recorded_facts import Outcome, given_order, given_outcome, tells
+from rpil.data.recorded_facts import Outcome, given_outcome, tells
 from rpil.data.spaces import Space
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
@@ -70,8 +70,6 @@ class Task:
     """The discrete actions, or an empty array."""
     answers: Answers
     demonstrators: Demonstrators
-    order: Float[Array, " M"] | None = None
-    """The place of each demonstration in the order in which they were made, where that is stated."""
     taken_over: Float[Array, " N"] | None = None
     """See `rpil.results.record.Audit`."""
 
@@ -82,7 +80,6 @@ class Task:
         action_box: ActionBox | None = None,
         answers: Answers | None = None,
         demonstrators: DemonstratorNames | None = None,
-        order: Sequence[float] | Array | None = None,
     ) -> Task:
         """Find the space of the actions; match what is given of the demonstrations with them."""
         space, classes = action_space(source, action_box)
@@ -94,7 +91,7 @@ class Task:
         answers = answers or nothing
         if not (tells(answers.outcome) or (answers.is_flag and 0 in answers.outcome)):  # as within one session
             answers = replace(answers, outcome=nothing.outcome)
-        return cls(source, space, classes, answers, groups, given_order(order, source.ids, source.source))
+        return cls(source, space, classes, answers, groups)
 
     @cached_property
     def demonstrations(self) -> Demonstrations:

@@ -16,7 +16,7 @@ from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
 from rpil.data.errors import DataError, DataWarning, user_stack_level
 from rpil.data.files import StrPath
 from rpil.data.names import quoted
-from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions, given_order
+from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
 from rpil.estimators.pipeline import FitOptions, FitResult, FullFit
 from rpil.estimators.task import Labels, Task, answers_of
 from rpil.formats import read_demonstrators
@@ -58,7 +58,6 @@ class Statements:
         labels: Labels | StrPath | None,
         demonstrators: DemonstratorNames | str | None,
         outcome: Outcome | str | None = None,
-        order: Sequence[float] | Array | None = None,
         reference: Recording | None = None,
     ) -> Statements:
         """What a user says, and else what the columns or files say that were named when the recording was opened.
@@ -78,10 +77,9 @@ class Statements:
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
         names = names_by_id(demonstrators, read.ids, named_by, ids)
-        order = facts.order if order is None else given_order(order, read.ids, source)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
-        return cls(answers, names, order, facts.sessions, where, reference, taken_over)
+        return cls(answers, names, facts.order, facts.sessions, where, reference, taken_over)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
@@ -178,7 +176,7 @@ def _fit_group(
         first = demonstrations.select(slice(None))  # in memory
         demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
         stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
-    task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None, stated.order)
+    task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)

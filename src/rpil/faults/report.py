@@ -24,7 +24,7 @@ OF_AUDIT = {
     "bad": "the demonstration is bad, by the answers that were given",
     "adversary": "the demonstration is like the adversary that was named",
     "two groups": "two groups act differently; without an answer nobody can say which is good",
-    "in doubt": "some demonstrations have low scores, but there may be another reason",
+    "a group apart": "a few act alike, and differ from the rest; without an answer nobody can say if they are worse",
     "nothing could be learned": "the observations do not help to predict the actions",
 }
 """What an audit finds, and what that is; the rules of `RULES` have words of their own."""

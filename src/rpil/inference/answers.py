@@ -1,35 +1,37 @@
-"""What answers say of demonstrations: Bayesian logistic regression of "good" on channels.
+"""What answers say of demonstrations: Bayesian logistic regression of "good" on the columns of demonstrations.
 
-    P(answer r is "yes") = (1 - 2 e) sigma(A_r w) + e,         w ~ sum_d pi_d N(d w_0, Lambda^-1)
+    P(answer r is "yes") = l_r + (1 - l_r - e) sigma(A_r w),         w ~ N(w_0, Lambda^-1)
 
-A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are ranks of its channels
-(`rpil.inference.channels`), and (0, x_i - x_j) for "i is better than j"; "no difference" is half a win of either
-(Davidson 1970). Labels that are all equal say nothing of the share of good ones: their rows are (0, x_m). An outcome is
-an answer t in [0, 1], the share of the known ones that are lower; one of 0 or 1 is yes by luck for a share of the bad
-demonstrations. w_0 is 1 on agreement, the first column, and `group_weight` on the group of scores, the last one. The
-direction d is 1, or -1 where the ones that agree are bad, or 0 where answers follow neither; answers of one side cannot
-tell. Luck, and the rate e of wrong answers, are on grids; for each hypothesis the posterior of w is Laplace's
-approximation, and its evidence weighs it (MacKay 1992). docs/model.md has the formulas.
+A row A_r is (1, x_m) for a label of demonstration m, whose columns x_m are those of `rpil.inference.channels`, and
+(0, x_i - x_j) for "i is better than j"; "no difference" is half a win of either (Davidson 1970). An outcome is an
+answer t in [0, 1], the share of the known ones that are lower. w_0 says that those that agree are good: it is
+`by_ranking` on the first column, the ranking, and `by_group` on the last one, the group of scores. Answers of one side
+move the offset alone. e is the rate of wrong answers; l_r is e too, or the share of the bad demonstrations whose
+outcome of 1 is luck, on a grid: the posterior of w is Laplace's approximation for each, weighed by its evidence (MacKay
+1992).
+
+Answers give verdicts only where they predict each other: each is predicted by the others, which explain at least
+`min_explained` of the log-loss that the share of good ones leaves. docs/model.md has the formulas.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
-from scipy.special import expit, logit, logsumexp
+from scipy.special import expit, logit, softmax
 
 from rpil.data.archive import array_field, stored
 from rpil.data.errors import DataError
-from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 NOTHING = 1e6
 """Precision of weights that are 0."""
+BOUND = 0.02
+"""Probabilities of answers stay so far from 0 and 1 where their losses are compared: one surprise is not all."""
 MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
 """Iterations at most, the gain in nats at which they stop, and the least share of a step."""
 
@@ -169,8 +171,6 @@ class Answers:
         columns = np.column_stack([np.ones(len(channels)), channels])
         labelled, ranks, known = np.flatnonzero(self.labels), self.ranks(), self._graded
         compared = columns[self.compared[:, 0]] - columns[self.compared[:, 1]]
-        if not len(known) and len({*self.labels[labelled].tolist()}) == 1:
-            columns[:, 0] = 0.0  # they were chosen for their sort, and do not move the offset
         of_pairs = np.repeat([0.5, 1.0], [len(self.tied), len(self.pairs)])
         targets = [(self.labels[labelled] > 0).astype(float), ranks[known], of_pairs]
         return np.concatenate([columns[labelled], columns[known], compared]), np.concatenate(targets)
@@ -196,77 +196,81 @@ def check_copied_labels(
 
 @dataclass(frozen=True, eq=False)
 class AnswerPosterior:
-    """K normal distributions of w, one for each hypothesis of `posterior`."""
+    """K normal distributions of w, one for each share of lucky outcomes."""
 
     mean: Float[Array, "K D"]
     covariance: Float[Array, "K D D"]
-    log_weight: Float[Array, " K"]
+    weight: Float[Array, " K"]
+    """Posterior probabilities of the shares."""
     luck: Float[Array, " K"]
-    error: Float[Array, " K"]
-    """How often a bad demonstration ends as a good one does, and the rate of wrong answers."""
-    sharpness: float
-    """See `AnswerSettings`."""
-    log_evidence: float
-    """log P(answers), nats."""
-    p_nothing: float
-    """Probability that the answers follow none of the columns."""
+    error: float
 
-    def proba(self, channels: Float[Array, "M C"], outcome: Float[Array, " M"] | None = None) -> Float[Array, " M"]:
-        """P(good) of each demonstration; where the rank of its `outcome` is known, given how often these are wrong."""
-        logit_by_channels = self._moderated(np.column_stack([np.ones(len(channels)), channels]))
+    def proba(self, rows: Float[Array, "R D"], outcome: Float[Array, " R"] | None = None) -> Float[Array, " R"]:
+        """P(yes) of right answers to the rows A; where the rank of an `outcome` is known, given how often these are
+        wrong."""
+        log_odds = self._moderated(rows)
         if outcome is not None:
             with np.errstate(divide="ignore"):
                 by_outcome = np.nan_to_num(logit(outcome), posinf=np.inf, neginf=-np.inf)[:, None]
             least, most = np.log(self.error / (1 - self.luck)), np.log((1 - self.error) / self.luck)
-            logit_by_channels += np.clip(by_outcome, least, most)
-        return np.asarray(expit(logit_by_channels) @ np.exp(self.log_weight))
+            log_odds = log_odds + np.clip(by_outcome, least, most)
+        return np.asarray(expit(log_odds) @ self.weight)
 
-    def proba_of(self, rows: Float[Array, "R D"]) -> Float[Array, " R"]:
-        """P(yes) of answers to the rows A, of which none is wrong."""
-        return np.asarray(expit(self._moderated(rows)) @ np.exp(self.log_weight))
+    def proba_given(self, rows: Float[Array, "R D"], is_outcome: Bool[Array, " R"]) -> Float[Array, " R"]:
+        """P(yes) of answers to the rows A, of which some are wrong."""
+        luck = np.where(is_outcome[:, None], self.luck, self.error)
+        return np.asarray((luck + (1 - luck - self.error) * expit(self._moderated(rows))) @ self.weight)
 
     def _moderated(self, rows: Float[Array, "R D"]) -> Float[Array, "R K"]:
         """The logit of each row and distribution, nearer to 0 the less is known (MacKay 1992)."""
         variance = np.einsum("md,kde,me->mk", rows, self.covariance, rows)
-        by_columns = rows[:, 1:] @ self.mean[:, 1:].T
-        log_odds = rows[:, :1] @ self.mean[:, :1].T + self.sharpness * by_columns
-        return np.asarray(log_odds / np.sqrt(1 + np.pi * variance / 8))
+        return np.asarray(rows @ self.mean.T / np.sqrt(1 + np.pi * variance / 8))
 
 
 def posterior(columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings) -> AnswerPosterior:
-    """The posterior of w under every hypothesis: the direction d, whether components count, luck and e. Answers of one
-    side do not turn the direction, and move w less; so do outcomes of 0 and 1, in which bad ones are often lucky."""
+    """The posterior of w. Answers of one side move the offset alone; outcomes of 0 and 1 alone, in which bad ones are
+    often lucky, move it less."""
     rows, targets = answers.rows(columns)
-    n_columns, one_side, is_outcome = columns.shape[1] + 1, len(answers.sides) < 2, answers.are_outcomes
+    is_outcome = answers.are_outcomes
     flags = answers.is_flag and bool(is_outcome.any())
-    weak = one_side or (flags and len(answers.only(~is_outcome).sides) < 2)
-    is_component = np.zeros(n_columns, dtype=bool)
-    is_component[1 + len(CHANNELS) : -1] = True
-    turned = 0.0 if one_side else 1 - settings.p_agreement
-    prior = {1.0: (1 - turned) / 2, -1.0: turned / 2, 0.0: 0.5}
-    chances = settings.luck if flags else (0.0,)
-    counts = (False, True) if is_component.any() and answers.count > 1 and not weak else (False,)
-    parts = [
-        (d, count, max(luck, e), e)
-        for d, count, luck, e in product(prior, counts, chances, settings.error_rates)
-        if prior[d]
-    ]
-    direction, components, luck, error = np.array(parts).T
-    anchor = np.zeros((len(parts), n_columns))
-    anchor[:, 1], anchor[:, -1] = direction, settings.group_weight * direction
-    of_channels = np.where(direction == 0, NOTHING, settings.weak_precision if weak else settings.precision)
-    of_components = np.where(components > 0, settings.component_precision, NOTHING)
-    precision = np.where(is_component, of_components[:, None], of_channels[:, None])
-    precision[:, 0] = settings.offset_precision
-    wrongly_yes = np.where(is_outcome, luck[:, None], error[:, None])
-    mean, covariance, evidence = _laplace(rows, targets, anchor, precision, wrongly_yes, error[:, None])
-    log_weight = evidence + np.log([prior[d] for d in direction.tolist()])
-    total = float(logsumexp(log_weight))
-    log_evidence = total - np.log(len(counts) * len(chances) * len(settings.error_rates))
-    p_nothing = float(np.exp(log_weight - total)[(direction == 0) & (components == 0)].sum())
-    return AnswerPosterior(
-        mean, covariance, log_weight - total, luck, error, settings.sharpness, log_evidence, p_nothing
-    )
+    anchor, precision = np.zeros(rows.shape[1]), np.full(rows.shape[1], settings.precision)
+    anchor[1], anchor[-1] = settings.by_ranking, settings.by_group
+    if flags and len(answers.only(~is_outcome).sides) < 2:
+        precision[1:] = settings.weak_precision
+    precision[0] = settings.offset_precision
+    if len(answers.sides) < 2:
+        precision[1:] = NOTHING
+    luck = np.maximum(settings.luck if flags else (0.0,), settings.error)
+    each, error = np.ones((len(luck), 1)), np.full((len(luck), 1), settings.error)
+    wrongly_yes = np.where(is_outcome, luck[:, None], error)
+    mean, covariance, evidence = _laplace(rows, targets, each * anchor, each * precision, wrongly_yes, error)
+    return AnswerPosterior(mean, covariance, softmax(evidence), luck, settings.error)
+
+
+def predicted(
+    columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings
+) -> tuple[Float[Array, " R"], Float[Array, " R"], Float[Array, " R"]]:
+    """The answers t, P(yes) of each by the others, and by the share of the others that are "yes"; with many answers, by
+    those of the other folds."""
+    rows, targets = answers.rows(columns)
+    fold, by_others, share = np.arange(len(rows)) % settings.max_folds, np.full(len(rows), 0.5), np.full(len(rows), 0.5)
+    is_single = np.arange(len(rows)) < len(rows) - len(answers.compared)  # "better than" is "yes" as often as "no"
+    for k in range(min(len(rows), settings.max_folds)):
+        own = fold == k
+        others = posterior(columns, answers.only(~own), settings)
+        by_others[own] = others.proba_given(rows[own], answers.are_outcomes[own])
+        known = targets[~own & is_single]
+        share[own & is_single] = (known.sum() + 0.5) / (len(known) + 1)
+    return targets, by_others, share
+
+
+def explained(targets: Float[Array, " R"], by_others: Float[Array, " R"], share: Float[Array, " R"]) -> float:
+    """The share of the log-loss of answers that the others explain, beyond the `share` of good ones (McFadden 1974)."""
+    losses = []
+    for each in (by_others, share):
+        p = np.clip(each, BOUND, 1 - BOUND)
+        losses.append(float((targets * np.log(p) + (1 - targets) * np.log(1 - p)).sum()))
+    return 1 - losses[0] / losses[1]
 
 
 def _laplace(

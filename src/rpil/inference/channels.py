@@ -1,6 +1,6 @@
 """Channels: numbers that describe a demonstration, from which answers learn (`rpil.inference.answers`).
 
-The first is agreement, the score by which demonstrations are ranked without answers. The others are facts: they say
+The first is agreement, the log-odds by which demonstrations are ranked without answers. The others are facts: they say
 nothing about quality until an answer does. Facts beyond motion are `components`.
 """
 
@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.settings import ChannelSettings
+from rpil.inference.settings import AnswerSettings, ChannelSettings
 from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_densities
 from rpil.numerics.types import Array, Bool, Float
 
@@ -66,7 +66,7 @@ def channels(
 ) -> Float[Array, "M C"]:
     """The channels of M demonstrations, in the order of `CHANNELS`.
 
-    `agreement` is their score; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
+    `agreement` is their log-odds; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
     scaled, or indicators of discrete actions.
     """
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
@@ -83,6 +83,18 @@ def channels(
         -data.sum_steps(moves),
     ]
     return np.stack(columns, axis=1)
+
+
+def columns_of(
+    channels: Float[Array, "M C"],
+    components: Float[Array, "M K"],
+    log_odds: Float[Array, " M"],
+    settings: AnswerSettings,
+) -> Float[Array, "M D"]:
+    """The columns from which answers learn: normal scores of channels, components, log-odds of the upper group."""
+    bound = settings.max_group_log_odds
+    group = np.clip(log_odds, -bound, bound) * settings.group_scale / bound
+    return np.column_stack([normal_scores(channels), components, group])
 
 
 def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Float[Array, "M K"]:

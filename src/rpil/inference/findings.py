@@ -8,8 +8,8 @@ Finding = Literal[
     "outliers",
     "answered",
     "mixture",
+    "a group apart",
     "two groups",
-    "in doubt",
     "no outliers",
     "nothing could be learned",
 ]
@@ -18,9 +18,9 @@ FINDINGS: dict[str, str] = {
     "outliers": "Some demonstrations act differently from the rest.",
     "answered": "Your answers decide which demonstrations are good.",
     "mixture": "The demonstrations are those of an expert, and those of the adversary that was named.",
+    "a group apart": "A few act alike, and differ from the rest; without an answer nobody can say if they are worse.",
     "two groups": "Two groups act differently; without an answer nobody can say which is good.",
-    "in doubt": "Low scores may have another cause; here is a ranking, and no verdicts.",
-    "no outliers": "Nobody differs clearly; here is a ranking, and no verdicts.",
+    "no outliers": "Nobody differs clearly.",
     "nothing could be learned": "The observations do not help to predict the actions of other demonstrations.",
 }
 """The sentences of the findings; first those that say most."""

@@ -26,10 +26,6 @@ from rpil.numerics.types import Array, Bool, Float, Int
 _PROBA_BOUND = 1e-9
 """P(expert) stays so far from 0 and 1 that its logit is finite."""
 
-CLUSTER_DISTANCE = 4.0
-"""Distance of the upper mean from the lower one, in standard deviations of the lower group, from which the lower group
-is a cluster. In recorded data it is 1 to 3.5, in simulated worlds of noise 6 and more."""
-
 _TIE_LOG_ODDS = 1e-3
 """Log-odds that keep the order of the scores where P(expert) is at its bound."""
 
@@ -61,9 +57,9 @@ class Groups:
         return float(expit(self.log_bayes_factor))
 
     @property
-    def is_cluster(self) -> bool:
-        """Whether the lower group is a cluster of its own, and not the tail of a wide one."""
-        return bool(self.mean[1] - self.mean[0] > CLUSTER_DISTANCE * np.sqrt(self.spread[0]))
+    def distance(self) -> float:
+        """Distance of the upper mean from the lower one, in standard deviations of the wider group."""
+        return float((self.mean[1] - self.mean[0]) / np.sqrt(self.spread.max()))
 
     def upper(self, score: Float[Array, " M"], variance: Float[Array, " M"]) -> Bool[Array, " M"]:
         """The members of the upper group, whether or not there are two."""

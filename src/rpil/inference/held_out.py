@@ -50,24 +50,6 @@ class HeldOutModel(Protocol):
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         """Held-out log-probabilities of all steps, by policies fitted to the steps with such weights."""
 
-    def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"] | None:
-        """Held-out log-densities of each part of continuous actions, as `evaluate` sums them; None where the model has
-        no parts."""
-        return None
-
-    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        """Held-out log-probabilities of policies fitted with `weight`, whose errors have the scale of steps with the
-        weight `other`, where there is a scale."""
-        return self.evaluate(weight, ridge)
-
-    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel | None:
-        """The same model with other folds of its demonstrations, or of other `data`; None where it deals its own."""
-        return None
-
-    def cold_copy(self) -> HeldOutModel:
-        """The same model without warm starts: its first fits do not start where earlier ones ended."""
-        return self
-
 
 @dataclass(eq=False)
 class _Linear(HeldOutModel):
@@ -81,21 +63,12 @@ class _Linear(HeldOutModel):
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return self.log_prob_at(weight, weight, ridge)
-
-    def dealt_again(self, seed: int, data: FitData | None = None) -> HeldOutModel:
-        return held_out_model(self.data if data is None else data, seed, self.settings)
-
 
 @dataclass(eq=False)
 class HeldOutSoftmax(_Linear):
     """Softmax policies with lapses, for discrete actions."""
 
     _fits: dict[int, WarmStart] = field(default_factory=dict)
-
-    def cold_copy(self) -> HeldOutSoftmax:
-        return HeldOutSoftmax(self.data, self.fold, self.settings)
 
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         features = self.data.features
@@ -154,11 +127,8 @@ class HeldOutRidge(_Linear):
     def __post_init__(self) -> None:
         self.actions = ActionScale.of(self.data)(self.data.actions)
 
-    def log_prob_at(self, weight: Float[Array, " N"], other: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        return np.asarray(log_densities(self.errors(weight, ridge), other, self.settings).sum(axis=1))
-
-    def log_prob_of_parts(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
-        return log_densities(self.errors(weight, ridge), weight, self.settings)
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        return np.asarray(log_densities(self.errors(weight, ridge), weight, self.settings).sum(axis=1))
 
     def errors(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         """Held-out errors of the actions, scaled."""
@@ -182,9 +152,6 @@ class HeldOutPolicy(HeldOutModel):
     policy: CrossFittedPolicy
     settings: HeldOutSettings
 
-    def cold_copy(self) -> HeldOutPolicy:
-        return HeldOutPolicy(self.data, self.policy, self.settings)
-
     def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         self.policy, outputs = self.policy.fit(self.data, np.maximum(weight, MIN_WEIGHT))
         if isinstance(self.data.space, Discrete):
@@ -193,10 +160,11 @@ class HeldOutPolicy(HeldOutModel):
         return np.asarray(log_density + np.log(ActionScale.of(self.data).spread).sum())
 
 
-def held_out_model(data: FitData, seed: int, settings: HeldOutSettings) -> HeldOutModel:
-    """The linear policies for the actions of the data, with folds dealt by `seed`."""
+def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutModel:
+    """The linear policies for the actions of the data; the folds follow from the demonstrations, and from no seed, so
+    that no word of the judge is a matter of chance."""
     n = data.n_demonstrations
-    fold = deal(data, n if n <= settings.max_left_out else min(settings.max_folds, n), seed)
+    fold = deal(data, n if n <= settings.max_left_out else min(settings.max_folds, n), seed=0)
     return (HeldOutSoftmax if isinstance(data.space, Discrete) else HeldOutRidge)(data, fold, settings)
 
 

@@ -19,8 +19,7 @@ class HeldOutSettings:
     """Folds of demonstrations at most, where each is not a fold of its own. More folds call more good demonstrations
     outlier, because another dealing of them changes less. benchmarks/ablations.py ("ten folds")."""
     max_left_out: int = 25
-    """Demonstrations up to which each is a fold of its own, so that chance deals no folds. With five folds another seed
-    changed the finding of 10 in 62 small worlds (benchmarks/stability.py)."""
+    """Demonstrations up to which each is a fold of its own, so that no dealing of folds changes anything."""
     lapse: float = 0.01
     """Share eps of the steps in which an expert takes any action, drawn from q: bounds the log-ratio of a step.
     docs/tried.md: .05 and .15 were no better."""
@@ -65,46 +64,42 @@ class GroupSettings:
     """Gain of the penalised log-likelihood, in nats, at which EM stops."""
 
 
-@settings_record(max_shared_gain="[0, 1]", max_noise="[0, 1]", min_own_gain="[0, inf)")
-class RivalSettings:
-    """Rival groups (`rpil.inference.rivals`)."""
+@settings_record(min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_gap="(0, inf)", max_share="(0, 1)")
+class OutlierSettings:
+    """Demonstrations that differ from most others (`rpil.inference.outliers`)."""
 
-    max_shared_gain: float = 0.5
-    """Gain of a rival group by the policy of the upper group, relative to that by its own, at most.
-    benchmarks/ablations.py ("no rival groups")."""
-    max_noise: float = 0.1
-    """Gain of a policy of the lower demonstrations, relative to that of the upper group, up to which they are noise."""
-    standard_errors: float = 2.0
-    """By which a gain is above 0."""
-    n_lapses: int = 3
-    """Shares of lapses of which the best is taken."""
-    min_own_gain: float = 1 / 3
-    """Gain of a policy of the outliers with features that bend, relative to that of the upper group, from
-    which they may be a second way. benchmarks/claims.py prints it of every set."""
-    max_steps: int = 10_000
-    max_entries: int = 100_000
-    """Steps of either group from which such policies learn, and features of these steps, at most."""
-
-
-@settings_record(min_p_two="[0.5, 1)", min_proba="(0.5, 1)", min_agreement="[-1, 1]")
-class ClaimSettings:
-    """What the scores support (`rpil.inference.claims`)."""
-
+    min_gap: float = 4.0
+    """Robust standard deviations below the median from which a demonstration is far below it."""
     min_p_two: float = 0.99
-    """The least P(two groups), with both assignments to folds, at which a demonstration is called an outlier."""
-    min_p_two_of_noise: float = 0.2
-    """P(two groups) from which those that act as noise does are called outliers."""
-    noise_share: float = 0.5
-    """Gain of the upper group, times this, by which a demonstration is explained worse than by frequent actions."""
+    """The least P(two groups) at which members of the lower group are named."""
+    min_distance: float = 3.0
+    """Distance of the means of two groups, in deviations of the wider one, from which the lower one lies apart."""
     min_proba: float = 0.9
-    """P of the upper group from which a demonstration is similar, and 1 - P from which it is an outlier."""
+    """1 - P of the upper group from which a demonstration is of the lower one."""
+    max_own_gain: float = 0.45
+    """Gain of the lower part by its own policy, relative to that of the others by theirs, up to which it is noise."""
+    max_share: float = 1 / 3
+    """Share of the demonstrations in a group apart, at most."""
     min_group: int = 2
-    """Demonstrations of a group, at least."""
-    min_agreement: float = 0.2
-    """Rank correlation of the likelihood and of its gain over frequent actions, at least. benchmarks/ablations.py ("no
-    agreement")."""
-    max_runs_p: float = 0.01
-    """Probability of so few runs in the order of recording, below which the outliers follow one another."""
+    """Demonstrations of a lower part, at least."""
+
+
+@settings_record(max_noise="[0, 1)", max_tie="[0.5, 1)", min_gain="[0, 1)", max_iter="[1, inf)")
+class PartSettings:
+    """The part of the demonstrations that a learner trusts (`rpil.inference.two_parts`)."""
+
+    max_noise: float = 0.15
+    """Gain of a part by its own policy, relative to that of the other by its own, up to which it has no rule."""
+    max_tie: float = 0.545
+    """Share of the demonstrations up to which the larger part is no larger."""
+    min_gain: float = 0.02
+    """Nats a step by which two policies explain more than one, relative to the larger gain of a part, at least."""
+    min_rule: float = 0.05
+    """Gain of a part by its own policy, nats a step, that shows a rule: of actions at random it is up to .044."""
+    max_iter: int = 12
+    """Times that demonstrations change sides, at most."""
+    max_steps: int = 8_000
+    """Steps from which the parts are found; of more, every second, third and so on."""
 
 
 @settings_record(idle_share="[0, 1]")
@@ -118,42 +113,41 @@ class ChannelSettings:
 
 
 @settings_record(
-    p_agreement="(0, 1)",
+    by_ranking="[0, inf)",
+    by_group="[0, inf)",
+    min_explained="(-inf, 1)",
     min_proba="(0.5, 1)",
-    error_rates="(0, 0.5)",
+    error="(0, 0.5)",
     max_contradicted_proba="(0, 1)",
-    max_left_out="[0, inf)",
     luck="[0, 1)",
     weak_precision="(0, inf)",
-    asked_quantiles="[0, 1]",
+    asked_places="[0, 1]",
+    max_folds="[2, inf)",
 )
 class AnswerSettings:
-    """Bayesian logistic regression on answers (`rpil.inference.answers`). The values were chosen on recorded data, with
-    families left out (benchmarks/answers.py)."""
+    """Bayesian logistic regression on answers (`rpil.inference.answers`)."""
 
-    p_agreement: float = 0.85
-    """Prior probability that the demonstrations that agree are the good ones."""
+    by_ranking: float = 1.0
+    by_group: float = 0.5
+    """Prior means of the weights of the ranking and of the group of scores; those of all other columns are 0."""
     precision: float = 1.0
-    """Prior precision of the weight of a channel."""
-    component_precision: float = 0.25
-    """The same of a principal component, of which the first has variance 1."""
+    """Prior precision of the weight of a column."""
     weak_precision: float = 16.0
-    """The same where all answers are of one side, all good or all bad, but for outcomes of 0 and 1."""
+    """The same where all that is known are outcomes of 0 and 1."""
     offset_precision: float = 0.25
     """Of the offset."""
-    error_rates: tuple[float, ...] = (0.02, 0.1)
-    """Rates of wrong answers, equally likely beforehand; the smallest first."""
+    error: float = 0.02
+    """Rate of wrong answers."""
     luck: tuple[float, ...] = (0.0, 0.5, 0.9)
     """Shares of bad demonstrations whose outcome is 1 where outcomes are 0 and 1, equally likely beforehand; at least
-    the rate of wrong answers. These values, and `weak_precision` with them, were chosen on eight sets of Meta-World's
-    arm with six kinds of bad demonstrations, as the best of about 45 choices."""
-    group_weight: float = 2.0
-    """Prior weight of the group of scores; that of agreement is 1."""
-    sharpness: float = 1.75
-    """Factor of what the columns say of P(good)."""
+    the rate of wrong answers."""
     max_group_log_odds: float = 3.0
-    """Nats by which the log-odds of the upper group are bounded as a channel."""
-    min_proba: float = 0.9
+    """Nats by which the log-odds of the upper group are bounded as a column."""
+    group_scale: float = 2.0
+    """What the column of the group is at that bound."""
+    min_explained: float = 0.4
+    """Share of the log-loss of answers that the others must explain."""
+    min_proba: float = 0.77
     """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
     min_proba_bound: float = 1e-6
     """P(good) stays so far from 0 and 1."""
@@ -161,44 +155,31 @@ class AnswerSettings:
     """Probability of a label by the other answers below which it contradicts them."""
     min_other_answers: int = 4
     """Other answers, at least, that a label can contradict."""
-    max_left_out: int = 64
-    """Answers up to which each label is compared with the others."""
-    asked_quantiles: tuple[float, ...] = (0.9, 0.1, 0.5)
-    """Places in the ranking by P(good) at which labels are asked for, one after the other; further ones at the last: a
-    likely good one and a likely bad one, then the middle, by the number of labels so far (benchmarks/answers.py)."""
+    max_folds: int = 16
+    """Answers up to which each is predicted by all others; of more, each by those of the other folds."""
+    asked_places: tuple[float, ...] = (0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4)
+    """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
 
 
-@settings_record(stay="[0, 1)", p_stretches="(0, 1)")
-class StepSettings:
-    """Whose step it is (`rpil.inference.step_trust`)."""
-
-    stay: float = 0.95
-    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average.
-    benchmarks/windows.py ("stay .8", "stay .99")."""
-    whole_reliability: float = 0.9
-    """Reliability against the others, divided by the median of the training group, from which all steps of a
-    demonstration have the same share. Without it the gain of the weights on robot arms is halved
-    (benchmarks/policy_value.py, preset arm)."""
-    p_stretches: float = 0.5
-    """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
-
-
-@settings_record(variance_steps="[0, inf)", reliability_nodes="[2, inf)", min_gain="[0, inf)", monotony="[0, inf)")
+@settings_record(
+    variance_steps="[0, inf)",
+    stay="[0, 1)",
+    p_stretches="(0, 1)",
+    reliability_nodes="[2, inf)",
+    min_gain="[0, inf)",
+    monotony="[0, inf)",
+)
 class JudgeSettings:
-    """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own.
-
-    The seed is no field: it is an argument of `judge`.
-    """
+    """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own."""
 
     held_out: HeldOutSettings = HeldOutSettings()
     trimming: TrimmingSettings = TrimmingSettings()
     groups: GroupSettings = GroupSettings()
-    rivals: RivalSettings = RivalSettings()
-    claims: ClaimSettings = ClaimSettings()
+    outliers: OutlierSettings = OutlierSettings()
+    parts: PartSettings = PartSettings()
     channels: ChannelSettings = ChannelSettings()
     answers: AnswerSettings = AnswerSettings()
     demonstrators: DemonstratorSettings = DemonstratorSettings()
-    steps: StepSettings = StepSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_gain: float = 0.1
@@ -210,5 +191,10 @@ class JudgeSettings:
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
     reliability_nodes: int = 21
     """Values of the reliability on the grid over which it is summed."""
+    stay: float = 0.95
+    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average.
+    benchmarks/windows.py ("stay .8", "stay .99")."""
+    p_stretches: float = 0.5
+    """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
     max_log_ratio: float = 50.0
     """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""

@@ -7,49 +7,21 @@ stretches. In stretches, whose step it is, z_n, is a Markov chain, so each step 
 
     z_{n+1} = z_n with probability `stay`, else drawn anew,      P(z_n is an expert) = rho_m
 
-Which of the two holds is summed out for each demonstration. `StepSettings` has `stay` and the prior probability of
+Which of the two holds is summed out for each demonstration. `JudgeSettings` has `stay` and the prior probability of
 stretches.
-
-The share of a step in its demonstration says only which steps of it are more an expert's than others. The two policies
-are those of the training group T and of all other demonstrations R, both held out; the log-odds move by one number b_m
-for each demonstration, so that no demonstration gains or loses:
-
-    s_n = sigmoid(logit P(z_n | log pi_T - log pi_R) + b_m),      mean over m of s_n = 1/2
-
-It is 1/2 for all steps of a demonstration that is about as reliable, against the others, as those of T are: a few
-unlikely steps of it are a misfit of the policy, and without them it would be biased to where it fits.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit, log_expit, logit, softmax
 
 from rpil.data.fit_data import FitData
-from rpil.inference.settings import JudgeSettings, StepSettings
+from rpil.inference.settings import JudgeSettings
 from rpil.numerics.types import Array, Float, Int
 
 LEAST_SHARE = 1e-9
 """Reliabilities stay so far from 0 and 1, which no step could change."""
-
-_BISECTIONS = 30
-"""Halvings of an interval of 42 nats at most: to 4e-8 nats."""
-
-
-@dataclass(frozen=True, eq=False)
-class StepTrust:
-    """Reliability of M demonstrations and shares of N steps."""
-
-    reliability: Float[Array, " M"]
-    """Posterior mean of rho_m."""
-    interval: Float[Array, "M 2"]
-    """Its 95 % interval."""
-    share: Float[Array, " N"]
-    """s_n of each step; empty where steps are not kept."""
-    whole_from: float
-    """Reliability against the others from which the steps of a demonstration are not told apart."""
 
 
 def reliability_of(
@@ -70,31 +42,8 @@ def reliability_of(
     return proba @ nodes, np.stack(ends, axis=1)
 
 
-def step_shares(
-    data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings, whole_from: float
-) -> Float[Array, " N"]:
-    """The share s_n of each step in its demonstration, given the held-out `log_ratio` log pi_T - log pi_R; 1/2 in
-    demonstrations with a reliability against the others of `whole_from` or more."""
-    clipped = np.clip(log_ratio, -settings.max_log_ratio, settings.max_log_ratio)
-    reliability = reliability_of(data, log_ratio, settings)[0]
-    proba = step_proba(reliability, clipped, data.lengths, settings.steps)
-    share = balanced(logit(np.clip(proba, LEAST_SHARE, 1 - LEAST_SHARE)), data.lengths)
-    return np.where(data.per_step(reliability >= whole_from), 0.5, share)
-
-
-def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
-    """sigmoid(`log_odds` + b_m), with b_m by bisection such that its mean over each demonstration is 1/2."""
-    first = np.cumsum(lengths) - lengths
-    low, high = -np.maximum.reduceat(log_odds, first), -np.minimum.reduceat(log_odds, first)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        mean = np.add.reduceat(expit(log_odds + np.repeat(middle, lengths)), first) / lengths
-        low, high = np.where(mean < 0.5, middle, low), np.where(mean < 0.5, high, middle)
-    return np.asarray(expit(log_odds + np.repeat((low + high) / 2, lengths)))
-
-
 def step_proba(
-    reliability: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"], settings: StepSettings
+    reliability: Float[Array, " M"], log_ratio: Float[Array, " N"], lengths: Int[Array, " M"], settings: JudgeSettings
 ) -> Float[Array, " N"]:
     """P(step n is an expert's | all steps of its demonstration), from bounded log-ratios.
 

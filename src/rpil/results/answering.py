@@ -14,7 +14,7 @@ from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
 from rpil.data.id_values import Relation, label_codes, match_pairs, parse_labels
 from rpil.data.text import printable
-from rpil.inference.answered import Answered, answer, learned_from, most_telling
+from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.groups import expert_share_interval
@@ -31,11 +31,11 @@ NOT_USED = "Lengths and rewards were not used."
 """The assumption without answers."""
 
 NEXT_STEPS = {
-    "outliers": "Look at some outliers; they are different, and not necessarily worse.",
+    "outliers": "Look at the outliers; they are different, and not necessarily worse.",
     "answered": "Look at some that are bad or open, and label those that you can judge.",
     "mixture": "Look at some adversaries, and label a demonstration whose verdict is wrong.",
+    "a group apart": "Look at one of them and at one of the rest, and say which is better.",
     "two groups": "Look at one demonstration of each group, and say which is better.",
-    "in doubt": "Look at the lowest ranked demonstrations, and label those that you can judge.",
     "no outliers": "Look at the lowest ranked demonstrations, and label those that you can judge.",
     "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
     "demonstrations.",
@@ -43,10 +43,13 @@ NEXT_STEPS = {
 """What to do next, by finding."""
 
 
+MIN_FIRST = 5
+"""Demonstrations to look at first, at least."""
+
 MIN_OF_NOTHING = 8
 NOTHING_FOLLOWED = (
-    "No measured fact explains the answers, as if they were given by chance, so that few other demonstrations get a "
-    "verdict; check some of the answers."
+    "The answers do not predict each other by any measured fact, so that no other demonstration gets a verdict; check "
+    "some of the answers, or answer about further ones."
 )
 """The answers from which this is said, and the sentence."""
 
@@ -62,8 +65,7 @@ def with_answers(audit: A, known: Answers) -> A:
         return audit
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
-    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers)
-    found = answer(columns, known, audit.settings.judge.answers, audit.copy_of, audit.claimed)
+    found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of)
     from_label = found.log_odds - audit.from_actions
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
     said = known.shared(audit.copy_of).said
@@ -71,7 +73,8 @@ def with_answers(audit: A, known: Answers) -> A:
     log_odds = audit.from_actions + from_demonstrator + from_label
     verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
     proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
-    is_decided = found.count > 1
+    is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
+    stays = np.where(found.verdicts == 0, audit.claimed, 0) * (not is_decided)
     answered = replace(
         audit,
         finding="answered",
@@ -80,7 +83,7 @@ def with_answers(audit: A, known: Answers) -> A:
         from_demonstrator=from_demonstrator,
         from_label=from_label,
         expert_proba=proba,
-        verdicts=verdicts_of(verdicts, "answers", found.stays),
+        verdicts=verdicts_of(verdicts, "answers", stays),
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
@@ -89,7 +92,7 @@ def with_answers(audit: A, known: Answers) -> A:
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found),
-        notes=tuple(note for note in audit.notes if not (is_decided and TWO_GROUPS in note)),
+        notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
@@ -98,12 +101,12 @@ def with_answers(audit: A, known: Answers) -> A:
 def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     """The rule of `rpil.results.choice.KEEP_RULES` that rejects each demonstration, or nothing.
 
-    What is inferred rejects once answers contrast: those that are bad, the outliers that answers do not contradict, and
-    of an answered pair the worse one unless the other answers speak for it.
+    What is inferred rejects once answers contrast: those that are bad, and of an answered pair the worse one unless the
+    other answers speak for it.
     """
     known, verdicts, first = audit.answers.shared(audit.copy_of), np.array(audit.verdicts), audit.copy_of
     worse = np.isin(first, first[known.pairs[:, 1]]) & (audit.log_odds <= 0)
-    is_bad = (np.isin(verdicts, ["bad", "outlier"]) | worse) & audit.answers.once(first).contrast
+    is_bad = ((verdicts == "bad") | worse) & audit.answers.once(first).contrast
     rules = {"": known.labels > 0, "outcome": (known.outcome == 0) & known.is_flag, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
@@ -113,8 +116,13 @@ def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, 
     """The sentences of an audit, without those that answers replace."""
     said = sentence_of(audit, audit.answers)
     old = {*FINDINGS.values(), audit.vocabulary.explanation, *audit.doubts, said, NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and not (is_decided and TWO_GROUPS in one))
+    kept = (one for one in audit.assumptions if one not in old and not (is_decided and is_over(one)))
     return (FINDINGS["answered"], VOCABULARIES["answers"].explanation, *kept, sentence_of(audit, known))
+
+
+def is_over(sentence: str) -> bool:
+    """Whether a sentence holds until answers contrast: on two groups, outliers, or whom a learner trusts until then."""
+    return any(said in sentence for said in (TWO_GROUPS, "two labels", "All outliers are of one operator"))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
@@ -145,7 +153,7 @@ def shown_proba(
 def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
     """The signs 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
     said, unsaid = VOCABULARIES[anchor], VOCABULARIES["none"]
-    texts: dict[int, Verdict] = {2: said.upper, 1: unsaid.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
+    texts: dict[int, Verdict] = {2: said.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
     stays = np.zeros_like(verdicts) if stays is None else stays
     return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
@@ -154,15 +162,12 @@ def doubts_of_answers(found: Answered) -> tuple[str, ...]:
     """What speaks against verdicts by these answers."""
     if found.count == 1:
         return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
-    nothing = found.count >= MIN_OF_NOTHING and found.p_nothing > 0.5
+    nothing = found.count >= MIN_OF_NOTHING and not found.follows
     return (NOTHING_FOLLOWED,) * nothing
 
 
 def sentence_of(audit: Judged, known: Answers) -> str:
-    """How many answers there are, about different demonstrations, and whether two groups are ranked by themselves."""
-    is_within = (
-        learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers) is not audit.columns
-    )
+    """How many answers there are, about different demonstrations."""
     known = known.once(audit.copy_of)
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
@@ -170,8 +175,7 @@ def sentence_of(audit: Judged, known: Answers) -> str:
         "outcomes": int(np.isfinite(known.outcome).sum()),
     }
     given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
-    within = " Labels of both groups are alike: each group is ranked by itself." if is_within else ""
-    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong.{within}"
+    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
 
 
 def is_asked(audit: Judged) -> bool:
@@ -201,34 +205,39 @@ def stretch_of(audit: Judged, m: int) -> list[int] | None:
 
 
 def looking_order(audit: Judged) -> tuple[list[int], int]:
-    """All demonstrations, those that are most worth a look first, and how many need a person.
+    """All demonstrations, those that are most worth a look first, and how many to look at first.
 
-    These are the pair that is asked about, those whose label contradicts the other answers, and outliers or bad
-    ones. Then come the open ones, and the rest; the lowest log-odds first.
+    These are those whose label contradicts the other answers, outliers or bad ones, and a group apart. Then come the
+    open ones, and the rest; the lowest log-odds first.
     """
     index = {name: m for m, name in enumerate(audit.ids)}
-    pair = [index[name] for name in audit.pair] if is_asked(audit) else []
     lowest = np.argsort(-audit.log_odds, kind="stable")[::-1].tolist()
     of_side = {side: [m for m in lowest if SIDES[audit.verdicts[m]] == side] for side in ("lower", "open", "upper")}
-    urgent = dict.fromkeys([*pair, *(index[name] for name in audit.contradicting), *of_side["lower"]])
-    return list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]])), len(urgent)
+    apart = {*audit.competing[1]} if audit.finding == "a group apart" else ()
+    alike = [m for m in lowest if audit.ids[m] in apart]
+    urgent = dict.fromkeys([*(index[name] for name in audit.contradicting), *of_side["lower"], *alike])
+    order = list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]]))
+    return order, max(len(urgent), min(n_first(len(order)), len(order)))
+
+
+def n_first(n_demonstrations: int) -> int:
+    """How many demonstrations to look at first: a tenth, five at least."""
+    return max(MIN_FIRST, n_demonstrations // 10)
 
 
 def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
     """Ids of up to `k` demonstrations whose labels would say most, the best first; none is labelled, a copy of one that
     is, or of another one among them.
 
-    See `rpil.inference.answered.most_telling`. Without columns, the middle of the ranking.
+    See `rpil.inference.answered.places_to_ask`.
     """
     if k < 1:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
-    if not audit.columns.size:
-        order = np.argsort(np.abs(2 * np.argsort(np.argsort(audit.log_odds)) - (len(audit.ids) - 1)), kind="stable")
-        return tuple(audit.ids[m] for m in order.tolist() if not audit.answers.labels[m])[:k]
-    first, known = np.unique(audit.copy_of, return_index=True)[1], audit.answers
-    columns = learned_from(audit.columns, audit.columns_within, known, audit.settings.judge.answers)
-    chosen = first[most_telling(columns[first], known.once(audit.copy_of), audit.settings.judge.answers, k)]
-    return tuple(audit.ids[m] for m in chosen.tolist())
+    first = np.unique(audit.copy_of, return_index=True)[1]
+    known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
+    n_answers = int(np.count_nonzero(known.labels))
+    chosen = places_to_ask(audit.from_actions[first], known.said != 0, n_answers, settings, k)
+    return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 
 def rank_demonstrators(

@@ -1,11 +1,11 @@
-"""Which parts of an action hold the evidence about a demonstration: its actions beside those of similar ones.
+"""Which parts of an action hold the evidence about a demonstration: its actions beside those of the rest.
 
 The log-ratio of a step is a sum over the parts j of a continuous action, and discrete actions are one part:
 
     d_j(n) = log pi_j(a_nj|s_n) - log q_j(a_nj)
 
 with Student's densities pi_j around the mean of the policy, q_j whatever the state. The evidence of a part about
-demonstration m is what it adds more than in the median similar one, sum_n d_j(n) - N_m median_T(mean_n d_j), in nats.
+demonstration m is what it adds more than in the median one of the rest, sum_n d_j(n) - N_m median_T(mean_n d_j).
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
-from rpil.inference.rivals import evidence_by_part
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import at_actions
@@ -42,10 +41,15 @@ PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
 """The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
 
 BAND = 0.05, 0.95
-"""Quantiles of what similar ones do that are drawn."""
+"""Quantiles of what the rest do that are drawn."""
 
 MAX_STEPS = 20
 """Steps of a stretch that are compared, those with the lowest log-ratios: enough to name an action."""
+
+MAX_PARTS = 3
+"""Parts of the action that are drawn."""
+MIN_NATS = 1e-6
+"""Evidence that is more than rounding."""
 
 MIN_SHARE = 0.3
 """Share of these steps with one other action from which that action is named."""
@@ -53,7 +57,7 @@ MIN_SHARE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class StepEvidence:
-    """The evidence of each step of K demonstrations, beside what similar ones do there; J parts of the action."""
+    """The evidence of each step of K demonstrations, beside what the rest do there; J parts of the action."""
 
     data: FitData
     members: Int[Array, " K"]
@@ -62,10 +66,10 @@ class StepEvidence:
     """The action, or the probability of the discrete action taken."""
     low: Float[Array, "N J"]
     high: Float[Array, "N J"]
-    """The band of similar ones."""
+    """The band of the rest."""
     nats: Float[Array, "N J"]
-    """The log-ratio of each part, less that of the median similar demonstration a step, in nats."""
-    compared_with: Literal["similar", "trusted"]
+    """The log-ratio of each part, less that of the median one of the rest a step, in nats."""
+    compared_with: Literal["others", "trusted"]
 
     @classmethod
     def of(
@@ -73,9 +77,9 @@ class StepEvidence:
         data: FitData,
         members: Int[Array, " K"],
         expected: Float[Array, "N ..."],
-        similar: Bool[Array, " K"],
+        rest: Bool[Array, " K"],
         settings: HeldOutSettings,
-        compared_with: Literal["similar", "trusted"] = "similar",
+        compared_with: Literal["others", "trusted"] = "others",
     ) -> StepEvidence:
         """Compare with the means `expected` of a policy, (N, A), or the log-probabilities of the actions, (N,)."""
         if isinstance(data.space, Discrete):
@@ -84,38 +88,37 @@ class StepEvidence:
             log_ratio = (expected - log_reference(data, every, settings))[:, None]
         else:
             value, mean, low, high = data.actions, expected, data.space.low, data.space.high
-            # d_j, with the scale of the errors of similar ones
+            # d_j, with the scale of the errors of the rest
             scaling, errors = ActionScale.of(data), settings.errors
             actions = scaling(value)
-            rest, middle = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
-            scale = error_scale(rest, data.per_step(similar.astype(float)), errors)
+            away, middle = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
+            scale = error_scale(away, data.per_step(rest.astype(float)), errors)
             width = error_scale(actions - middle, np.ones(len(actions)), errors)
             of_reference = student_log_densities(actions - middle, width, errors)
-            log_ratio = student_log_densities(rest, scale, errors) - of_reference
-        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(similar)], BAND, axis=0))
+            log_ratio = student_log_densities(away, scale, errors) - of_reference
+        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(rest)], BAND, axis=0))
         low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
-        usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[similar], axis=0)
+        usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[rest], axis=0)
         return cls(data, members, value, low, high, log_ratio - usual, compared_with)
 
 
-def similar_members(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
-    """Which of the `members` are similar: the upper group of the scores, or all where the scores are one group."""
-    lower = judgement.claims.lower
-    return np.isin(members, members if lower is None else lower.upper)
+def members_of_rest(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
+    """Which of the `members` are of the rest: all but those that differ, by the claims of the judge."""
+    return np.asarray(~judgement.claims.lower[members])
 
 
 def by_held_out_policies(
-    judgement: Judgement, data: FitData, copies: Copies | None, seed: int, settings: HeldOutSettings
+    judgement: Judgement, data: FitData, copies: Copies | None, settings: HeldOutSettings
 ) -> StepEvidence:
     """By the held-out policies of the judge, which read `data`, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
-        weight, model = data.per_step(judgement.training_group.astype(float)), held_out_model(data, seed, settings)
+        weight, model = data.per_step(judgement.training_group.astype(float)), held_out_model(data, settings)
         assert isinstance(model, HeldOutRidge)
         expected = ActionScale.of(data).back(model.actions - model.errors(weight, fit.ridge))
-    return StepEvidence.of(data, members, expected, similar_members(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, members_of_rest(judgement, members), settings)
 
 
 def by_final_policy(
@@ -126,8 +129,8 @@ def by_final_policy(
     expected, members = outputs(np.arange(len(data.actions))), np.arange(data.n_demonstrations)
     expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
     trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
-    similar = trusted | ~trusted.any() if judgement is None else similar_members(judgement, members)
-    return StepEvidence.of(data, members, expected, similar, settings, "trusted")
+    rest = trusted | ~trusted.any() if judgement is None else members_of_rest(judgement, members)
+    return StepEvidence.of(data, members, expected, rest, settings, "trusted")
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
@@ -142,6 +145,18 @@ def with_fewer_traces(audit: Audit, size: int) -> Audit:
     return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
 
 
+def evidence_by_part(nats: Float[Array, " J"]) -> tuple[tuple[int, float], ...]:
+    """The parts of the action with most of the evidence, the largest first, and their shares of it.
+
+    The shares are among the parts that point where the sum of the `nats` points. There are `MAX_PARTS` at most, and
+    none where there is nothing but rounding.
+    """
+    toward = np.maximum(nats if nats.sum() > 0 else -nats, 0.0)
+    total = float(toward.sum())
+    order = np.argsort(-toward, kind="stable")[:MAX_PARTS].tolist()
+    return tuple((j, float(toward[j]) / total) for j in order if total > MIN_NATS and toward[j] > 0)
+
+
 def part_name(data: FitData, j: int) -> str:
     """The name of a part of the action; discrete actions are one."""
     if data.space.n_parts == 1 and (data.space.kind == "discrete" or not data.action_names):
@@ -150,7 +165,7 @@ def part_name(data: FitData, j: int) -> str:
 
 
 def traces(audit: Audit, evidence: StepEvidence, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
-    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the median similar one."""
+    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the rest."""
     places = np.searchsorted(evidence.members, audit.copy_of[drawn])
     made = {audit.ids[m]: _traces(evidence, k) for m, k in zip(drawn.tolist(), places.tolist(), strict=True)}
     return {name: each for name, each in made.items() if each.parts}
@@ -179,7 +194,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
     Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is a
     part that moves in most others alone, or that with most of the evidence. It takes a trusted group to compare with.
     """
-    if audit.finding not in DECIDED or "upper" not in map(SIDES.get, audit.verdicts):
+    if audit.finding not in DECIDED or (audit.anchor != "none" and "upper" not in map(SIDES.get, audit.verdicts)):
         return ()
     phrases, data, never = [], evidence.data, never_moves(evidence.data.actions, evidence.data.offsets)
     for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
@@ -217,7 +232,7 @@ def _other_action(taken: Array, likely: Array) -> str:
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"], never: Bool[Array, " J"]) -> str:
     """The part of the action with most of the evidence in these steps, of those that `never` move if there are any, in
-    that step of them in which it leaves the band of similar ones by the median distance; "" where it does not."""
+    that step of them in which it leaves the band of the rest by the median distance; "" where it does not."""
     nats = evidence.nats[rows].sum(axis=0)
     if never.any():
         j = int(np.argmin(np.where(never, nats, np.inf)))

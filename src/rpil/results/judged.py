@@ -69,14 +69,14 @@ class TracedPart:
     share: float
     """Of the evidence of all parts that point where their sum points, for or against the demonstration: 0 to 1."""
     nats: float
-    """That the part adds to the sum of the log-ratios, more than in the median similar demonstration of this length;
+    """That the part adds to the sum of the log-ratios, more than in the median one of the rest of this length;
     below 0 it speaks against the demonstration."""
     value: Float[Array, " P"] = field(metadata=CURVE)
     """What the demonstration did: the number of the action, in the units of the data; or the probability of the
-    discrete action taken, by the policy of similar ones."""
+    discrete action taken, by the policy of the rest."""
     low: Float[Array, " P"] = field(metadata=CURVE)
     high: Float[Array, " P"] = field(metadata=CURVE)
-    """The 5 % and the 95 % quantile of what similar ones do: in the same states, that is, around the mean of their
+    """The 5 % and the 95 % quantile of what the rest do: in the same states, that is, around the mean of their
     policy there; or, of the probability of the action taken, in all their steps."""
 
 
@@ -89,7 +89,7 @@ class Traces:
     """One alone where actions are discrete."""
     taken: tuple[str, ...] = ()
     """Of discrete actions: the one taken at each point, or the least likely one of its steps."""
-    compared_with: Literal["similar", "trusted"] = "similar"
+    compared_with: Literal["others", "trusted"] = "others"
     """See `rpil.results.evidence.StepEvidence`."""
 
     def fits(self, n_steps: int) -> bool:
@@ -152,13 +152,12 @@ class Judged:
     reliability_interval: Float[Array, "M 2"] = field(metadata=of_demonstration("M 2", SHARE, SHARE))
     verdicts: tuple[Verdict, ...] = field(metadata=TEXT | {"nothing": "open"})
     step_log_ratio: Float[Array, " N"] = field(metadata=of_step())
-    step_share: Float[Array, " N"] = field(metadata=of_step(0.5, SHARE))
     step_weight: Float[Array, " N"] = field(metadata=of_step(1.0, (0.0, np.inf)))
     prior: Interval
     adversary: str
     columns: Float[Array, "M D"] = field(metadata=of_demonstration("M channels"))
-    columns_within: Float[Array, "M W"] = field(metadata=of_demonstration("M within"))
     claimed: Int[Array, " M"] = field(metadata=of_demonstration(type=np.int64))
+    part: Float[Array, " M"] = field(metadata=of_demonstration(limits=(-1.0, 1.0)))
     copy_of: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
     settings: AuditSettings
     answers: Answers

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from html import escape
+
+import numpy as np
 
 from rpil.data.text import MAX_IDS, counted, listed, one_line, printable
 from rpil.inference.findings import FINDINGS
+from rpil.results.answering import looking_order, n_first
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, in_numbers, numbered
 
@@ -16,10 +19,32 @@ N_LOWEST = 3
 N_LOWEST_ROWS = 10
 """Demonstrations that a notebook shows."""
 
+MAX_NAMED_FIRST = 12
+"""Demonstrations to look at first that a sentence names."""
+
 MAX_NAME = 40
 """Characters of an id in the text."""
 
 ACTING = {"outliers": "differently from the rest", "mixture": "like the adversary that was named"}
+
+
+def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
+    """Those without a label to look at first: the `faulty` ones, then the first in the order of looking."""
+    at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
+    known = {*np.flatnonzero(audit.answers.labels).tolist()}
+    first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
+    return [*first][: n_first(len(audit.ids))]
+
+
+def first_sentence(
+    audit: AuditResult, faulty: Collection[Hashable] = (), named: Callable[[Hashable], str] = printable
+) -> str:
+    """Which demonstrations to look at first, without those that have a label."""
+    first = look_first(audit, faulty)
+    if not first:
+        return "Every demonstration has a label."
+    names = listed([named(audit.ids[m]) for m in first], MAX_NAMED_FIRST, ", ")
+    return f"Look at {'these' if len(first) > 1 else 'this'} {len(first):,} first: {names}."
 
 
 def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
@@ -36,10 +61,15 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
         some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
         return f"{some}: {names[below[0]]}." if names else f"{some}."
     sentence = FINDINGS[audit.finding]
+    if audit.finding == "a group apart" and audit.groups:
+        own = [named(audit.ids[m]) for m in ranked if audit.ids[m] in {*audit.groups["B"]}]
+        who = f"{len(own):,} of {len(audit.ids):,} act alike, and differ from the rest"
+        members = f" ({listed(own, most, ', ')})" if most else ""
+        return f"{who}{members}; {sentence.partition('; ')[2]}"
     if audit.finding == "two groups" and audit.groups:
         sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
         return f"Two groups act differently: {sizes}{sentence.removeprefix('Two groups act differently')}"
-    if audit.finding in ("two groups", "outliers"):
+    if audit.finding != "nothing could be learned":
         return sentence
     return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"
 
@@ -47,7 +77,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
 def overview_text(audit: AuditResult) -> str:
     """What ``repr`` of an audit is."""
     size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
-    lines = [f"Audit: {headline(audit)}", f"{size}: {in_numbers(audit.verdict_counts())}."]
+    lines = [f"Audit: {first_sentence(audit)}", headline(audit), f"{size}: {in_numbers(audit.verdict_counts())}."]
     if audit.doubts:
         more = len(audit.doubts) - 1
         lines.append(f"Doubt: {audit.doubts[0]}" + f" ({more} more in doubts)" * (more > 0))

@@ -119,7 +119,7 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
     if audit.finding != "answered" or verdict == "open":
         return ""
     if verdict not in (vocabulary.upper, vocabulary.lower):
-        return f"{verdict.capitalize()} without the answers, which do not contradict it"
+        return ""
     if math.isfinite(answers.outcome[m]):
         return f"Its outcome is among the {'highest' if verdict == vocabulary.upper else 'lowest'}"
     return f"{verdict.capitalize()} by your answers about others like it"
@@ -128,10 +128,8 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
 def _by_finding(audit: Judged, group: str, above: float) -> str:
     """The reason where the finding gives no demonstration a verdict, or nothing; `group` is A, B or nothing, and
     `above` the share of the demonstrations that it ranks above."""
-    if audit.finding == "two groups":
+    if audit.finding in ("a group apart", "two groups"):
         return f"Acts as group {group} does; only an answer can tell which is good" if group else "In neither group"
-    if audit.finding == "in doubt":
-        return "No verdict, because the finding is in doubt"
     if audit.finding == "no outliers":
         return f"{FIFTHS[int(5 * above)]} of the ranking, not clearly different"
     return "Nothing could be learned" if audit.finding == "nothing could be learned" else ""
@@ -140,14 +138,16 @@ def _by_finding(audit: Judged, group: str, above: float) -> str:
 def _by_evidence(audit: Judged, m: int, rank: int) -> str:
     """What decided about demonstration `m`, which scores higher than `rank` others, or why it has no verdict."""
     vocabulary, log_odds, side = audit.vocabulary, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
+    if side == "open" and audit.anchor == "none":
+        return f"{FIFTHS[5 * rank // len(audit.ids)]} of the ranking"
     if side == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
         return f"Its score is between those of {vocabulary.upper} and {vocabulary.lower} ones"
     if side == "open":
-        looks = vocabulary.upper if log_odds > 0 else vocabulary.lower if vocabulary.lower != "outlier" else "different"
+        looks = vocabulary.upper if log_odds > 0 else vocabulary.lower
         return f"Looks {looks} (place {len(audit.ids) - rank:,} of {len(audit.ids):,}); left open to be safe"
     sign = 1 if side == "upper" else -1
     if sign * audit.from_demonstrator[m] > sign * audit.from_actions[m]:
         return "Judged by the other demonstrations of its operator"
     if audit.anchor == "named adversary":
         return f"Acts like the {audit.verdicts[m]}"
-    return "Acts like most others" if side == "upper" else DIFFERENT
+    return DIFFERENT

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import overview_html, overview_text
 from rpil.results.result import AuditResult
@@ -55,9 +56,6 @@ class Audit(AuditResult):
         The upper and the lower one of `vocabulary`, or "open" where the data do not decide.
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
-    step_share : (N,) array
-        How far each step follows the policy of those that agree best rather than that of the others, in [0, 1]; its
-        mean over every demonstration is 1/2.
     step_weight : (N,) array
         Weight of each step for training a policy (`rpil.results.step_weights`): of `rpil.audit` 1 until two answers
         contrast, then P(good) of its demonstration, scaled to a mean of 1 over all steps; of `RPIL` the learner's own.
@@ -86,12 +84,11 @@ class Audit(AuditResult):
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
-    columns_within : (M, W) array
-        What they learn from where labels call members of both of two groups good, or members of both bad: each group
-        judged by itself (`rpil.inference.trust.columns_within`); (M, 0) where there are not two groups, and where data
-        were judged by a sample, by a policy of the user's own or within several tasks.
     claimed : (M,) int array
-        What was said without answers: 1 similar, 0 nothing, -1 outlier. It stays until answers contradict it.
+        What was said without answers: -1 outlier, else 0. It stays until answers contrast.
+    part : (M,) array
+        1 in the part of the demonstrations that the learner trusts, -1 in the other; 1/2 and -1/2 where only answers
+        can tell these apart; 0 where there are no parts (`rpil.inference.two_parts`), and in an audit without learner.
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations : tuple of str
@@ -139,12 +136,13 @@ class Audit(AuditResult):
         return choice_of(self)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
-        """A data frame with a row for each demonstration, in the order of the data.
+        """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
 
         The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, label, said,
         rejected_by (the rule by which ``rpil keep`` rejects it), rank (the place in the ranking, 1 the most trusted),
-        expert_proba (the probability that `vocabulary` names), log_odds and its parts, reliability, n_steps, facts, and
-        the reason; demonstrator where demonstrators were given, and session where sessions are known.
+        look (the place in the order of looking), expert_proba (the probability that `vocabulary` names), log_odds and
+        its parts, reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session
+        where sessions are known.
 
         Parameters
         ----------
@@ -164,7 +162,8 @@ class Audit(AuditResult):
             del columns[name]  # an audit does not know these
         if self.sessions:
             columns["session"] = self.sessions
-        return data_frame(columns, backend)
+        order = looking_order(self)[0]
+        return data_frame({name: [column[m] for m in order] for name, column in columns.items()}, backend)
 
     def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.

@@ -158,7 +158,7 @@ class AuditResult(Judged):
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
         one = slice(index, index + 1)
-        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.judge.steps)
+        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.judge)
 
     @property
     def run_id(self) -> str:
@@ -175,13 +175,15 @@ class AuditResult(Judged):
             "said": self.said,
             "rejected_by": self.rejected_by or ("",) * len(self.ids),
             "rank": self.ranks.tolist(),
+            "look": (np.argsort(answering.looking_order(self)[0]) + 1).tolist(),
             "expert_proba": self.expert_proba.tolist(),
             "log_odds": self.log_odds.tolist(),
             "n_steps": self.lengths.tolist(),
         }
 
     def to_dict(self) -> dict[str, object]:
-        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        """The audit as numbers, text, lists and dicts, as ``rpil audit --format json`` prints it; the first to look at
+        first."""
         columns, asked = self.table(), None
         if self.question:
             look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
@@ -210,7 +212,7 @@ class AuditResult(Judged):
                     "worst_steps": self.worst_steps(m),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }
-                for m in self.ranking().tolist()
+                for m in answering.looking_order(self)[0]
             ],
             "demonstrators": [
                 {"name": who.name, "trust": asdict(who.trust) if who.trust else None}

@@ -27,4 +27,4 @@ class AuditSettings:
         """The probability from which an audit with this `anchor` says that a demonstration is of the upper group."""
         if anchor == "named adversary":
             return self.min_verdict_proba
-        return self.judge.answers.min_proba if anchor == "answers" else self.judge.claims.min_proba
+        return self.judge.answers.min_proba if anchor == "answers" else self.judge.outliers.min_proba

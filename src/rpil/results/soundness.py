@@ -24,7 +24,6 @@ def check_sound(audit: Judged) -> None:
         sound &= not is_known or limits is None or _are_within(column, *limits)
     sound &= len(audit.verdicts) == len(known.labels) == len(audit.copy_of) == n
     sound &= audit.finding in FINDINGS and {*known.labels.tolist(), *audit.claimed.tolist()} <= {-1, 0, 1}
-    sound &= audit.columns_within.shape[1] in (0, audit.columns.shape[1] + 1)
     sound &= {*audit.rejected_by} <= {"", *KEEP_RULES} and bool(np.isfinite(audit.step_weight).all())
     sound &= _are_within(np.concatenate([audit.copy_of, known.compared.ravel()]), 0, n - 1)
     sound &= _are_within(np.array([audit.prior.mean, audit.prior.low, audit.prior.high]), *SHARE)

@@ -2,43 +2,50 @@
 
 For any training they are 1 until two answers contrast, one good or better and one bad or worse; then P(good) of the
 demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). Those of the
-learner act without answers, and tell the steps of a demonstration apart by shares s_n (`rpil.inference.step_trust`):
+learner, 1 or 0, say who is of the part that it trusts (`rpil.inference.two_parts`), also where contrasting answers call
+one part good and the other bad; where they divide the demonstrations in another way, they are P(good). A label, or a
+flag of 0, decides about its own demonstration. In all, where a person took over from a policy, weights move within a
+demonstration of weight W_m, with z_n = 1 in the steps of the person, -1 just before, else 0, and b_m such that their
+mean stays W_m:
 
-    w_n = W_m [1 + c (2 s_n - 1)]
-
-    without answers    W_m = P(similar), where m is an outlier;  W_m = 1, elsewhere
-                       c = 1;  0 where two groups have policies of their own
-    two answers        W_m = P(good),    c = mean of P(good) over the training group - mean of P(good) over the others
-
-One answer alone changes the weight of its own demonstration. In both, where a person took over from a policy, weights
-move within a demonstration, with z_n = 1 in the steps of the person, -1 just before, else 0:
-
-    w_n = 2 W_m sigmoid(logit(w_n / 2 W_m) + 2 z_n + b_m)
+    w_n = 2 W_m sigmoid(2 z_n + b_m)
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit, logit
+from scipy.special import expit
 
-from rpil.inference.step_trust import LEAST_SHARE, balanced
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.judged import Judged
-from rpil.results.vocabulary import SIDES
 
 TAKEOVER = 2.0
 """Log-odds by which a step of a person weighs more, and one just before less; chosen by benchmarks/sequences.py."""
 
+_BISECTIONS = 30
+"""Halvings of an interval of 4 nats: to 4e-9 nats."""
+
 
 def weights_of(audit: Judged) -> Float[Array, " N"]:
-    """The weights of the steps of an audit."""
-    mean, sign = of_demonstrations(audit)
-    if audit.taken_over is None or not len(audit.step_share):
-        return step_weight(audit.lengths, mean, sign, audit.step_share)
-    share = step_weight(audit.lengths, np.full(len(mean), 0.5), sign, audit.step_share)
-    log_odds = logit(np.clip(share, LEAST_SHARE, 1 - LEAST_SHARE)) + TAKEOVER * audit.taken_over
+    """The weights of the steps of an audit; empty where steps are not kept."""
+    if not len(audit.step_log_ratio):
+        return audit.step_log_ratio
+    weight = np.repeat(of_demonstrations(audit), audit.lengths)
+    if audit.taken_over is None:
+        return weight
     told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
-    return 2 * np.repeat(mean, audit.lengths) * np.where(told, balanced(log_odds, audit.lengths), share)
+    return np.where(told, 2 * weight * balanced(TAKEOVER * audit.taken_over, audit.lengths), weight)
+
+
+def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
+    """sigmoid(`log_odds` + b_m), with b_m by bisection such that its mean over each demonstration is 1/2."""
+    first = np.cumsum(lengths) - lengths
+    low, high = -np.maximum.reduceat(log_odds, first), -np.minimum.reduceat(log_odds, first)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        mean = np.add.reduceat(expit(log_odds + np.repeat(middle, lengths)), first) / lengths
+        low, high = np.where(mean < 0.5, middle, low), np.where(mean < 0.5, high, middle)
+    return np.asarray(expit(log_odds + np.repeat((low + high) / 2, lengths)))
 
 
 def takeover_signs(
@@ -56,34 +63,28 @@ def takeover_signs(
     return tuple(np.split(signs, offsets[1:-1]))
 
 
-def step_weight(
-    lengths: Int[Array, " M"], weight: Float[Array, " M"], sign: Float[Array, " M"], share: Float[Array, " N"]
-) -> Float[Array, " N"]:
-    """Weight of each step, from `weight` W_m and `sign` c of its demonstration, and its `share` s_n.
-
-    Empty where steps are not kept.
-    """
-    if not len(share):
-        return share
-    return np.asarray(np.repeat(weight, lengths) * (1 + np.repeat(sign, lengths) * (2 * share - 1)))
-
-
-def of_demonstrations(audit: Judged) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
-    """W_m and c of each demonstration; c is 0 for any training but that of the learner."""
-    proba, known = audit.expert_proba, audit.answers
+def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
+    """The weight W_m of each demonstration."""
+    proba, once = audit.expert_proba, audit.answers.once(audit.copy_of)
     if audit.anchor == "named adversary":
-        return proba, np.zeros(len(proba))
-    once = known.once(audit.copy_of)
+        return proba
     if not audit.settings.weighs_for_learner:
-        mean = np.average(proba, weights=audit.lengths)
         acts = audit.anchor == "answers" and once.contrast
-        return proba / mean if acts else np.ones(len(proba)), np.zeros(len(proba))
-    labels = known.shared(audit.copy_of).labels
-    if once.count > 1:
-        groups = [proba[audit.from_actions > 0], proba[audit.from_actions <= 0]]
-        sign = groups[0].mean() - groups[1].mean() if all(map(len, groups)) else 0.0
-        return proba, np.full(len(proba), sign)
-    is_lower = np.array([SIDES[verdict] == "lower" for verdict in audit.verdicts])
-    proba = np.where(labels, proba, expit(audit.from_actions))
-    weighs_less = is_lower & (audit.identifiable | (labels < 0))
-    return np.where(weighs_less, proba, 1.0), np.full(len(proba), float(audit.identifiable))
+        return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
+    said = audit.answers.shared(audit.copy_of).said
+    if (side := side_of_answers(audit)) or once.count < 2:
+        trusted = audit.part * side > 0 if side else audit.part > -1
+        return np.where(said == 0, trusted, said > 0).astype(float)
+    return proba
+
+
+def side_of_answers(audit: Judged) -> int:
+    """1 where contrasting answers call the part good that the learner trusts without them, -1 where they call the other
+    one good; 0 where they divide the demonstrations in another way."""
+    known = audit.answers
+    better, worse = known.pairs.T
+    good, bad = np.append(np.flatnonzero(known.said > 0), better), np.append(np.flatnonzero(known.said < 0), worse)
+    if not known.once(audit.copy_of).contrast:
+        return 0
+    votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
+    return int(votes.pop()) if len(votes) == 1 else 0

@@ -11,13 +11,13 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.fit_data import FitData
-from rpil.data.names import spans
 from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
-from rpil.inference.claims import Doubt
 from rpil.inference.findings import FINDINGS
 from rpil.inference.groups import expert_share_interval
+from rpil.inference.outliers import Claims
 from rpil.inference.trust import Judgement
+from rpil.numerics.types import Array, Float
 from rpil.results.answering import (
     NOT_USED,
     rank_demonstrators,
@@ -42,15 +42,12 @@ IN_SAMPLE_POLICY = (
     "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
 )
 
-MAX_RUNS = 10
-"""Runs of demonstrations that a sentence names, at most."""
-
 
 def audit_from_judgement(
     judgement: Judgement, data: FitData, ids: Sequence[Hashable], answers: Answers, settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of demonstrations that are called `ids`, and with these answers, if there are any."""
-    steps, claims, log_odds = judgement.step_trust, judgement.claims, judgement.log_odds
+    claims, log_odds = judgement.claims, judgement.log_odds
     none, groups = np.zeros(len(ids)), claims.groups
     share = expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)
     audit = Audit(
@@ -61,37 +58,48 @@ def audit_from_judgement(
         from_actions=log_odds,
         from_demonstrator=none,
         from_label=none,
-        expert_proba=shown_proba(log_odds, judgement.verdicts, claims.finding, settings.min_proba("none")),
-        reliability=steps.reliability,
-        reliability_interval=steps.interval,
-        verdicts=verdicts_of(judgement.verdicts, "none"),
+        expert_proba=shown_proba(log_odds, claims.verdicts, claims.finding, settings.min_proba("none")),
+        reliability=judgement.reliability,
+        reliability_interval=judgement.reliability_interval,
+        verdicts=verdicts_of(claims.verdicts, "none"),
         step_log_ratio=judgement.log_ratio,
-        step_share=steps.share,
-        step_weight=steps.share,
+        step_weight=np.ones(len(judgement.log_ratio)),
         prior=Interval(*share),
-        identifiable=claims.finding != "two groups",
+        identifiable=groups is None,
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
         adversary="frequent actions" if data.space.kind == "discrete" else "any action",
         demonstrators=rank_demonstrators(data.demonstrators, np.empty((0, 3)), ids),
         answers=answers,
-        doubts=tuple(doubt_sentence(doubt, ids) for doubt in claims.doubts),
-        notes=() if groups is None else groups_differ(groups, judgement.columns, claims.contrast, data),
+        notes=notes_of(claims, judgement.columns, data),
         columns=judgement.columns,
-        columns_within=judgement.columns_within,
         claimed=claims.verdicts.astype(np.int64),
+        part=judgement.part,
         copy_of=judgement.copy_of,
         settings=settings,
     )
     return with_answers(replace(audit, step_weight=weights_of(audit)), answers)
 
 
-def doubt_sentence(doubt: Doubt, ids: Sequence[Hashable]) -> str:
-    """The sentence of a doubt, with the names of its demonstrations and operators."""
-    names = spans([printable(ids[m]) for m in run.tolist()] for run in doubt.runs)
-    shown = names if len(names) <= MAX_RUNS else [*names[:MAX_RUNS], "..."]
-    sentence = doubt.sentence.replace("{members}", ", ".join(shown))
-    return sentence.replace("{operators}", listed(doubt.operators)) if doubt.operators else sentence
+def notes_of(claims: Claims, columns: Float[Array, "M D"], data: FitData) -> tuple[str, ...]:
+    """How two groups differ, or that all outliers are of one operator."""
+    if claims.groups is not None:
+        return groups_differ(claims.groups, columns, data.lengths)
+    who, outlier = data.demonstrators, claims.verdicts < 0
+    if not who.informative or outlier.sum() < 2 or (who.indicator @ outlier).max() < outlier.sum():
+        return ()
+    name = printable(who.names[int(np.argmax(who.indicator @ outlier))])
+    return (f"All outliers are of one operator, {name}: perhaps a style or a set-up, and not necessarily worse.",)
+
+
+def whom_it_trusts(audit: Audit) -> str:
+    """The sentence about the part of the demonstrations that a learner trusts, until answers contrast."""
+    if not audit.part.any() or audit.answers.once(audit.copy_of).contrast:
+        return ""
+    n, sizes = len(audit.ids), np.sort([(audit.part > 0).sum(), (audit.part < 0).sum()])
+    if (np.abs(audit.part) < 1).all():
+        return f"Two parts, {sizes[1]:,} and {sizes[0]:,}, act differently; without two labels all are trusted."
+    return f"The policy trusts {(audit.part > 0).sum():,} of {n:,} that agree; two labels turn it."
 
 
 def parts_not_judged(data: FitData) -> tuple[str, ...]:
@@ -132,14 +140,13 @@ def audit_from_mixture(
         reliability_interval=np.stack([proba, proba], axis=1),
         verdicts=tuple(VOCABULARIES["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
         step_log_ratio=posterior.log_ratio,
-        step_share=np.full(len(posterior.log_ratio), 0.5),
         step_weight=data.per_step(proba),
         prior=expert_share,
         adversary=result.state.adversary.name,
         answers=Answers.of_labels(data.labels.astype(np.int64)),
         columns=np.empty((len(ids), 0)),
-        columns_within=np.empty((len(ids), 0)),
         claimed=np.zeros(len(ids), dtype=np.int64),
+        part=np.zeros(len(ids)),
         copy_of=np.arange(len(ids)),
         settings=settings,
     )

@@ -18,9 +18,6 @@ from rpil.results.judged import Interval, table_fields
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
 
-_NOT_OF_TASKS = "columns_within", "order"
-"""Columns whose numbers have another meaning in each task."""
-
 _FINDINGS = tuple(FINDINGS)
 
 
@@ -97,7 +94,7 @@ def join_audits(
     columns = {
         name: _joined([getattr(part, name) for part in parts], *numbers[axis], nothing)
         for name, axis, nothing in table_fields(kind)
-        if name not in _NOT_OF_TASKS
+        if name != "order"  # which has another meaning in each task
     }
     if not parts:
         columns["columns"] = np.empty((len(ids), 0))
@@ -123,7 +120,6 @@ def join_audits(
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
-        columns_within=np.empty((len(ids), 0)),
         copy_of=copy_of,
         traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.

@@ -35,7 +35,7 @@ demonstrations
 whole_ids
     Whether the ids are whole numbers.
 n_review
-    How many of the first in the order of looking need a person: the pair, the contradicting, the lower ones.
+    How many to look at first: a tenth, or those that contradict answers, the lower ones and a group apart.
 differ
     Sentences on how the groups A and B differ.
 demonstrators
@@ -52,7 +52,7 @@ provenance
 drawings
     For the first in the order of looking, by number as text. In P points, of which point k begins at
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
-    with most of the evidence (name, share of the evidence, nats, value, low and high of what is similar there), and of
+    with most of the evidence (name, share of the evidence, nats, value, low and high of what the rest do there), and of
     discrete actions taken (names, codes); compared_with, see `rpil.results.judged`. Curves are packed by
     `packed`.
 """
@@ -161,7 +161,7 @@ def _finding(audit: AuditResult, named: int) -> View:
         },
         "vocabulary": {
             **{name: getattr(vocabulary, name) for name in ("upper", "lower", "probability")},
-            "meaning": vocabulary.meaning(audit.expert_proba),
+            "meaning": vocabulary.explanation,
             "threshold": audit.settings.min_proba(audit.anchor),
         },
         "sides": {verdict: SIDES[verdict] for verdict in counts},
@@ -255,7 +255,7 @@ def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, 
     ratios = [audit.log_ratio(m) for m in chosen]
     lengths = audit.lengths[chosen]
     # At once for all: a pass goes from step to step.
-    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.judge.steps)
+    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.judge)
     parts = zip(chosen, ratios, np.split(trust, np.cumsum(lengths)[:-1]), strict=True)
     return {str(m): _drawn(audit, m, ratio, own) for m, ratio, own in parts}
 
@@ -270,7 +270,7 @@ def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[A
     return {
         "ratio": packed({**extremes, "mean": bin_means(ratio)}),
         "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-        "compared_with": traces.compared_with if traces else "similar",
+        "compared_with": traces.compared_with if traces else "others",
         "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
             {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}

@@ -5,20 +5,21 @@ Without an anchor the data alone can tell who differs from the others, and not w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 Anchor = Literal["none", "answers", "named adversary"]
 """What says who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
 
-Verdict = Literal["similar", "good", "expert", "open", "outlier", "bad", "adversary"]
+Verdict = Literal["good", "expert", "open", "outlier", "bad", "adversary"]
 Side = Literal["upper", "open", "lower"]
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The verdicts of an audit; the third one, for demonstrations that the data do not decide, is always "open"."""
+    """The verdicts of an audit; the third one, for demonstrations that the data do not decide, is always "open".
+    Without answers nobody is called good: there the upper one is "open", too."""
 
     upper: Verdict
     lower: Verdict
@@ -26,14 +27,6 @@ class Vocabulary:
     """The name of the probability in tables."""
     explanation: str
     """What the probability means, one sentence."""
-    experience: str = ""
-    """How often demonstrations with such a probability were good, one sentence, or nothing. A test compares its numbers
-    with docs/results.md."""
-
-    def meaning(self, proba: Iterable[float]) -> str:
-        """What these probabilities mean, and, unless all are .5, how often demonstrations with such ones were good."""
-        graded = any(p != 0.5 for p in proba)
-        return f"{self.explanation} {self.experience}".rstrip() if graded else self.explanation
 
     def verdict(self, proba: float, min_proba: float) -> Verdict:
         """The verdict on a demonstration with this probability; either side needs `min_proba`."""
@@ -44,13 +37,10 @@ class Vocabulary:
 
 VOCABULARIES: dict[str, Vocabulary] = {
     "none": Vocabulary(
-        "similar",
+        "open",
         "outlier",
-        "P(similar)",
-        "P(similar) is the probability that a demonstration acts like most others; it is the probability of a good "
-        "demonstration only if most are good.",
-        "In 11 recorded sets with verdicts 86% of the demonstrations with P(similar) of .9 or more were good, 36% of "
-        "those with .1 or less, and 64% of all (docs/results.md).",
+        "P(usual)",
+        "P(usual) is the probability that a demonstration acts like most others; it says nothing of quality.",
     ),
     "answers": Vocabulary(
         "good",
@@ -69,7 +59,7 @@ VOCABULARIES: dict[str, Vocabulary] = {
 """The vocabularies by their anchors."""
 
 SIDES: dict[str, Side] = {
-    **{words.upper: "upper" for words in VOCABULARIES.values()},
+    **{words.upper: "upper" for words in VOCABULARIES.values() if words.upper != "open"},
     "open": "open",
     **{words.lower: "lower" for words in VOCABULARIES.values()},
 }

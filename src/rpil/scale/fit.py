@@ -18,19 +18,18 @@ from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
-from rpil.inference.answered import columns_of
-from rpil.inference.channels import channels, components, summaries
-from rpil.inference.claims import doubts_of_operators, extended, telling_pair
+from rpil.inference.channels import channels, columns_of, components, summaries
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
+from rpil.inference.outliers import widened
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import StepTrust, reliability_of, step_shares
+from rpil.inference.step_trust import reliability_of
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
 from rpil.results.record import Audit
-from rpil.results.step_weights import of_demonstrations, step_weight
+from rpil.results.step_weights import of_demonstrations
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +59,8 @@ class BlockScores(NamedTuple):
     interval: Array
     """The 95 % interval of the reliability."""
     channels: Array
+    side: Array
+    """Nats a step by which the policy of one of two parts explains the demonstration better than that of the other."""
     summaries: Array
     """In single precision: a hundred numbers or more for each demonstration."""
 
@@ -77,16 +78,27 @@ class BlockScores(NamedTuple):
         return joined
 
 
-def score_block(prepared: tuple[Block, FitData], judge: FittedJudge, settings: JudgeSettings) -> BlockScores:
-    """Score the demonstrations of a block by the policy of the sample."""
+def score_block(
+    prepared: tuple[Block, FitData], judge: FittedJudge, parts: tuple[Ratio, ...], settings: JudgeSettings
+) -> BlockScores:
+    """Score the demonstrations of a block by the policy of the sample, and by those of its two parts, if it has any."""
     data, ratio = prepared[1], judge.ratio
     assert ratio is not None
     log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
     score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
     described = channels(data, score, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
+    by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
+    side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, summed)
+    return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, side, summed)
+
+
+def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
+    """The policies of the part of a sample that a learner trusts, and of the other; none where there are no parts."""
+    groups = (judged.part > 0, judged.part < 0) if judged.part.any() else ()
+    weights = (data.per_step(group.astype(float)) for group in groups)
+    return tuple(fit_ratio(data, weight, judged.scores.fit.ridge, settings.held_out) for weight in weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +119,18 @@ def judge_everyone(
 
     The finding is that of the sample; outside it, groups and verdicts are by the scores alone.
     """
-    score, squares, reliability, interval, described, summed = BlockScores.join(blocks, data.n_demonstrations)
+    score, squares, reliability, interval, described, side, summed = BlockScores.join(blocks, data.n_demonstrations)
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, groups=groups)
-    claims = extended(judged.claims, scores, sample.indices, settings)
-    if doubts := doubts_of_operators(data.demonstrators, claims.verdicts, settings.claims):
-        claims = replace(claims, finding="in doubt", verdicts=0 * claims.verdicts, doubts=tuple(doubts))
-    none = np.empty(0)
-    seen = components(summed, settings.channels)
-    columns = columns_of(described, seen, scores.log_odds, settings.answers)
-    pair = telling_pair(claims, score)
-    within = columns[:, :0]  # a group of the sample says nothing of ranks within a group of all
-    steps = StepTrust(reliability, interval, none, judged.step_trust.whole_from)
-    return Judgement(scores, columns, judged.states, claims, pair, np.arange(len(score)), within, steps, none)
+    claims = widened(judged.claims, scores, settings.outliers)
+    described[:, 0] = scores.log_odds
+    columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
+    own, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
+    part[sample.indices] = judged.part
+    return Judgement(scores, columns, judged.states, claims, own, reliability, interval, np.empty(0), part)
 
 
 class WeightedBlock(NamedTuple):
@@ -132,9 +140,8 @@ class WeightedBlock(NamedTuple):
     """Of the final policy."""
     actions: Array
     log_ratio: Array
-    share: Array
     weight: Array
-    """Log-ratios of the steps in nats, their shares in their demonstrations, and their weights."""
+    """Log-ratios of the steps in nats, and their weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +149,8 @@ class StepWeights:
     """A block to a `WeightedBlock`."""
 
     judge: FittedJudge
-    others: Ratio | None
-    """The policy of the demonstrations that are not in the training group; None where they are too few."""
     trust: Array
-    sign: Array
-    """W and c of all demonstrations (`rpil.results.step_weights`)."""
-    whole_from: float
-    """See `StepTrust`."""
+    """Weight of each demonstration (`rpil.results.step_weights`)."""
     settings: JudgeSettings
     final: DesignMap | None = None
     """The map with the features of the final policy, where they are not the judge's."""
@@ -156,11 +158,7 @@ class StepWeights:
     @classmethod
     def of(cls, audit: Audit, sample: JudgedSample, settings: JudgeSettings) -> StepWeights:
         """The weights under an audit, by the policies of a sample."""
-        judged, others = sample.judgement, None
-        if judged.claims.do_steps_tell:
-            weight = sample.data.per_step((~judged.training_group).astype(float))
-            others = fit_ratio(sample.data, weight, judged.scores.fit.ridge, settings.held_out)
-        return cls(sample.judge, others, *of_demonstrations(audit), judged.step_trust.whole_from, settings)
+        return cls(sample.judge, of_demonstrations(audit), settings)
 
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
         block, data = prepared
@@ -168,12 +166,8 @@ class StepWeights:
         features = self.final(block)[1].features if self.final else data.features
         return WeightedBlock(features, data.actions, *steps)
 
-    def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array, Array]:
-        """Log-ratios, shares and weights of the steps, (N,) each, of some of the demonstrations."""
+    def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array]:
+        """Log-ratios and weights of the steps, (N,) each, of some of the demonstrations."""
         assert self.judge.ratio is not None
-        log_prob, log_ratio, _ = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
-        against = np.zeros(len(log_prob))
-        if self.others is not None:
-            against = log_prob - self.others.step_ratios(data.features, data.actions, self.settings.held_out)[0]
-        share = step_shares(data, against, self.settings, self.whole_from)
-        return log_ratio, share, step_weight(data.lengths, self.trust[demonstrations], self.sign[demonstrations], share)
+        _, log_ratio, _ = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
+        return log_ratio, np.repeat(self.trust[demonstrations], data.lengths)

@@ -75,7 +75,7 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})
         asked = audit.answered({}, [audit.pair]).suggest_labels(1)[0]
         browser.wait(f"{CHOSEN} === '{asked}'")  # the next question is chosen
-        assert "Now: 20 similar, 4 outliers." in browser.text(".ask [role=status]")
+        assert "Now: 20 open, 4 outliers." in browser.text(".ask [role=status]")
         browser.press("j")
         other = browser.evaluate(CHOSEN)
         assert other != str(asked)

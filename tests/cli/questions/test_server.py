@@ -62,7 +62,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     told = [name for name in audit.pair if name not in answered.suggest_labels(1)]
     had = "; ".join(f"{name} {audit.verdicts[name]}, place {audit.ranks[name]}" for name in told)
     assert state["lines"][0] == f"Before your answer the audit had: {had} of 24."
-    assert state["lines"][1] == "Now: 20 similar, 4 outliers."
+    assert state["lines"][1] == "Now: 20 open, 4 outliers."
     assert state["changed"] == [m for m in range(24) if audit.verdicts[m] != answered.verdicts[m]]
     assert client.get("/api/view")["lines"] == state["lines"]
     assert client.get("/api/view")["view"]["demonstrations"]["verdict"] == list(answered.verdicts)

@@ -116,7 +116,7 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
     recorded = read(data, observations=["x", "v"])
     with serving(review_of(audit, page=page_of, data=recorded)) as client:
         ask_about((browser, client))
-        pair, said = [audit.index(name) for name in audit.pair], ("similar", "outlier", "score", "P(")
+        pair, said = [audit.index(name) for name in audit.pair], ("outlier", "score", "P(")
         rows = [browser.text(f'tr[data-row="{m}"]') for m in pair]  # the opinion of the audit comes after the answer
         shown = (*rows, browser.text(".ask"), browser.text(".detail"), browser.text("article > header"))
         assert not [word for text in shown for word in said if word in text]

@@ -17,7 +17,7 @@ from audits import make_audit
 from html_page import Page
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.inference.settings import AnswerSettings, ClaimSettings, JudgeSettings
+from rpil.inference.settings import AnswerSettings, JudgeSettings
 from rpil.results.answering import NEXT_STEPS
 from rpil.results.html.page import format_percent, render_page, write_page
 from rpil.results.overview import headline
@@ -58,27 +58,33 @@ def page(audit: Audit) -> Page:
 
 def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
     assert f"An audit {headline(make_audit())} 10 demonstrations:" in page.text
-    assert "10 demonstrations: 5 similar , 1 open , 4 outliers ." in page.text
+    assert "10 demonstrations: 6 open , 4 outliers ." in page.text
     assert f"Next: {NEXT_STEPS['outliers']}" in page.text
-    assert "Share of similar ones 55 % 95 % interval 31 % to 77 %" in page.text
+    assert "Share like the rest 55 % 95 % interval 31 % to 77 %" in page.text
     assert "Compared with uniform" in page.text
-    assert f"{VOCABULARIES['none'].explanation} {VOCABULARIES['none'].experience}" in page.text
+    assert VOCABULARIES["none"].explanation in page.text
     assert "need JavaScript" in page.text
 
 
 @pytest.mark.parametrize(
     ("anchor", "settings"),
     [
-        ("none", AuditSettings(judge=JudgeSettings(claims=ClaimSettings(min_proba=0.6)))),
         ("answers", AuditSettings(judge=JudgeSettings(answers=AnswerSettings(min_proba=0.6)))),
         ("named adversary", AuditSettings(min_verdict_proba=0.6)),
     ],
 )
 def test_thresholds_of_verdicts_are_those_of_the_audit(anchor: str, settings: AuditSettings) -> None:
-    text = Page(render(make_audit(anchor=anchor, settings=settings))).text
+    audit = make_audit(anchor=anchor, settings=settings)
+    text = Page(render(audit)).text
+    assert f"Share of {audit.vocabulary.upper} ones" in text
     assert "at least 60 %" in text
     assert "at most 40 %" in text
     assert "90 %" not in text
+
+
+def test_without_answers_an_outlier_is_only_different(page: Page) -> None:
+    assert "An outlier differs from the rest, and need not be worse. Open means" in page.text
+    assert "at least" not in page.text
 
 
 def test_page_needs_no_network(audit: Audit) -> None:
@@ -136,7 +142,7 @@ def test_lost_places_demonstrators_and_provenance_are_told() -> None:
     made = Provenance("0.2.0", "rpil audit x", 7, {"judge.seeds": [1, 2]}, ())
     text = Page(render(make_audit(demonstrators=(who,), provenance=made), lost=("12 starts alone.",))).text
     assert "What is lost without them 12 starts alone." in text
-    assert "ann 80 % (50–90) 3 2 0 1" in text
+    assert "ann 80 % (50–90) 3 2 1" in text
     assert "rpil 0.2.0 command rpil audit x seed 7 settings judge.seeds 1; 2" in text
 
 
@@ -144,7 +150,7 @@ def test_text_from_the_data_is_never_html() -> None:
     evil = "</script><script>alert(1)</script><!--"
     ids = (evil, '"><img src=x>')
     changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
-    audit = make_audit(("similar", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
+    audit = make_audit(("open", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
     audit = replace(audit, provenance=Provenance(evil, evil, 0, {evil: [evil]}, ()))
     about = {"title": evil, "source": evil, "read": (evil,), "hub": evil}
     text = render(audit, sections=[(evil, evil)], tasks={evil: evil}, **about)
@@ -174,7 +180,7 @@ def test_only_the_script_and_the_style_of_the_page_are_allowed(audit: Audit) -> 
 
 def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     ids = ("bell\x07", "half \ud800", "reversed \u202e", "noncharacter \ufffe", "a\u00a0b", "naïve 漢字")
-    audit = make_audit(("similar",) * 6, ids=ids, contradicting=ids)
+    audit = make_audit(("open",) * 6, ids=ids, contradicting=ids)
     text = render(audit, title="null \x00", source="demo\x1b[31m.csv", sections=[("\x7f", "two\nlines")])
     text.encode("utf-8")
     assert {c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Cf", "Cn")} == {"\n"}
@@ -199,7 +205,7 @@ def test_a_file_whose_name_is_not_unicode_can_be_named(tmp_path: Path, audit: Au
 
 def test_pages_stay_small(audit: Audit) -> None:
     n = 1000
-    large = make_audit(("similar", "outlier") * (n // 2), lengths=[300] * n)
+    large = make_audit(("open", "outlier") * (n // 2), lengths=[300] * n)
     one, many = (len(render(each).encode()) for each in (audit, large))
     assert one < 250_000
     assert many - one < 1600 * n  # so that 5,000 are within 8 MB

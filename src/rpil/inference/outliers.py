@@ -1,0 +1,129 @@
+"""Demonstrations that differ from most others: outliers, a group apart that acts alike, or two groups.
+
+The lower part of M demonstrations, by their scores y_m and the groups of these (`rpil.inference.groups`), are those
+
+    far below     y_m < median - `min_gap` robust deviations,  and two groups explain the scores better than one
+    or of a lower group, where P(two groups) >= `min_p_two`, which lies apart:  P(upper group | m) <= 1 - `min_proba`
+
+Of up to half of all, they are outliers where their own policy explains them less well than `max_own_gain` times as the
+policy of the others explains these, each held out, in nats a step above their own actions whatever the state: noise has
+no policy. Else they act alike, and nobody can say without an answer whether they are worse: up to `max_share` of all
+they are a group apart, and more are one of two groups. Nothing here says who is good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logit
+
+from rpil.data.copies import Copies
+from rpil.data.fit_data import FitData
+from rpil.inference.findings import Finding
+from rpil.inference.held_out import log_reference
+from rpil.inference.scores import Scores, Scoring
+from rpil.inference.settings import HeldOutSettings, OutlierSettings
+from rpil.numerics.types import Array, Bool, Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class Claims:
+    """What the scores of M demonstrations support without answers."""
+
+    finding: Finding
+    lower: Bool[Array, " M"]
+    """The outliers, the group apart, or the lower of two groups; nobody with other findings."""
+
+    @property
+    def verdicts(self) -> Int[Array, " M"]:
+        """-1 outlier, 0 open."""
+        return -self.lower.astype(int) if self.finding == "outliers" else np.zeros(len(self.lower), dtype=int)
+
+    @property
+    def groups(self) -> tuple[Int[Array, " A"], Int[Array, " B"]] | None:
+        """The members of the upper and of the lower group, where both may be good."""
+        if self.finding not in ("a group apart", "two groups"):
+            return None
+        return np.flatnonzero(~self.lower), np.flatnonzero(self.lower)
+
+    def repeated(self, copies: Copies) -> Claims:
+        """The same about demonstrations of which these are the different ones; nothing where all are copies of one."""
+        if copies.all_same:
+            return Claims("nothing could be learned", np.zeros(len(copies.place), dtype=bool))
+        return replace(self, lower=self.lower[copies.place])
+
+
+def claim(scoring: Scoring, scores: Scores) -> Claims:
+    """The claims that `scores` support."""
+    nobody, settings = np.zeros(len(scores.score), dtype=bool), scoring.settings.outliers
+    if scoring.data.space.has_density and not scores.state_predicts_action:
+        return Claims("nothing could be learned", nobody)
+    lower = lower_part(scores, settings)
+    if 2 * lower.sum() <= len(lower) and lower.any():
+        gain_upper, own = (own_gain(scoring, group, scores.fit.ridge) for group in (~lower, lower))
+        if gain_upper <= 0:
+            return Claims("nothing could be learned", nobody)
+        if own <= settings.max_own_gain * gain_upper:
+            return Claims("outliers", lower)
+        if lower.sum() <= settings.max_share * len(lower):
+            return Claims("a group apart", lower)
+    if lower.any() and is_apart(scores, settings):
+        return Claims("two groups", ~scores.groups.upper(scores.score, scores.variance))
+    return Claims("no outliers" if scores.state_predicts_action else "nothing could be learned", nobody)
+
+
+def lower_part(scores: Scores, settings: OutlierSettings) -> Bool[Array, " M"]:
+    """Those far below the middle, or of a lower group that lies apart; nobody where these are too few, or all."""
+    far = (deviations(scores.score) < -settings.min_gap) & (scores.groups.log_bayes_factor > 0)
+    lower = far | ((scores.log_odds <= -logit(settings.min_proba)) & is_apart(scores, settings))
+    return np.asarray(lower & (settings.min_group <= lower.sum() < len(lower)))
+
+
+def is_apart(scores: Scores, settings: OutlierSettings) -> bool:
+    """Whether the scores are two groups, of which the lower one lies apart."""
+    return bool(scores.groups.p_two >= settings.min_p_two and scores.groups.distance >= settings.min_distance)
+
+
+def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims:
+    """The claims about a sample as claims about all demonstrations, which have these `scores`."""
+    if claims.finding == "two groups":
+        return replace(claims, lower=~scores.groups.upper(scores.score, scores.variance))
+    lower = lower_part(scores, settings) & claims.lower.any()
+    return replace(claims, lower=lower) if lower.any() else Claims(_without(claims), lower)
+
+
+def _without(claims: Claims) -> Finding:
+    return "no outliers" if claims.lower.any() else claims.finding
+
+
+def deviations(score: Float[Array, " M"]) -> Float[Array, " M"]:
+    """Distances from the median in robust standard deviations."""
+    away = score - np.median(score)
+    return np.asarray(away / max(1.4826 * float(np.median(np.abs(away))), np.finfo(float).tiny))
+
+
+def own_gain(scoring: Scoring, group: Bool[Array, " M"], ridge: float) -> float:
+    """The median gain, in nats a step, of the members of a `group` by a policy that is fitted to it, held out."""
+    data = scoring.data
+    log_prob = scoring.model.evaluate(data.per_step(group.astype(float)), ridge)
+    return float(np.median(gains(data, log_prob, group, scoring.settings.held_out)))
+
+
+def gains(
+    data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings
+) -> Float[Array, " G"]:
+    """Mean log-ratios of the members of a `group` against its own reference, in nats a step."""
+    return np.asarray(data.mean_steps(log_prob - log_reference(data, group, settings))[group])
+
+
+def telling_pair(claims: Claims, log_odds: Float[Array, " M"]) -> tuple[int, int] | None:
+    """Two demonstrations, of which an answer says most which is better: the 90 % and the 10 % points of the ranking, or
+    the middle members of two groups. Extremes are often odd in other ways. None where all are the same."""
+    if claims.groups is not None:
+        first, second = (int(group[np.argsort(log_odds[group])[len(group) // 2]]) for group in claims.groups)
+        return first, second
+    order, last = np.argsort(log_odds, kind="stable"), len(log_odds) - 1
+    if not np.ptp(log_odds) > 0:
+        return None
+    return int(order[round(0.9 * last)]), int(order[round(0.1 * last)])

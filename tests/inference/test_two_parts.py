@@ -1,0 +1,219 @@
+"""Whom a learner trusts: policies with written gains for each decision, and plain worlds from steps to parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from hand_made import Written, reference, same_actions, scores_of, scoring_of
+from problems import fit_data_of, make, make_continuous
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
+from rpil.inference import two_parts as module
+from rpil.inference.held_out import held_out_model
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
+from rpil.inference.trust import judge
+from rpil.inference.two_parts import divide, thinned, two_parts
+
+SETTINGS = PartSettings()
+NOBODY = np.zeros(10, dtype=bool)
+
+
+def rules(truth, first=2.0, second=2.0, mixed=0.0):
+    """Gains of policies where `truth` says of each demonstration which of two rules it follows: the policy of a group
+    that has one rule mostly explains its demonstrations with `first` or `second`, and others with -1; that of a group
+    of everybody explains all with `mixed`."""
+
+    def gains(group):
+        if group.all():
+            return np.full(len(group), mixed)
+        is_first = truth[group].mean() >= 0.5
+        return np.where(truth == is_first, first if is_first else second, -1.0)
+
+    return gains
+
+
+def trusted(gains, monkeypatch, outlier=NOBODY, score=None, n=10, ridge=1e-2, **limits):
+    """The parts of `n` demonstrations by policies with these gains."""
+    data, settings = same_actions(n), JudgeSettings(parts=replace(SETTINGS, **limits))
+    model, asked, ridges = Written(data, gains, settings), [], []
+    evaluate = model.evaluate
+    model.evaluate = lambda weight, ridge: ridges.append(ridge) or evaluate(weight, ridge)
+    monkeypatch.setattr(module, "held_out_model", lambda of, how: asked.append((of, how)) or model)
+    score = np.linspace(1, 0, n) if score is None else score
+    scores = scores_of(scoring_of(data, gains, settings), score, 0.9)
+    scores = replace(scores, fit=replace(scores.fit, ridge=ridge))
+    found = two_parts(data, scores, outlier, settings)
+    assert set(ridges) == {ridge or 1e-4}  # the policy of a user has none: the weakest
+    assert asked == [(data, replace(settings.held_out, max_left_out=0))]
+    return found.tolist()
+
+
+FIRST = np.arange(10)
+
+
+@pytest.mark.parametrize(
+    ("n_first", "max_tie", "sizes"),
+    [(6, 0.59, (1, -1)), (6, 0.6, (0.5, -0.5)), (4, 0.59, (-1, 1)), (4, 0.6, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
+)
+def test_the_larger_of_two_rules_is_trusted_and_both_of_a_tie(n_first, max_tie, sizes, monkeypatch):
+    found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie)
+    assert found == [sizes[0]] * n_first + [sizes[1]] * (10 - n_first)
+
+
+def test_the_policies_have_the_ridge_of_the_judge_or_the_weakest(monkeypatch):
+    for ridge in (0.1, 0.0):
+        assert trusted(rules(FIRST < 7), monkeypatch, ridge=ridge) == [1.0] * 7 + [-1.0] * 3
+
+
+def test_six_of_eleven_are_larger_and_twelve_of_twentythree_are_not(monkeypatch):
+    for n, n_first, value in ((11, 6, 1.0), (23, 12, 0.5), (22, 12, 1.0)):
+        none = np.zeros(n, dtype=bool)
+        assert trusted(rules(np.arange(n) < n_first), monkeypatch, none, n=n)[0] == value
+
+
+@pytest.mark.parametrize(("gain", "sign"), [(0.29, 1), (0.31, -1), (-0.9, 1)])
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_a_part_without_a_rule_is_not_trusted_however_large(gain, sign, is_turned, monkeypatch):
+    """Seven of ten are noise: which of the two parts is the first one changes nothing."""
+    truth, gains = FIRST < 3, (2.0, gain)
+    found = trusted(rules(truth ^ is_turned, *(gains[::-1] if is_turned else gains), mixed=-3.0), monkeypatch)
+    assert found == [sign] * 3 + [-sign] * 7
+
+
+def test_the_limit_of_noise_is_noise(monkeypatch):
+    own = iter([4.0, 1.0])
+    monkeypatch.setattr(module, "gains", lambda *_: np.full(3, next(own)))
+    assert trusted(rules(FIRST < 3, mixed=-3.0), monkeypatch, max_noise=0.25) == [1.0] * 3 + [-1.0] * 7
+
+
+OUTLIERS = FIRST > 7
+
+
+@pytest.mark.parametrize(("outlier", "found"), [(NOBODY, [0.0] * 10), (OUTLIERS, [1.0] * 8 + [-1.0] * 2)])
+def test_without_parts_the_outliers_are_the_other_part(outlier, found, monkeypatch):
+    alike = rules(np.ones(10, dtype=bool))  # one policy explains all
+    assert trusted(alike, monkeypatch, outlier) == found
+    truth = FIRST < 6  # of two policies each explains 2, less the entropy of the sides in five steps
+    joint = 2 - (0.6 * np.log(1 / 0.6) + 0.4 * np.log(1 / 0.4)) / 5
+    for mixed, parts in ((joint - 0.0402, [1.0] * 6 + [-1.0] * 4), (joint - 0.0398, found)):
+        assert trusted(rules(truth, mixed=mixed), monkeypatch, outlier) == parts
+
+
+def test_the_best_of_the_starts_counts(monkeypatch):
+    """They are the training group, the upper half, all but the lowest fifth, and all but the outliers."""
+    begun, score = [], np.array([9.0, 8, 7, 6, 5, 4, 3, 2, 1, 0]) / 9
+    ends = [(FIRST < 3, 1.0), None, (FIRST < 8, 3.0), (FIRST < 5, 2.0)]
+
+    def written(data, model, part, *_):
+        begun.append(np.flatnonzero(part).tolist())
+        return ends[len(begun) - 1]
+
+    monkeypatch.setattr(module, "divide", written)
+    assert trusted(lambda group: 1.0, monkeypatch, FIRST == 4, score) == [1.0] * 8 + [-1.0] * 2
+    assert begun == [[0, 1, 2, 3, 4], [0, 1, 2, 3, 4], [*range(8)], [0, 1, 2, 3, 5, 6, 7, 8, 9]]
+
+
+# One start.
+def divided(gains, part, seen=None, **limits):
+    data, settings = same_actions(len(part)), JudgeSettings()
+    seen = set() if seen is None else seen
+    model = Written(data, gains, settings)
+    return divide(data, model, part, 1e-2, replace(SETTINGS, **limits), seen), model, seen
+
+
+def test_demonstrations_go_to_the_part_whose_policy_explains_them_better():
+    truth = FIRST < 6
+    (part, explained), model, seen = divided(rules(truth, 2.0, 1.0), np.isin(FIRST, [0, 1, 2, 3, 6]))
+    np.testing.assert_array_equal(part, truth)
+    per_step = reference(model.data, model.settings).mean() + np.where(truth[:, None], [2.0, -1.0], [-1.0, 1.0])
+    by_hand = logsumexp(np.log([0.6, 0.4]) + 5 * per_step, axis=1).sum() / 50
+    assert explained == pytest.approx(by_hand)
+    assert seen == {np.isin(FIRST, [0, 1, 2, 3, 6]).tobytes(), truth.tobytes()}
+    assert len(model.fitted) == 4
+
+
+def test_equally_explained_ones_are_of_the_first_part_and_a_part_of_one_is_none():
+    equal = lambda group: np.where(FIRST == 3, 1.0, rules(FIRST < 6)(group))  # noqa: E731
+    assert divided(equal, FIRST >= 6)[0][0].tolist() == (FIRST >= 6).tolist()[:3] + [True] + [False] * 2 + [True] * 4
+    for truth, is_found in ((FIRST < 2, True), (FIRST < 1, False), (FIRST < 9, False), (FIRST < 8, True)):
+        assert (divided(rules(truth), truth)[0] is not None) is is_found
+
+
+def test_a_start_that_comes_to_what_another_one_has_seen_ends():
+    truth = FIRST < 6
+    _, _, seen = divided(rules(truth), FIRST < 5)
+    found, model, _ = divided(rules(truth), FIRST < 4, seen)
+    assert found is None
+    assert len(model.fitted) == 2
+    assert divided(rules(truth), truth, seen)[0] is None
+
+
+@pytest.mark.parametrize("max_iter", [1, 2, 3])
+def test_sides_change_so_many_times_at_most(max_iter):
+    """One demonstration more every time."""
+    grow = lambda group: np.where(group.sum() >= FIRST, 1.0, -1.0) if group[0] else np.zeros(10)  # noqa: E731
+    (part, _), model, _ = divided(grow, FIRST < 2, max_iter=max_iter)
+    assert np.flatnonzero(part).tolist() == [*range(1 + max_iter)]
+    assert len(model.fitted) == 2 * max_iter
+
+
+def test_sides_that_alternate_end():
+    turned = lambda group: np.where(group, -1.0, 1.0)  # noqa: E731
+    assert divided(turned, FIRST < 5)[0][0].tolist() == (FIRST >= 5).tolist()
+
+
+@pytest.mark.parametrize(("max_steps", "k"), [(9, 1), (8, 2), (5, 2), (4, 3), (1, 9)])
+def test_every_kth_step_of_each_demonstration_is_kept(max_steps, k):
+    offsets = np.array([0, 5, 6, 9])
+    data = FitData(np.arange(9.0)[:, None], np.arange(9) % 2, offsets, Discrete(2))
+    kept = [np.arange(begin, end)[::k] for begin, end in pairwise(offsets)]
+    found = thinned(data, max_steps)
+    assert found.features[:, 0].tolist() == np.concatenate(kept).tolist()
+    assert found.actions.tolist() == (np.concatenate(kept) % 2).tolist()
+    assert found.lengths.tolist() == [len(one) for one in kept]
+
+
+# From steps to parts.
+def parts_of(data, settings=JudgeSettings()):
+    return judge(data, held_out_model(data, HeldOutSettings()), settings, learner=data).part
+
+
+@pytest.mark.parametrize(
+    ("maker", "kind", "n_good", "n_bad", "good", "bad"),
+    [
+        *[(maker, "random", 6, 10, 1, -1) for maker in (make, make_continuous)],  # noise is the larger part
+        *[(maker, "flipped", 10, 4, 1, -1) for maker in (make, make_continuous)],
+        *[(maker, "flipped", 4, 10, -1, 1) for maker in (make, make_continuous)],  # the larger rule
+        *[(maker, "flipped", 7, 7, 0.5, -0.5) for maker in (make, make_continuous)],
+        *[(maker, "none", 8, 4, 0, 0) for maker in (make, make_continuous)],
+        *[(maker, "noisy", 10, 4, 1, -1) for maker in (make, make_continuous)],
+    ],
+)
+def test_parts_of_plain_worlds(maker, kind, n_good, n_bad, good, bad):
+    toy = maker(kind, 1, n_good=n_good, n_bad=n_bad, steps=(40, 60))
+    found = parts_of(fit_data_of(toy))
+    turned = np.sign(found[0] * good) if abs(good) == 0.5 else 1  # of a tie either part is the first
+    np.testing.assert_array_equal(found * turned, np.where(toy.is_good, good, bad))
+
+
+def test_fewer_steps_and_another_order_of_demonstrations_change_no_part():
+    toy = make("flipped", 0, n_good=9, n_bad=5, steps=(40, 60))
+    data = fit_data_of(toy)
+    expected = np.where(toy.is_good, 1, -1)
+    thin = replace(JudgeSettings(), parts=replace(SETTINGS, max_steps=350))
+    assert len(thinned(data, 350).actions) < 360
+    np.testing.assert_array_equal(parts_of(data, thin), expected)
+    order = np.random.default_rng(0).permutation(14)
+    rows = np.concatenate([np.arange(*data.offsets[m : m + 2]) for m in order])
+    other = replace(
+        data,
+        features=data.features[rows],
+        actions=data.actions[rows],
+        offsets=np.append(0, np.cumsum(data.lengths[order])),
+    )
+    np.testing.assert_array_equal(parts_of(other), expected[order])
