@@ -39,7 +39,7 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
     )
     assert found == expected
     assert (
-        "sort them by episode, or read it into memory with --no-stream"
+        "sort them by episode, or allow more memory with --memory, which sorts them"
         in call("info", tmp_path / "many", "--stream").stderr
     )
     shuffled = together.take(np.r_[25:50, 0:25, 50:400])

@@ -14,7 +14,7 @@ import rpil
 from command_line import ok, refused
 from episode_rows import N, T, episodes, written
 from rpil.data.errors import DataError
-from samples import LENGTHS, lerobot
+from samples import LENGTHS, assert_same, lerobot
 
 SECONDS = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 0.0, 0.1, 0.2])
 """A pause of 4.8 s before the fourth row, and a clock that begins anew before the sixth."""
@@ -137,9 +137,10 @@ def test_columns_of_meta_are_listed_and_can_be_named(folder):
     assert recording.demonstrations.observation_names == rpil.open(folder).demonstrations.observation_names
 
 
-def test_columns_of_meta_need_the_rows_in_memory(folder):
-    with pytest.raises(DataError, match=r"need the rows in memory; read them with rpil\.read"):
-        rpil.open(folder, operator="operator_name", on_disk=True)
+def test_columns_of_meta_are_copied_with_the_rows_on_disk(folder):
+    recording = rpil.open(folder, operator="operator_name", on_disk=True)
+    assert recording.operators == [("0", "ann"), ("1", "bob"), ("2", "ann")]
+    assert isinstance(recording.demonstrations, rpil.Dataset)
     with pytest.raises(DataError, match="no column is called 'nobody'"):
         rpil.open(folder, operator="nobody")
 
@@ -150,11 +151,7 @@ def test_a_stretch_of_a_recording_is_a_demonstration(suffix, tmp_path):
     read = rpil.read(path, segment=1.0)
     assert read.ids[:4] == ("e0 [0, 1) s", "e0 [1, 2) s", "e0 [2, 3) s", "e1 [0, 1) s")
     assert read.lengths[:4].tolist() == [10, 10, 5, 10]
-    if suffix == "csv":
-        assert rpil.open(path, segment=1.0, on_disk=True).demonstrations.ids == read.ids
-    else:
-        with pytest.raises(DataError, match="demonstrations that end at times, need the rows in memory"):
-            rpil.open(path, segment=1.0, on_disk=True)
+    assert_same(rpil.open(path, segment=1.0, on_disk=True).demonstrations.select(slice(None)), read)
 
 
 def test_stretches_begin_again_after_a_pause_and_need_no_id():

@@ -49,5 +49,5 @@ def test_columns_are_chosen_as_by_read(tmp_path):
     assert isinstance(rpil.open(tmp_path / "texts").demonstrations, rpil.Demonstrations)
     (tmp_path / "tables").mkdir()
     rpil.write(tmp_path / "tables" / "a.parquet", demonstrations(EPISODES))
-    assert isinstance(rpil.open(tmp_path / "tables").demonstrations, rpil.Dataset)
-    assert isinstance(rpil.open(tmp_path / "tables", on_disk=False).demonstrations, rpil.Demonstrations)
+    assert isinstance(rpil.open(tmp_path / "tables").demonstrations, rpil.Demonstrations)
+    assert isinstance(rpil.open(tmp_path / "tables", memory="10kB").demonstrations, rpil.Dataset)

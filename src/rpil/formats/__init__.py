@@ -134,7 +134,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
         as ``s3://bucket/folder``; or a data frame.
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` of any size, or a copy of formats other than Parquet, or read
-        them into memory; by default large files and folders of Parquet files stay there.
+        them into memory; by default those that take more than `memory` stay there.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 

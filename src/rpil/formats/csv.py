@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, TypeVar, cast
+from typing import IO, TYPE_CHECKING, Any, TypeVar, cast
 
 from rpil.data.cells import each_text, from_cell, to_cell
 from rpil.data.demonstrations import Demonstrations
@@ -26,9 +26,7 @@ from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
-from rpil.formats.rows import Rows, TableRows
-from rpil.formats.spool import spool
-from rpil.formats.store import copied_rows, other_columns
+from rpil.formats.store import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -82,16 +80,13 @@ def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[st
 
 def _tables(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
     """The recording in text tables, one below the other, by their names."""
-    found = _rows_of(files, columns)
-
-    def tables() -> Iterator[pa.Table]:
-        for name, rows in found.items():
-            for _, table, _ in rows.tables(0, len(rows), _names_in(files[name], columns)):
-                if columns.episode == FILE:
-                    table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-                yield _cleaned(table, columns)
-
-    return StepTables(tables(), replace(columns, id_written=True), origin, {m: len(rows) for m, rows in found.items()})
+    found, columns = _rows_of(files, columns), replace(columns, id_written=True)
+    sizes = {name: len(rows) for name, rows in found.items()}
+    if not next(iter(files.values())).on_disk:
+        return StepTables(found.values(), columns, origin, sizes)
+    rows = end_to_end([*found.values()], [*found])
+    tables = (table for _, table, _ in rows.tables(0, len(rows), columns.all))
+    return StepTables(tables, columns, origin, sizes, rows)
 
 
 def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
@@ -103,12 +98,6 @@ def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
             table = table.set_column(k, field.name, texts)
     return table
-
-
-def _names_in(file: TextTable, columns: Columns) -> list[str]:
-    """The columns to read that a file has; on disk without outcomes, because its first block tells their types."""
-    own = {*file.names}
-    return [name for name in (*columns.all, *(() if file.on_disk else columns.outcomes)) if name in own]
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -167,7 +156,7 @@ class _OtherTypeError(DataError):
     """A value is not of the type of its column."""
 
 
-def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Rows]:
+def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]:
     """The rows of the files, in the first types that fit all values: observations are floats, or what they seem; a
     single action is a whole number, a float or text."""
     import pyarrow as pa
@@ -180,27 +169,33 @@ def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Rows
     *tried, last = [{**others, **action, **texts} for others in (floats, {}) for action in own]
     for types in tried:
         with suppress(_OtherTypeError):
-            return {name: _read_table(file, columns, types) for name, file in files.items()}
+            return {name: _read_table(name, file, columns, types) for name, file in files.items()}
     try:
-        return {name: _read_table(file, columns, last) for name, file in files.items()}
+        return {name: _read_table(name, file, columns, last) for name, file in files.items()}
     except _OtherTypeError:
         for file in files.values():
             file.check()
         raise
 
 
-def _read_table(file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Rows:
+def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Any:
     """The columns to read; a copy of them on disk."""
     import pyarrow as pa
     from pyarrow import csv
 
-    def rows(text: pa.NativeFile, *options: object) -> Rows:
-        if not file.on_disk:
-            return TableRows(csv.read_csv(text, *options), file.path.name)
-        with csv.open_csv(text, *options) as reader:
-            return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), file.path.name), {})
+    def whole(table: pa.Table) -> pa.Table:
+        if columns.episode == FILE:
+            table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
+        return _cleaned(table, columns)
 
-    names = _names_in(file, columns)
+    def rows(text: pa.NativeFile, *options: object) -> Any:
+        if not file.on_disk:
+            return whole(csv.read_csv(text, *options))
+        with csv.open_csv(text, *options) as reader:
+            return copied((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name, {})
+
+    # On disk without outcomes, because the first block tells their types.
+    names = [one for one in (*columns.all, *(() if file.on_disk else columns.outcomes)) if one in file.names]
     with guarded(file.path.name, *_FAULT):
         found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
         if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
@@ -230,8 +225,8 @@ def _parsed(file: TextTable, take: Callable[..., _Result], **conversion: object)
                 return take(text, reading, parsing, converting)
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error):
-                said = "a column holds values of another type further on; read it into memory with <option>"
-                raise _OtherTypeError(f"{file.path.name}: {said}.", "no_stream") from error
+                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
+                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
             if "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
                 reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
             else:

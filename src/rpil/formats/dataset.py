@@ -14,7 +14,7 @@ from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, Demonst
 from rpil.data.memory import Size, check_memory
 from rpil.formats.layout import Layout
 from rpil.formats.places import Places
-from rpil.formats.rows import Rows, shifted
+from rpil.formats.rows import Rows, files_of, shifted
 from rpil.numerics.types import Array
 
 
@@ -120,7 +120,7 @@ class Dataset(DemonstrationSet):
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
             (block,) = self._shard((m, m + 1))
-            source = (self.rows.files(self.offsets[m : m + 1]) or [self.source])[0]
+            source = (files_of(self.rows, self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):

@@ -23,7 +23,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.damage import damaged_lines, parts_in_words
 from rpil.formats.format import Format, StepTables, keep_one_file
-from rpil.formats.store import has_tables
+from rpil.formats.table_folder import has_tables
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -70,7 +70,7 @@ def made(found: StepTables, options: ColumnOptions) -> StepTables:
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
         split = _divided(split, renamed if options.split_gap else columns, options.segment, clock, unit)
     origin = replace(found.origin.only(()), notes=(*notes, *found.origin.notes))
-    return replace(found, tables=split, columns=renamed, origin=origin)
+    return replace(found, tables=split, columns=renamed, origin=origin, in_place=None)
 
 
 def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:

@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.rows import Rows, TableRows, read_columns
+from rpil.formats.rows import Rows, TableRows, files_of, read_columns
 from rpil.formats.table import Place, kind_of_type
 from rpil.numerics.types import Array, Int
 
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
-
-
-class UnsortedError(DataError):
-    """Rows on disk would have to move."""
 
 
 @dataclass(frozen=True)
@@ -91,24 +87,26 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
     chosen, offsets, moved = group_rows(group, values)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]
+    runs = [
+        (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
+    ]
     apart = _apart(runs, source) if len(runs) > len(chosen) else None
     if moved is None:
         return places, rows
     if isinstance(rows, TableRows):
         said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order=replace(order, words=f"{order.words}{said}")), replace(rows, place=moved)
-    ways = "read it into memory with <option>"
+        return replace(places, order=replace(order, words=f"{order.words}{said}")), rows.taken(moved)
+    ways = "allow more memory with <option>, which sorts them"
     if apart is not None:
-        raise UnsortedError(
+        raise DataError(
             f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
             f"or {ways}; if they are several demonstrations, give each its own id.",
-            "no_stream",
+            "memory",
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
     by = f"rows are not in the order of {order.column!r}"
-    raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
+    raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
 
 
 def _as_written(ids: Iterable[Id]) -> list[Id]:

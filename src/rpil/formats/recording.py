@@ -23,10 +23,9 @@ from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
 from rpil.formats.places import find_places
-from rpil.formats.rows import Rows, TableRows, read_columns
+from rpil.formats.rows import Rows, TableRows, files_of, read_columns
 from rpil.formats.scan import Scan, scan
-from rpil.formats.spool import spool
-from rpil.formats.store import copied_rows
+from rpil.formats.store import copied
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
@@ -132,9 +131,13 @@ class Recording:
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
+        import pyarrow as pa
+
         order = self.found.places.order.column
         names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
-        return read_columns(self.rows, names, steps) if names else self.rows.numbers(steps)
+        if names or not self.rows.moved:
+            return read_columns(self.rows, names, steps) if names else None
+        return pa.table({"row": self.rows.numbers(np.arange(steps.start, steps.stop)) + 1})
 
     @cached_property
     def facts(self) -> Facts:
@@ -142,7 +145,7 @@ class Recording:
         with guarded(self.description.source):
             places = self.found.places
             table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
-            return find_facts(table, self.columns, places, self.origin, self.rows.files(places.offsets[:-1]))
+            return find_facts(table, self.columns, places, self.origin, files_of(self.rows, places.offsets[:-1]))
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -176,18 +179,17 @@ class Recording:
 
 def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
     """The recording in tables, which in memory may lie in any order; `on_disk` they never are in memory all."""
-    columns, origin, layout, source = found.columns, found.origin, found.layout, found.origin.source
+    columns, origin, source = found.columns, found.origin, found.origin.source
     rows: Rows
     if found.in_place is not None:
         rows = found.in_place
     elif on_disk:
-        rows = copied_rows(spool(found.tables, source), found.sizes)
+        rows = copied(found.tables, source, found.sizes)
     else:
         rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
     places, rows = find_places(rows, columns, source)
-    if layout is None:
-        head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
-        layout = Layout.of(head, columns, origin.metadata.names)
+    head = next(rows.tables(0, len(rows), columns.data))[1]
+    layout = Layout.of(head, columns, origin.metadata.names)
     return from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
 
 
@@ -220,8 +222,7 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
 
 def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
     """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    there = rows.table.column_names if isinstance(rows, TableRows) else columns.outcomes
-    table = read_columns(rows, [name for name in columns.outcomes if name in there])
+    table = read_columns(rows, [name for name in columns.outcomes if name in rows.schema.names])
     for name in columns.outcomes:
         values = numbers_or_missing(table[name]) if name in table.column_names else None
         is_one = values is not None and values.shape[1] == 1

@@ -24,9 +24,7 @@ from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, kept_of
 from rpil.formats.made_columns import made
-from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.store import find_files, may_be_many_files
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -76,7 +74,7 @@ def find_format(path: StrPath) -> Format | None:
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if may_be_many_files(path) else None
+        return table_folder.FORMAT if table_folder.may_be_many_files(path) else None
     check_folder(check_exists(place))
     return next((one for one in FORMATS if _claims(one, place)), None)
 
@@ -93,10 +91,9 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
-            stays = self.format.stays and bool(find_files(self.path)[1])
-            with suppress(UnsortedError if stays else TooLargeError):
-                return self.read(options, on_disk=stays)
-            return self.read(options, on_disk=not stays)
+            with suppress(TooLargeError):
+                return self.read(options, on_disk=False)
+            return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):
             recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
             return replace(

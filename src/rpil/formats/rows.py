@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,6 +21,18 @@ BATCH_ROWS = 65_536
 class Rows(Protocol):
     """The rows of a recording, those of each demonstration together."""
 
+    @property
+    def sizes(self) -> Mapping[str, int]:
+        """The numbers of rows from each file; empty for formats in which files say nothing of demonstrations."""
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The columns, and their types."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether rows are left out, or lie elsewhere than in the files."""
+
     def __len__(self) -> int:
         """N."""
 
@@ -36,26 +47,15 @@ class Rows(Protocol):
         `demonstration` names the demonstration of a row of the recording.
         """
 
-    def numbers(self, steps: slice) -> pa.Table | None:
-        """The rows of the file, counted from 1, of some steps, where rows were moved."""
-
-    def files(self, rows: Array) -> list[str]:
-        """The file of each of some rows, no two alike; none where files say nothing of demonstrations."""
+    def numbers(self, rows: Array) -> Array:
+        """The numbers that some rows have in the files, one below the other, from 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class TableRows:
-    """The rows of a table in memory.
+    """The rows of a table in memory, which is called `source` in messages.
 
-    Attributes
-    ----------
-    table : pyarrow.Table
-    source : str
-        Its name in messages.
-    place : (N,) array, optional
-        The row of the table that comes at each place; None where all stay where they are, and none is left out.
-    sizes : mapping of str to int
-        The numbers of rows from each file; empty for formats in which files say nothing of demonstrations.
+    `place` (N,) is the number that each has in the files; None where all stay where they are, and none is left out.
     """
 
     table: pa.Table
@@ -63,89 +63,42 @@ class TableRows:
     place: Array | None = None
     sizes: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def schema(self) -> pa.Schema:
+        return self.table.schema
+
+    @property
+    def moved(self) -> bool:
+        return self.place is not None
+
     def __len__(self) -> int:
-        return len(self.table if self.place is None else self.place)
+        return len(self.table)
+
+    def taken(self, rows: Array) -> TableRows:
+        """Some of the rows, in this order."""
+        return replace(self, table=self.table.take(rows), place=self.numbers(rows))
 
     def chosen(self, runs: Int[Array, "K 2"]) -> TableRows:
         if runs.tolist() == [[0, len(self)]]:
             return self
-        rows = np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()])
-        return replace(self, place=rows if self.place is None else self.place[rows])
+        return self.taken(np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()]))
 
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
         table, row_of = self.table.select(columns), range(last) if self.place is None else self.place
         for row in range(first, last, BATCH_ROWS):
-            size = min(BATCH_ROWS, last - row)
-            here = table.slice(row, size) if self.place is None else table.take(self.place[row : row + size])
+            here = table.slice(row, min(BATCH_ROWS, last - row))
             yield row, here, shifted(lambda k: f"{self.source}{demonstration(k)}, row {row_of[k] + 1}", row)
 
-    def numbers(self, steps: slice) -> pa.Table | None:
-        import pyarrow as pa
-
-        return None if self.place is None else pa.table({"row": self.place[steps] + 1})
-
-    def files(self, rows: Array) -> list[str]:
-        return names_at(self.sizes, rows if self.place is None else self.place[rows])
+    def numbers(self, rows: Array) -> Array:
+        return rows if self.place is None else self.place[rows]
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenRows:
-    """Some rows of others that stay on disk: those ``begin:end`` of each of the `runs`."""
-
-    rows: Rows
-    bounds: Int[Array, "K 2"]
-
-    @cached_property
-    def _first(self) -> Int[Array, " _"]:
-        """The number here of the first row of each run, and of the one after the last."""
-        return np.append(0, np.cumsum(self.bounds[:, 1] - self.bounds[:, 0]))
-
-    def _there(self, rows: Array) -> Array:
-        """The numbers of `rows` among the others."""
-        k = np.searchsorted(self._first, rows, side="right") - 1
-        return np.asarray(self.bounds[k, 0] + rows - self._first[k])
-
-    def _here(self, row: int) -> int:
-        """How many of the chosen rows come before the row of this number among the others."""
-        k = max(int(np.searchsorted(self.bounds[:, 0], row, side="right")) - 1, 0)
-        return int(self._first[k] + np.clip(row - self.bounds[k, 0], 0, self.bounds[k, 1] - self.bounds[k, 0]))
-
-    def __len__(self) -> int:
-        return int(self._first[-1])
-
-    def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
-        there = self._there(np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()]))
-        heads = np.flatnonzero(np.diff(there, prepend=-2) != 1)
-        ends = there[np.append(heads[1:], len(there)) - 1] + 1
-        return self.rows.chosen(np.stack([there[heads], ends], axis=1))
-
-    def tables(
-        self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
-    ) -> Iterator[tuple[int, pa.Table, Place]]:
-        begin, end = self._there(np.array([first, last - 1])).tolist()
-        others = self.rows.tables(begin, end + 1, columns, lambda row: demonstration(self._here(row)))
-        for row, table, at in others:
-            k, after = np.searchsorted(self.bounds[:, 1], row, side="right"), row + len(table)
-            while k < len(self.bounds) and (a := max(int(self.bounds[k, 0]), row)) < after:
-                b = min(int(self.bounds[k, 1]), after)
-                yield self._here(a), table.slice(a - row, b - a), shifted(at, a - row)
-                k += 1
-
-    def numbers(self, steps: slice) -> pa.Table:
-        import pyarrow as pa
-
-        return pa.table({"row": self._there(np.arange(steps.start, steps.stop)) + 1})
-
-    def files(self, rows: Array) -> list[str]:
-        return self.rows.files(self._there(rows))
-
-
-def names_at(sizes: Mapping[str, int], rows: Array) -> list[str]:
-    """The name of the file of each of some rows, by the numbers of rows from each file; none where there are none."""
-    names, ends = list(sizes), np.cumsum(list(sizes.values()))
-    return [names[k] for k in np.searchsorted(ends, rows, side="right").tolist()] if names else []
+def files_of(rows: Rows, some: Array) -> list[str]:
+    """The file of each of `some` rows, no two alike; none where files say nothing of demonstrations."""
+    names, ends = list(rows.sizes), np.cumsum(list(rows.sizes.values()))
+    return [names[k] for k in np.searchsorted(ends, rows.numbers(some), side="right").tolist()] if names else []
 
 
 def shifted(at: Place, rows: int) -> Place:

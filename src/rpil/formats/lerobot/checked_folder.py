@@ -22,8 +22,8 @@ from rpil.formats.format import Shot
 from rpil.formats.lerobot.stats import ByFeature
 from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
 from rpil.formats.parquet_file import read_table
-from rpil.formats.store import find_files
 from rpil.formats.table import numbers_or_missing
+from rpil.formats.table_folder import find_files
 from rpil.formats.times import usual_step
 from rpil.numerics.types import Array
 

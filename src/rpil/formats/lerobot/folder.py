@@ -187,7 +187,6 @@ FORMAT = Format(
     name="LeRobot",
     claims=claims,
     read=read,
-    stays=True,
     keep=keep,
     keep_list=keep_list,
     has_own_ids=True,
