@@ -115,7 +115,7 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
     with pytest.raises(DataError, match=r"^g\.parquet: .*damaged.*of 15 rows"):
         rpil.open(path, on_disk=True)
     if n_batches == 0:
-        refused(re.escape(path.name), "info", path, "--stream")
+        refused(re.escape(path.name), "info", path, "--memory", "1kB")
 
 
 def write_json(path, change):

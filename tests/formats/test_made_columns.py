@@ -63,10 +63,10 @@ def test_a_log_without_a_header_is_split_by_the_times_of_its_pictures(tmp_path, 
     moments = [f"2021_10_25_16_31_{20 + int(s):02d}_{round(1000 * (s % 1)):03d}" for s in [*SECONDS[:5], 9.0, 9.1, 9.2]]
     lines = [rf"C:\IMG\center_{moment}.jpg, {k % 3 / 10}, .{k + 1}, {k}.5" for k, moment in enumerate(moments)]
     (tmp_path / "driving_log.csv").write_text("\n".join(lines) + "\n")
-    refused("name its 4 columns with --columns, as in a,b,c, or put their names above it", "info", "driving_log.csv")
-    words = ["driving_log.csv", "--columns", "center,steering,throttle,speed"]
+    refused("put the names of its 4 columns above it, or give a frame in Python", "info", "driving_log.csv")
+    (tmp_path / "driving_log.csv").write_text("\n".join(["center,steering,throttle,speed", *lines]) + "\n")
+    words = ["driving_log.csv"]
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
-    refused("--columns names 2 columns, and the first row has 4; correct it", "info", words[0], "--columns", "a,b")
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
     assert "Guess: action steering, throttle" in done.stderr
@@ -74,12 +74,6 @@ def test_a_log_without_a_header_is_split_by_the_times_of_its_pictures(tmp_path, 
     assert len(rpil.read("log.parquet")) == 3
     refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",
             "--action", "steering", "-o", "new.csv", "--share", ".9")  # fmt: skip
-
-
-def test_the_names_of_columns_are_of_text_alone(tmp_path):
-    pq.write_table(rows(time_s=SECONDS), tmp_path / "a.parquet")
-    with pytest.raises(DataError, match="only text tables without names take columns="):
-        rpil.open(tmp_path / "a.parquet", columns="a,b,c")
 
 
 @pytest.mark.parametrize(

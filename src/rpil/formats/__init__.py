@@ -63,7 +63,6 @@ class ReadOptions(TypedDict, total=False):
     operator: str | None
     task: str | None
     session: str | None
-    columns: Names
     split_gap: float | None
     segment: float | None
 
@@ -86,8 +85,6 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         The column of the demonstration, and the one that orders its steps; by default they are found by name.
     action, observations, exclude : str or sequence of str
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
-    columns : str or sequence of str
-        The names of the columns of a text table without a first row of names.
     split_gap : float
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
     segment : float

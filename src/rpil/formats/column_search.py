@@ -67,8 +67,6 @@ def find_columns(
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
     first row of `head` numbers with a unit are named; columns `made` of what lies beside the table are found, too."""
     check_names(names, source)
-    if options.columns:
-        raise DataError(f"{source}: only text tables without names take <option>; leave it out.", "columns")
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
     found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)

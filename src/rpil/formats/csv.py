@@ -149,7 +149,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         # Ids of more digits than numbers have would be one id.
         if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
             first = _parsed(file, head, column_types=dict.fromkeys(long, pa.string()))
-    return find_columns(file.names, kinds, file.path.name, replace(options, columns=()), default_id, first)
+    return find_columns(file.names, kinds, file.path.name, options, default_id, first)
 
 
 class _OtherTypeError(DataError):

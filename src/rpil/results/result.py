@@ -181,7 +181,7 @@ class AuditResult(Judged):
         }
 
     def to_dict(self) -> dict[str, object]:
-        """The audit as numbers, text, lists and dicts, as ``rpil audit --json`` prints it; the most trusted first."""
+        """The audit as numbers, text, lists and dicts, as ``--format json`` prints it; the most trusted first."""
         columns, asked = self.table(), None
         if self.question:
             look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
