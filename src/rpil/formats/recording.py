@@ -257,7 +257,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         tasks=different(found.tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
-        ranges=found.statistics.ranges(layout.names),
+        ranges=found.statistics.ranges(),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *_notes_on(columns.episode, found, metadata.fps, recorded),
@@ -270,12 +270,11 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
 
 def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
     """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
-    places, layout, names = found.places, found.layout, found.layout.names
+    places = found.places
     if 1 < len(places.ids) == places.offsets[-1]:
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
-    if constant:
+    if constant := found.statistics.constant():
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."

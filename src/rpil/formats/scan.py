@@ -14,7 +14,7 @@ from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.description import commas
-from rpil.formats.layout import Layout, value_type
+from rpil.formats.layout import Column, Layout, value_type
 from rpil.formats.places import Places
 from rpil.formats.rows import Rows
 from rpil.formats.table import Place
@@ -57,15 +57,12 @@ class ScannedActions:
         """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
         layout = self.layout
         if layout.n_parts:
-            texts = (name for name, _ in layout.actions if value_type(table[name].type).kind == "U")
-            self._texts |= dict.fromkeys(texts)
+            texts = (one for one in layout.actions if value_type(table[one.name].type).kind == "U")
+            self._texts |= dict.fromkeys(part for one in texts for part in one.parts)
             return
         self._n_steps += len(table)
-        name = layout.actions[0][0]
-        mask = layout.masks.get(name)
-        for values in self._values(table, name, at):
-            is_cut = mask is not None and values.shape[1:] == mask.shape
-            self._add(values[:, mask] if is_cut else values, at)
+        for values in self._values(table, layout.actions[0].name, at):
+            self._add(layout.actions[0].cut(values), at)
 
     def _values(self, table: pa.Table, name: str, at: Place) -> Iterator[Array]:
         """The values of a column; where some cannot be actions, those that are not missing."""
@@ -113,8 +110,7 @@ class ScannedActions:
         self.reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
         if layout.n_parts == 1 or not (self._texts or self.wanted == "discrete"):
             return
-        texts = [part for name in self._texts for part in layout.names[name]]
-        numbers = [part for part in layout.action_names if part not in texts]
+        texts, numbers = [*self._texts], [part for part in layout.action_names if part not in self._texts]
         parts = ", ".join(f"{commas(own)} ({kind})" for own, kind in ((texts, "text"), (numbers, "numbers")) if own)
         self.kind, self.reason = "refused", f"the action has several parts: {parts}"
         self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
@@ -132,8 +128,9 @@ class ScannedColumns:
 
     Attributes
     ----------
-    columns, actions : sequence of str
-        All columns of data, and those of the actions.
+    columns : dict of str to Column
+        All columns of data.
+    actions : sequence of str
     repeats : set of str
         Columns of observations, as wide as the action, that repeat the action of the step before.
     clocks : dict of str to float
@@ -146,9 +143,8 @@ class ScannedColumns:
         Numbers of the demonstrations in which a value is missing or infinite.
     """
 
-    columns: Sequence[str]
-    actions: Sequence[str] = ()
-    masks: Mapping[str, Array] = field(default_factory=dict)
+    columns: dict[str, Column]
+    actions: Sequence[str]
     repeats: set[str] = field(default_factory=set)
     clocks: dict[str, float] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
@@ -169,15 +165,14 @@ class ScannedColumns:
         same[begins] = False
         owners = self._n_begun - 1 + np.cumsum(~same)
         read = {}
-        for name in self.columns:
-            values, mask, before = flat.numbers_or_missing(table[name]), self.masks.get(name), self.low.get(name)
-            if values is not None and mask is not None and values.shape[1] == len(mask):
-                values = values[:, mask]
+        for name, column in self.columns.items():
+            values, before = flat.numbers_or_missing(table[name]), self.low.get(name)
+            values = None if values is None else column.cut(values)
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
             if n_missing:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
             if values is None or (before is not None and len(before) != values.shape[1]):
-                faulty = flat.faulty_rows(table[name], None if before is None else len(before), mask)
+                faulty = flat.faulty_rows(table[name], None if before is None else len(before), column.mask)
                 self.faulty.update(owners[faulty].tolist())
                 self.clocks.pop(name, None)
             elif values.size:
@@ -209,7 +204,7 @@ class ScannedColumns:
         found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
         if len(found) == n_observations:
             return {}
-        self.columns = [name for name in self.columns if name not in found]
+        self.columns = {name: one for name, one in self.columns.items() if name not in found}
         self.missing = {name: n for name, n in self.missing.items() if name not in found}
         return found
 
@@ -238,16 +233,16 @@ class ScannedColumns:
             if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                 del self.clocks[name]
 
-    def ranges(self, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[float, float]]:
-        """Smallest and largest of the numbers that are there; `names` are those of the numbers of each column."""
-        found = ((names[m], self.low[m].tolist(), self.high[m].tolist()) for m in self.columns if m in self.low)
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest of the numbers that are there."""
+        there = ((one.parts, name) for name, one in self.columns.items() if name in self.low)
+        found = ((parts, self.low[name].tolist(), self.high[name].tolist()) for parts, name in there)
         return {name: (a, b) for parts in found for name, a, b in zip(*parts, strict=True) if a == a}
 
-    def constant(self, names: Mapping[str, Sequence[str]]) -> list[str]:
-        """Names of the numbers that differ between demonstrations, and never within one."""
-        if not self._goes_on:
-            return []
-        found = ((names[m], (self._within[m] & ~self._always[m]).tolist()) for m in names if m in self._within)
+    def constant(self) -> list[str]:
+        """Names of the numbers of observations that differ between demonstrations, and never within one."""
+        own = [m for m in self.columns if self._goes_on and m in self._within and m not in self.actions]
+        found = ((self.columns[m].parts, (self._within[m] & ~self._always[m]).tolist()) for m in own)
         return [name for parts in found for name, is_constant in zip(*parts, strict=True) if is_constant]
 
 
@@ -267,19 +262,20 @@ class Scan:
     @property
     def action_range(self) -> tuple[Array, Array]:
         """Smallest and largest continuous actions, (A,) each."""
-        names, columns = [name for name, _ in self.layout.actions], self.statistics
+        names, columns = self.statistics.actions, self.statistics
         low, high = ([ends.get(name, np.full(1, np.nan)) for name in names] for ends in (columns.low, columns.high))
         return np.concatenate(low, dtype=float), np.concatenate(high, dtype=float)
 
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
     """Read all rows once."""
-    actions = ScannedActions(layout, columns.action_kind)
-    statistics = ScannedColumns(layout.columns, [name for name, _ in layout.actions], layout.masks)
+    actions, given = ScannedActions(layout, columns.action_kind), (*layout.actions, *layout.observations)
+    statistics = ScannedColumns({one.name: one for one in given}, [one.name for one in layout.actions])
     if not columns.observations_given:
-        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
+        widths = {one.name: len(one.parts) for one in layout.observations}
+        statistics.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
         if np.diff(places.offsets).max(initial=1) > 2:  # any two numbers differ by a constant
-            statistics.clocks = dict.fromkeys((name for name, width in layout.observations if width == 1), inf)
+            statistics.clocks = dict.fromkeys((name for name, width in widths.items() if width == 1), inf)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
     for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
