@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
+
+import pyarrow as pa
 
 from rpil.data.guard import guarded
 from rpil.formats import table as flat
@@ -15,10 +17,6 @@ from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.made_columns import made
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.table_facts import Origin
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 FRAME = "the frame"
 """Name of a data frame in messages."""
@@ -34,8 +32,6 @@ class Frame(Protocol):
 
 def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
-    import pyarrow as pa
-
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
@@ -64,8 +60,6 @@ def from_arrow(
 
 def plain_columns(table: pa.Table) -> pa.Table:
     """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
-    import pyarrow as pa
-
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     for k, field in enumerate(table.schema):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
 import itertools
 import os
@@ -10,7 +9,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeVar, cast
+from typing import IO, Any, TypeVar, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
 
 from rpil.data.cells import each_text, from_cell, to_cell
 from rpil.data.demonstrations import Demonstrations
@@ -29,9 +32,6 @@ from rpil.formats.places import in_two_files
 from rpil.formats.store import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _Result = TypeVar("_Result")
 
@@ -91,8 +91,6 @@ def _tables(files: Mapping[str, TextTable], columns: Columns, origin: Origin) ->
 
 def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
     """The table without spaces around texts, and null for "", but for observations."""
-    import pyarrow as pa
-
     for k, field in enumerate(table.schema):
         if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
@@ -107,14 +105,11 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     """Write tables of one schema one below the other, text so that it is no formula; one is in memory at a time."""
-    import pyarrow as pa
-    from pyarrow import csv
-
     first = next(tables)
     # The shortest text of a float32 would be read as another float64.
     schema = pa.schema([f.with_type(pa.float64()) if pa.types.is_float32(f.type) else f for f in first.schema])
     safe = pa.schema([field.with_name(str(to_cell(field.name))) for field in schema])
-    with replacing(path) as temporary, csv.CSVWriter(temporary, safe) as writer:
+    with replacing(path) as temporary, pa.csv.CSVWriter(temporary, safe) as writer:
         for table in itertools.chain([first], tables):
             writer.write_table(
                 pa.table([each_text(to_cell, column) for column in table.cast(schema).columns], schema=safe)
@@ -129,17 +124,13 @@ def names_in_folder(paths: Sequence[Path]) -> dict[str, Path]:
 
 def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str | None = None) -> Columns:
     """The columns by the first block of the file, which tells their types."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    from pyarrow import csv
-
     if len(file.names) == 1:
         said = f"it has one column, {file.names[0][:40]!r}; write commas, semicolons or tabs between columns"
         raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
 
     def head(text: pa.NativeFile, *options: object) -> pa.Table:
-        with csv.open_csv(text, *options) as reader:
+        with pa.csv.open_csv(text, *options) as reader:
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(file.path.name, *_FAULT):
@@ -159,8 +150,6 @@ class _OtherTypeError(DataError):
 def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]:
     """The rows of the files, in the first types that fit all values: observations are floats, or what they seem; a
     single action is a whole number, a float or text."""
-    import pyarrow as pa
-
     named = columns.episode, columns.operator, columns.task, columns.session
     texts = dict.fromkeys((name for name in named if name), pa.string())  # else 01 and 1 would be one id
     floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
@@ -180,8 +169,6 @@ def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]
 
 def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Any:
     """The columns to read; a copy of them on disk."""
-    import pyarrow as pa
-    from pyarrow import csv
 
     def whole(table: pa.Table) -> pa.Table:
         if columns.episode == FILE:
@@ -190,8 +177,8 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
 
     def rows(text: pa.NativeFile, *options: object) -> Any:
         if not file.on_disk:
-            return whole(csv.read_csv(text, *options))
-        with csv.open_csv(text, *options) as reader:
+            return whole(pa.csv.read_csv(text, *options))
+        with pa.csv.open_csv(text, *options) as reader:
             return copied((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name, {})
 
     # On disk without outcomes, because the first block tells their types.
@@ -208,18 +195,16 @@ def _parsed(file: TextTable, take: Callable[..., _Result], **conversion: object)
 
     They are read again in larger blocks where a field does not fit in.
     """
-    import pyarrow as pa
-    from pyarrow import csv
 
-    def on_invalid(row: csv.InvalidRow) -> str:
+    def on_invalid(row: pa.csv.InvalidRow) -> str:
         return "skip" if row.text.lstrip().startswith("#") else "error"
 
-    parsing = csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
-    reading = csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
+    parsing = pa.csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
+    reading = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
     reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
     while True:
-        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversion)
+        converting = pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion)
         try:
             with file.without_skipped() if file.skipped else text_bytes(file.path) as text:
                 return take(text, reading, parsing, converting)

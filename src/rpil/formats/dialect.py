@@ -13,7 +13,8 @@ from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.guard import guarded
@@ -21,9 +22,6 @@ from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.damage import damaged_lines
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
@@ -63,8 +61,6 @@ class TextTable:
     @contextmanager
     def without_skipped(self) -> Iterator[pa.NativeFile]:
         """The bytes of the lines that are not skipped, as UTF-8."""
-        import pyarrow as pa
-
         skipped = {*self.skipped}
         with tempfile.TemporaryFile() as copy, self.lines() as lines:
             copy.writelines(line.encode() for number, line in enumerate(lines, 1) if number not in skipped)
@@ -159,8 +155,6 @@ def _numbers_in(values: Sequence[str]) -> set[int]:
 @contextmanager
 def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
     """The bytes of a text table, decompressed."""
-    import pyarrow as pa
-
     with held_bytes(path) as file:
         stream = pa.PythonFile(file)
         yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream

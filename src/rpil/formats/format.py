@@ -6,7 +6,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
+
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -18,9 +20,6 @@ from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.store import ParquetRows
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 K = TypeVar("K", bound=Id)
 

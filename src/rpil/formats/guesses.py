@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import are_whole
 from rpil.data.names import OPERATOR, is_observation, is_order, plain_name
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 GUESSED_ROWS = 20_000
 """The first rows, by which the column of the demonstration is guessed."""
@@ -91,8 +88,6 @@ def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedA
 
 def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
     """How many different values a column has, and how many runs of equal ones; none where they cannot be ids."""
-    import pyarrow as pa
-
     if column.null_count or pa.types.is_boolean(column.type):
         return 0, 0
     if pa.types.is_floating(column.type) and not are_whole(column.to_numpy()):

@@ -6,9 +6,10 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
@@ -17,9 +18,6 @@ from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 class Column(NamedTuple):
@@ -177,8 +175,6 @@ def _width(column: pa.ChunkedArray) -> int:
 
 def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     """The type of NumPy of the values of a column: float32 or float64, int64 for whole numbers, or text."""
-    import pyarrow as pa
-
     if flat.kind_of_type(kind) == "text":
         return np.dtype(np.str_)
     if pa.types.is_dictionary(kind):

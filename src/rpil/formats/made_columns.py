@@ -11,6 +11,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
@@ -22,8 +23,6 @@ from rpil.formats.times import unit_of
 from rpil.numerics.types import Array, Float, Int
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from rpil.formats.format import StepTables
 
 _TIMESTAMP = "timestamp"
@@ -34,8 +33,6 @@ def with_facts(
     tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
 ) -> Iterator[pa.Table]:
     """The tables with a column for each of the `facts`, which have a value for each id."""
-    import pyarrow as pa
-
     for table in tables:
         encoded = table[episode].dictionary_encode().unify_dictionaries().combine_chunks()
         ids = [str(name) for name in encoded.dictionary.to_pylist()]
@@ -89,8 +86,6 @@ def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
 
 def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str, unit: float) -> Iterator[pa.Table]:
     """The tables with new ids."""
-    import pyarrow as pa
-
     is_new, counts = columns.episode in columns.made, Counter[object]()
     last_time, last_id, label = np.nan, object(), 0 if is_new else ""
     for table in (one for one in tables if len(one)):
@@ -111,8 +106,6 @@ def _divided(
     tables: Iterable[pa.Table], columns: Columns, length: float, clock: str, unit: float
 ) -> Iterator[pa.Table]:
     """The tables with ids of stretches of so many seconds, which count from the first row of each demonstration."""
-    import pyarrow as pa
-
     first: dict[Id, float] = {}
     for table in (one for one in tables if len(one)):
         seconds = _seconds(table[clock], unit)
@@ -142,8 +135,6 @@ def _with_ids(table: pa.Table, columns: Columns, ids: pa.Array) -> pa.Table:
 
 def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
     """The table with the times in the texts of a column in its place."""
-    import pyarrow as pa
-
     found = [re.search(TIME_OF_DAY, text or "") for text in table[name].to_pylist()]
     if None in found:
         raise DataError(f"{source}: a text has no time such as 2021_10_25_16_31_20_658; correct it.")
@@ -154,8 +145,6 @@ def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
 
 def _seconds(column: pa.ChunkedArray, unit: float) -> Float[Array, " N"]:
     """A column of time in seconds; NaN where it has no value."""
-    import pyarrow as pa
-
     if flat.kind_of_type(column.type) == "time":
         is_missing = np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
         return np.where(is_missing, np.nan, column.to_numpy().astype(np.int64) * unit)

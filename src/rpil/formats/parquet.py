@@ -7,9 +7,11 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import fs
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DamagedError, DataError
@@ -29,11 +31,6 @@ from rpil.formats.store import ParquetRows, end_to_end, opened, other_columns, r
 from rpil.formats.table_facts import Metadata, Origin, file_names
 from rpil.numerics.types import Array
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow import fs
-
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
 
@@ -42,8 +39,6 @@ Change = Callable[["pa.Table"], "pa.Table"]
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
-    from pyarrow import fs
-
     return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
@@ -98,8 +93,6 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
 
     Those of the `facts` that the user names are among them.
     """
-    import pyarrow as pa
-
     schema = file.schema_arrow
     check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
@@ -163,9 +156,6 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     """Write tables of one schema one below the other; one of them is in memory at a time."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     first = next(tables)
     # Floating-point values rarely repeat: a dictionary of them only costs time and space.
     dictionary = [field.name for field in first.schema if not pa.types.is_floating(field.type)]
@@ -181,8 +171,6 @@ def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> set[str]:
     """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
-    import pyarrow.parquet as pq
-
     found: set[str] = set()
     tables = _kept_tables(path, ids, options, found)
     schema = next(tables).schema
@@ -194,9 +182,6 @@ def keep_rows(
 
 def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
     """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
-    import pyarrow as pa
-    from pyarrow import fs
-
     filesystem = fs.LocalFileSystem()
     with opened(filesystem, str(path)) as file:
         schema = file.schema.to_arrow_schema()

@@ -8,7 +8,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import AbstractContextManager
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from pyarrow import fs
 
 from rpil.data.errors import DataError
 from rpil.data.held import held
@@ -16,11 +20,6 @@ from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
 from rpil.formats.parquet_pages import check_pages
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.table import kind_of_type
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow import fs
 
 _LONGEST_VALUE = 2**20
 """Numbers in a list, and bytes in a text, of a step."""
@@ -41,9 +40,6 @@ def read_table(
 
     Errors of pyarrow are left as they are.
     """
-    import pyarrow.parquet as pq
-    from pyarrow import fs
-
     name = PurePath(path).name
     filesystem = filesystem or fs.LocalFileSystem()
     with input_file(filesystem, path) as stream, pq.ParquetFile(stream) as file:
@@ -58,9 +54,6 @@ def read_table(
 
 def check_table(table: pa.Table, name: str) -> None:
     """A `DataError` where a text or a list of a file called `name` is longer than any of a step."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     table.validate(full=True)  # text from a damaged file need not be Unicode, and lists may end beyond their numbers
     for field, column in zip(table.schema, table.columns, strict=True):
         kind, measure = kind_of_type(field.type), pc.list_value_length
@@ -79,8 +72,6 @@ def check_sizes(
 ) -> list[int]:
     """The bytes that `columns` of the open file at `path` take in memory in each row group; errors are those of
     `bytes_of_groups`, and a `DataError` where lists in a local file hold more than its footer says."""
-    from pyarrow import fs
-
     name = PurePath(path).name
     sizes = bytes_of_groups(file, columns, name)
     lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rpil.data.errors import DataError
 from rpil.data.memory import MIB
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
 Fields = dict[tuple[int, ...], int]
 """The integers in an object of Thrift by the number of the field, with those of the objects that it is in."""

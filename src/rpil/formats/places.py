@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, repeat
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
@@ -18,9 +18,6 @@ from rpil.formats.columns import Columns
 from rpil.formats.rows import Rows, TableRows, files_of, read_columns
 from rpil.formats.table import Place, kind_of_type
 from rpil.numerics.types import Array, Int
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -31,8 +32,6 @@ from rpil.formats.table_facts import Metadata, Origin, different, find_facts, ta
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from rpil.numerics.types import Array, Bool
 
 
@@ -131,8 +130,6 @@ class Recording:
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
-        import pyarrow as pa
-
         order = self.found.places.order.column
         names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
         if names or not self.rows.moved:
@@ -195,8 +192,6 @@ def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
     """The table of demonstrations in memory, of a format that has no table of columns."""
-    import pyarrow as pa
-
     d, names = demonstrations, demonstrations.observation_names
     observation = "observation" if len(names) > 1 else f"observation.{names[0]}"
     columns = Columns("episode", ("action",), (observation,), True)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.formats.table import Place
 from rpil.numerics.types import Array, Int
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 BATCH_ROWS = 65_536
 """Maximum rows per batch."""
@@ -108,8 +106,6 @@ def shifted(at: Place, rows: int) -> Place:
 
 def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa.Table:
     """Some columns of some of the rows, or of all."""
-    import pyarrow as pa
-
     first, last = (0, len(rows)) if steps is None else (steps.start, steps.stop)
     tables = [table for _, table, _ in rows.tables(first, last, names)] if names else []
     return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
 from rpil.data.errors import DataError
@@ -20,9 +20,6 @@ from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.formats.table_facts import pairs_of
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(eq=False)

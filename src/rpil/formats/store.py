@@ -16,9 +16,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, groupby
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import fs
 
 from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
@@ -29,11 +32,6 @@ from rpil.formats.parquet_file import check_table, input_file
 from rpil.formats.rows import BATCH_ROWS
 from rpil.formats.table import Place
 from rpil.numerics.types import Array, Int
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow import fs
 
 _BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
 
@@ -92,8 +90,6 @@ class ParquetRows:
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
-        import pyarrow as pa
-
         schema = pa.schema([self.schema.field(name) for name in columns])
         numbered = zip(self.pieces, self._first, strict=False)
         there = [(p, int(k) - p.begin) for p, k in numbered if k < last and first < k + p.end - p.begin]
@@ -127,8 +123,6 @@ def rows_of(
     file: pq.ParquetFile, filesystem: fs.FileSystem, path: str, names: Collection[str], n_bytes: int
 ) -> ParquetRows:
     """The rows of an open file, with those of the columns `names` that are there, which take `n_bytes` in memory."""
-    import pyarrow as pa
-
     counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
     starts = np.append(0, np.cumsum(counts)).tolist()
     pieces = (Piece(path, k, n, 0, n, start, start) for k, (n, start) in enumerate(zip(counts, starts, strict=False)))
@@ -139,8 +133,6 @@ def rows_of(
 
 def end_to_end(parts: Sequence[ParquetRows], names: Sequence[str]) -> ParquetRows:
     """The rows of files called `names`, one below the other; a `DataError` where a column has types that differ."""
-    import pyarrow as pa
-
     pieces, schema, n_rows = list[Piece](), parts[0].schema, 0
     for rows, name in zip(parts, names, strict=True):
         pieces += [piece._replace(place=piece.place + n_rows) for piece in rows.pieces]
@@ -165,9 +157,6 @@ def other_columns(name: str, first: str, names: Collection[str] = (), known: Col
 @contextmanager
 def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
     """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
@@ -212,10 +201,6 @@ def copied(tables: Iterable[pa.Table], source: str, sizes: Mapping[str, int]) ->
 
     A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow import fs
-
     waiting = iter(tables)
     first = next(waiting, None)
     check_any(int(first is not None), source)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
@@ -15,9 +16,6 @@ from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, STEP, action_columns, short_name
 from rpil.formats.columns import Kind
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
@@ -39,8 +37,6 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
 
 def kind_of_type(kind: pa.DataType) -> Kind:
     """The kind of a column by its type."""
-    import pyarrow as pa
-
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     if pa.types.is_null(kind):
@@ -74,8 +70,6 @@ _COUNTED_ROWS = 30
 
 def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
     """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
-    import pyarrow as pa
-
     columns = step_columns(demonstrations.ids, demonstrations.offsets)
     for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
         columns[f"observation.{name}"] = column
@@ -108,8 +102,6 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
     """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
-    import pyarrow as pa
-
     check_any(len(tables), source)
     try:
         return pa.concat_tables(tables, promote_options="permissive")
@@ -146,8 +138,6 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
 
     A `DataError` on missing values, unless they are allowed as NaN, lists of unequal length, or values of another type.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
         if column.null_count:
@@ -205,9 +195,6 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     Text is never an array of NumPy, which drops trailing NULs and takes the longest id's memory for every row. A
     `DataError` where ids are missing, or neither whole numbers nor text.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     column = table[name]
     if column.null_count:
         row = pc.index(pc.is_null(column), True).as_py()
@@ -230,9 +217,6 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     kind, n_rows, width = kind_of_type(column.type), len(column), 1
     if kind == "list":
         widths = pc.list_value_length(column)
@@ -261,12 +245,8 @@ def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) 
 
 
 def _is_list(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_numeric(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))

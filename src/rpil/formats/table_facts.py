@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
@@ -20,9 +20,6 @@ from rpil.formats.places import Places
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MAX_NAMES = 20
 """Tasks and operators of a description, at most."""

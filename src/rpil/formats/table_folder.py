@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
-from typing import TYPE_CHECKING
+
+from pyarrow import fs
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
@@ -22,9 +23,6 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.dialect import TEXT_SUFFIXES, find_dialect
 from rpil.formats.format import Format, StepTables
 from rpil.formats.meta_folder import choose_files
-
-if TYPE_CHECKING:
-    from pyarrow import fs
 
 _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 
@@ -110,8 +108,6 @@ def find_files(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str]]:
 
 def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
     """The file system, the folder if it is one, and all Parquet files and text tables; none of them is opened."""
-    from pyarrow import fs
-
     where = str(path)
     if where.startswith(("http://", "https://")):
         raise DataError(f"{where}: addresses of the web are not read; download the file, and give its path.")

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats.columns import Columns
 from rpil.formats.places import order_values
 from rpil.numerics.types import Array, Float
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
 _SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
@@ -106,8 +103,6 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
 
 def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
-    import pyarrow as pa
-
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
         return _SECONDS[kind.unit]
     words = plain_name(name).split("_")
@@ -137,8 +132,6 @@ def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple
 
 def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
     """Seconds since 1970; None where a value is missing or is no wall-clock time."""
-    import pyarrow as pa
-
     if pa.types.is_date(column.type):
         column = column.cast(pa.timestamp("s"))
     values = order_values(column)

@@ -8,9 +8,12 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import fs
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
@@ -26,9 +29,6 @@ from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_folder import find_files
 from rpil.formats.times import usual_step
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
@@ -72,8 +72,6 @@ class CheckedFolder:
 
     @cached_property
     def meta(self) -> MetaFolder:
-        from pyarrow import fs
-
         return MetaFolder(fs.LocalFileSystem(), PurePosixPath(self.path.absolute().as_posix()))
 
     @property
@@ -140,9 +138,6 @@ class CheckedFolder:
     @cached_property
     def schema(self) -> pa.Schema | None:
         """That of the table of the episodes; None where it is no Parquet file."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         schemas = [pq.read_schema(str(place)) for place in self.meta.tables("episodes")]
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 

@@ -8,9 +8,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
@@ -25,9 +26,6 @@ from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
@@ -99,8 +97,6 @@ class Kept:
 
         `gone` are the cameras that are left out. Returned are the statistics of each episode, if there are any.
         """
-        import pyarrow as pa
-
         rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
         start, found = 0, []
         for m, new in self.numbers.items():
@@ -157,8 +153,6 @@ class Kept:
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
     """The table with other values of the same type in one of its columns."""
-    import pyarrow as pa
-
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
 
@@ -167,9 +161,6 @@ def _write_table(
     place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[stats.ByFeature], schema: pa.Schema
 ) -> None:
     """Write the table of version 3.0, with the statistics of each episode."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     for row, own in zip(rows, found, strict=True):
         row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
     place.parent.mkdir(parents=True)
@@ -183,9 +174,6 @@ def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
 def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
     """Copy the data, the videos and ``meta``, and add `columns`, by name, with a value for each episode's number as
     text; null where there is none. Columns of these names that are there already are replaced."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     for entry in (path / "videos").rglob("*"):
         check_inside(entry, path)
     with new_folder(output) as new:

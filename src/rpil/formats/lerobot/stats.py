@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ColumnStatistics = Mapping[str, Parsed]
 """Lists by name: min, max, mean, std, count, and quantiles called q01 to q99."""
@@ -46,9 +44,6 @@ def of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
 
     Numbers are added in the order of the rows, as LeRobot does.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     files = sorted(data.rglob("*.parquet"))
     kinds = {field.name: flat.kind_of_type(field.type) for field in pq.read_schema(files[0])}
     found: ByFeature = {}
