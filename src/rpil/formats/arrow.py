@@ -9,13 +9,11 @@ import pyarrow as pa
 
 from rpil.data.guard import guarded
 from rpil.formats import table as flat
-from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_names
 from rpil.formats.format import StepTables
 from rpil.formats.guesses import GUESSED_ROWS
-from rpil.formats.made_columns import made
-from rpil.formats.recording import Recording, from_tables
+from rpil.formats.recording import Recording, from_tables, with_chosen
 from rpil.formats.table_facts import Origin
 
 FRAME = "the frame"
@@ -35,8 +33,8 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    found = made(from_arrow(table, options, FRAME, "data frame"), options)
-    return replace(with_chosen(from_tables(found), options), options=options)
+    found = from_tables(from_arrow(table, options, FRAME, "data frame"), options)
+    return replace(with_chosen(found, options), options=options)
 
 
 def from_arrow(

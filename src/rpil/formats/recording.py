@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,20 +17,20 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
-from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
+from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.damage import left_out_lines
 from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
-from rpil.formats.places import find_places
-from rpil.formats.rows import Rows, TableRows, files_of, read_columns
+from rpil.formats.rows import Rows, TableRows, files_of, find_places, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.store import copied
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
-from rpil.formats.times import Clock, Times, clock_columns, find_clock
+from rpil.formats.times import Clock, Times, clock_columns, find_clock, made
 
 if TYPE_CHECKING:
     from rpil.numerics.types import Array, Bool
@@ -174,16 +175,19 @@ class Recording:
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
-def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
-    """The recording in tables, which in memory may lie in any order; `on_disk` they never are in memory all."""
-    columns, origin, source = found.columns, found.origin, found.origin.source
+def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
+    """The recording in tables, which in memory may lie in any order; on disk they never are in memory all."""
+    tables, columns, notes = made(found.tables, found.columns, options)
+    origin, source = found.origin, found.origin.source
+    if notes:
+        origin = replace(origin.only(()), notes=(*notes, *origin.notes))
     rows: Rows
-    if found.in_place is not None:
+    if found.in_place is not None and not notes:
         rows = found.in_place
-    elif on_disk:
-        rows = copied(found.tables, source, found.sizes)
+    elif options.on_disk:
+        rows = copied(tables, source, found.sizes)
     else:
-        rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
+        rows = TableRows(end_to_end([*tables], source), source, sizes=found.sizes)
     places, rows = find_places(rows, columns, source)
     head = next(rows.tables(0, len(rows), columns.data))[1]
     layout = Layout.of(head, columns, origin.metadata.names)
@@ -273,3 +277,56 @@ def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | N
     if constant := found.statistics.constant():
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
+
+
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
+
+
+def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
+    """The recording of the demonstrations that the options choose.
+
+    A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
+    """
+    only, without = _listed(options.only), _listed(options.without)
+    if not (only or without or options.skip_bad):
+        return recording
+    ids, source = recording.ids, recording.description.source
+    mask = np.full(len(ids), not only)
+    mask[[*_numbers(only, ids, source, "only")]] = True
+    mask[[*_numbers(without, ids, source, "without")]] = False
+    if not mask.any():
+        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
+    n_asked = int(mask.sum())
+    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad is True and mask[m]]
+    mask[aside] = False
+    if not mask.any():
+        raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
+    if mask.all():
+        return recording
+    found, names = recording.chosen(mask), tuple(ids[m] for m in aside)
+    asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
+    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *left_out_lines((), names))
+    described = replace(found.description, notes=notes)
+    return replace(found, description=described, ids=ids, set_aside=names)
+
+
+def _listed(wanted: Ids) -> list[Id]:
+    """The ids that a user names, of Python or of NumPy; an empty text names none."""
+    if isinstance(wanted, str) or not isinstance(wanted, Iterable):
+        return [] if wanted is None or wanted == "" else [wanted]
+    return [*wanted]
+
+
+def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
+    """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
+    places = {str(m): k for k, m in enumerate(ids)}
+    for given in map(str, wanted):
+        for name in [given] if given in places else map(str.strip, given.split(",")):
+            ends = _RANGE.fullmatch(name)
+            named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
+            check_ids(named, places, source, "<option>", option)
+            low, high = named[0], named[-1]
+            if low == high:
+                yield places[low]
+            else:
+                yield from (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))

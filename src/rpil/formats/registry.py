@@ -20,11 +20,9 @@ from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
-from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, kept_of
-from rpil.formats.made_columns import made
-from rpil.formats.recording import Recording, from_tables
+from rpil.formats.recording import Recording, from_tables, with_chosen
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -110,7 +108,7 @@ class ClaimedPath:
         if place.is_file():
             check_readable(place)
         tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
-        return from_tables(made(tables, options), options.on_disk)
+        return from_tables(tables, options)
 
     def keep(
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()

@@ -20,8 +20,8 @@ from rpil.data.folders import check_inside, copy_folder
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Shot
-from rpil.formats.lerobot import stats, video
-from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, CheckedFolder
+from rpil.formats.lerobot import video
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, ByFeature, CheckedFolder, shifted_stats
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
@@ -92,7 +92,7 @@ class Kept:
         table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
         return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
-    def write_episodes(self, videos: Videos, gone: Sequence[str]) -> list[stats.ByFeature]:
+    def write_episodes(self, videos: Videos, gone: Sequence[str]) -> list[ByFeature]:
         """Write what is said of the kept episodes, with their new numbers and places, and their videos.
 
         `gone` are the cameras that are left out. Returned are the statistics of each episode, if there are any.
@@ -110,7 +110,7 @@ class Kept:
                 own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
                 for feature, number in (("episode_index", new), ("index", start)):  # which are counted again
                     if feature in own:
-                        own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
+                        own[feature] = shifted_stats(own[feature], number - np.ravel(own[feature]["min"])[0].item())
                 found.append(own)
             start += n
         for camera, shots in videos.items():
@@ -157,9 +157,7 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
 
 
-def _write_table(
-    place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[stats.ByFeature], schema: pa.Schema
-) -> None:
+def _write_table(place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[ByFeature], schema: pa.Schema) -> None:
     """Write the table of version 3.0, with the statistics of each episode."""
     for row, own in zip(rows, found, strict=True):
         row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
