@@ -191,7 +191,7 @@ WITHOUT_TESTS = {
     "formats/description.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",
-    "formats/store.py": "holds the files of a Dataset: tests/formats/test_dataset.py",
+    "formats/places.py": "as dialect.py",
 }
 """Files of the library that no test file is named after, and why."""
 

@@ -111,7 +111,7 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
         return batches if row_groups is None else itertools.islice(batches, n_batches)
 
     monkeypatch.setattr(pq.ParquetFile, "iter_batches", iter_batches)
-    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 4)
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 4)
     with pytest.raises(DataError, match=r"^g\.parquet: .*damaged.*of 15 rows"):
         rpil.open(path, on_disk=True)
     if n_batches == 0:

@@ -28,8 +28,8 @@ from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.rows import in_two_files
-from rpil.formats.store import copied, end_to_end, other_columns
+from rpil.formats.places import in_two_files
+from rpil.formats.rows import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 

@@ -13,7 +13,8 @@ from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.memory import Size, check_memory
 from rpil.formats.layout import Layout
-from rpil.formats.rows import Places, Rows, files_of, shifted
+from rpil.formats.places import Places
+from rpil.formats.rows import Rows, files_of, shifted
 from rpil.numerics.types import Array
 
 

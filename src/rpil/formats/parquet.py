@@ -25,8 +25,8 @@ from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, read_table
-from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.store import ParquetRows, end_to_end, opened, other_columns, rows_of
+from rpil.formats.rows import ParquetRows, end_to_end, opened, other_columns, rows_of
+from rpil.formats.table import BATCH_ROWS
 from rpil.formats.table_facts import Metadata, Origin, file_names
 from rpil.formats.times import with_facts
 from rpil.numerics.types import Array

@@ -18,8 +18,7 @@ from pyarrow import fs
 from rpil.data.errors import DataError
 from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
-from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.table import kind_of_type
+from rpil.formats.table import BATCH_ROWS, kind_of_type
 
 _LONGEST_VALUE = 2**20
 """Numbers in a list, and bytes in a text, of a step."""

@@ -25,9 +25,9 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.layout import Layout
-from rpil.formats.rows import Rows, TableRows, files_of, find_places, read_columns
+from rpil.formats.places import find_places
+from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
-from rpil.formats.store import copied
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock, made

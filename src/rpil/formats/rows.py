@@ -1,62 +1,39 @@
-"""Rows of a recording, read table by table, and where its demonstrations are among them, by columns of the file.
+"""The rows of a recording, read table by table: in memory, or of Parquet files, which stay on disk.
 
-Here are those of a table in memory; `rpil.formats.store` has those of Parquet files.
+Of Parquet files there are those of the user, and copies of what other formats hold.
+Passes over Parquet take less time than decoding text, HDF5 or Zarr again in each of them, and need one way of reading
+only. A copy is removed when its rows are no longer needed, or when the process ends.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import compress, repeat
-from typing import Protocol
+from functools import cached_property
+from itertools import chain, groupby
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import fs
 
-from rpil.data.arrays import Id, as_ids, check_any, group_rows
+from rpil.data.arrays import check_any
 from rpil.data.errors import DataError
-from rpil.data.names import is_order, is_outcome
-from rpil.formats import table as flat
-from rpil.formats.columns import Columns
-from rpil.formats.table import Place, kind_of_type
+from rpil.data.files import refuse_pointer
+from rpil.data.guard import guarded
+from rpil.data.names import quoted
+from rpil.formats.parquet_file import check_table, input_file
+from rpil.formats.table import BATCH_ROWS, Place
 from rpil.numerics.types import Array, Int
 
-BATCH_ROWS = 65_536
-"""Maximum rows per batch."""
-
-
-class Rows(Protocol):
-    """The rows of a recording, those of each demonstration together."""
-
-    @property
-    def sizes(self) -> Mapping[str, int]:
-        """The numbers of rows from each file; empty for formats in which files say nothing of demonstrations."""
-
-    @property
-    def schema(self) -> pa.Schema:
-        """The columns, and their types."""
-
-    @property
-    def moved(self) -> bool:
-        """Whether rows are left out, or lie elsewhere than in the files."""
-
-    def __len__(self) -> int:
-        """N."""
-
-    def chosen(self, runs: Int[Array, "K 2"]) -> Rows:
-        """The rows ``begin:end`` of each of the `runs`, which are in order, numbered anew from 0."""
-
-    def tables(
-        self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
-    ) -> Iterator[tuple[int, pa.Table, Place]]:
-        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row of it for messages.
-
-        `demonstration` names the demonstration of a row of the recording.
-        """
-
-    def numbers(self, rows: Array) -> Array:
-        """The numbers that some rows have in the files, one below the other, from 0."""
+_BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +41,8 @@ class TableRows:
     """The rows of a table in memory, which is called `source` in messages.
 
     `place` (N,) is the number that each has in the files; None where all stay where they are, and none is left out.
+    `sizes` are the numbers of rows from each file; there are none for formats in which files say nothing of
+    demonstrations.
     """
 
     table: pa.Table
@@ -73,10 +52,12 @@ class TableRows:
 
     @property
     def schema(self) -> pa.Schema:
+        """The columns, and their types."""
         return self.table.schema
 
     @property
     def moved(self) -> bool:
+        """Whether rows are left out, or lie elsewhere than in the files."""
         return self.place is not None
 
     def __len__(self) -> int:
@@ -87,6 +68,7 @@ class TableRows:
         return replace(self, table=self.table.take(rows), place=self.numbers(rows))
 
     def chosen(self, runs: Int[Array, "K 2"]) -> TableRows:
+        """The rows ``begin:end`` of each of the `runs`, which are in order, numbered anew from 0."""
         if runs.tolist() == [[0, len(self)]]:
             return self
         return self.taken(np.concatenate([np.arange(begin, end) for begin, end in runs.tolist()]))
@@ -94,13 +76,105 @@ class TableRows:
     def tables(
         self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
     ) -> Iterator[tuple[int, pa.Table, Place]]:
+        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row of it for messages.
+
+        `demonstration` names the demonstration of a row of the recording.
+        """
         table, row_of = self.table.select(columns), range(last) if self.place is None else self.place
         for row in range(first, last, BATCH_ROWS):
             here = table.slice(row, min(BATCH_ROWS, last - row))
             yield row, here, shifted(lambda k: f"{self.source}{demonstration(k)}, row {row_of[k] + 1}", row)
 
     def numbers(self, rows: Array) -> Array:
+        """The numbers that some rows have in the files, one below the other, from 0."""
         return rows if self.place is None else self.place[rows]
+
+
+class Piece(NamedTuple):
+    """The rows ``begin:end`` of row group `number`, which has `n_rows`, of the file `path`.
+
+    The first row of the group is row `row` of the file and `place` of the data set.
+    """
+
+    path: str
+    number: int
+    n_rows: int
+    begin: int
+    end: int
+    row: int
+    place: int
+
+
+@dataclass(frozen=True, eq=False)
+class ParquetRows:
+    """The rows of Parquet files: their pieces in order, with the types of `schema`."""
+
+    filesystem: fs.FileSystem
+    pieces: tuple[Piece, ...]
+    schema: pa.Schema
+    n_bytes: int
+    """Of all columns that are read, decoded, at most."""
+    keeper: object = None
+    """What keeps a copy for as long as its rows are needed."""
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    moved: bool = False
+
+    @cached_property
+    def _first(self) -> Int[Array, " _"]:
+        """The number of the first row of each piece, and of the one after the last."""
+        return np.append(0, np.cumsum([piece.end - piece.begin for piece in self.pieces]))
+
+    def __len__(self) -> int:
+        return int(self._first[-1])
+
+    def chosen(self, runs: Int[Array, "K 2"]) -> ParquetRows:
+        found = []  # row groups of which none is chosen are not read
+        for piece, first in zip(self.pieces, self._first.tolist(), strict=False):
+            shift, last = piece.begin - first, first + piece.end - piece.begin
+            own = slice(np.searchsorted(runs[:, 1], first, "right"), np.searchsorted(runs[:, 0], last))
+            for begin, end in runs[own].tolist():
+                cut = {"begin": max(begin + shift, piece.begin), "end": min(end + shift, piece.end)}
+                found.append(piece._replace(**cut))
+        return replace(self, pieces=tuple(found), moved=True)
+
+    def numbers(self, rows: Array) -> Array:
+        shifts = np.array([piece.place + piece.begin for piece in self.pieces]) - self._first[:-1]
+        return np.asarray(rows + shifts[np.searchsorted(self._first, rows, side="right") - 1])
+
+    def tables(
+        self, first: int, last: int, columns: list[str], demonstration: Place = lambda _: ""
+    ) -> Iterator[tuple[int, pa.Table, Place]]:
+        schema = pa.schema([self.schema.field(name) for name in columns])
+        numbered = zip(self.pieces, self._first, strict=False)
+        there = [(p, int(k) - p.begin) for p, k in numbered if k < last and first < k + p.end - p.begin]
+        for path, of_file in groupby(there, lambda one: one[0].path):
+            name = PurePosixPath(path).name
+            with opened(self.filesystem, path) as file:
+                for number, of_group in groupby(of_file, lambda one: one[0].number):
+                    own, row = [*of_group], 0
+                    n_rows = own[0][0].n_rows
+                    if number >= file.num_row_groups or file.metadata.row_group(number).num_rows != n_rows:
+                        raise DataError(f"{name}: it has changed since the data set was opened; open it again.")
+                    for batch in file.iter_batches(BATCH_ROWS, [number], columns, use_threads=False):
+                        for piece, shift in own:
+                            a = max(piece.begin, first - shift, row)
+                            b = min(piece.end, last - shift, row + len(batch))
+                            if a < b:
+                                table = pa.Table.from_batches([batch.slice(a - row, b - a)])
+                                check_table(table, name)
+                                table = table if table.schema.equals(schema) else table.cast(schema)
+                                yield a + shift, table, _place(name, a + shift, piece.row + a, demonstration)
+                        row += len(batch)
+                    if row != n_rows:
+                        raise ValueError(f"{row} of {n_rows} rows are there")
+
+
+def _place(name: str, first: int, row_of_file: int, demonstration: Place) -> Place:
+    return lambda row: f"{name}{demonstration(first + row)}, row {row_of_file + row + 1}"
+
+
+Rows = TableRows | ParquetRows
+"""Those of a recording, with those of each demonstration together."""
 
 
 def files_of(rows: Rows, some: Array) -> list[str]:
@@ -121,204 +195,121 @@ def read_columns(rows: Rows, names: list[str], steps: slice | None = None) -> pa
     return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
 
 
-_WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
-_FILE_ORDER = "steps in the order of the file"
+def rows_of(
+    file: pq.ParquetFile, filesystem: fs.FileSystem, path: str, names: Collection[str], n_bytes: int
+) -> ParquetRows:
+    """The rows of an open file, with those of the columns `names` that are there, which take `n_bytes` in memory."""
+    counts = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
+    starts = np.append(0, np.cumsum(counts)).tolist()
+    pieces = (Piece(path, k, n, 0, n, start, start) for k, (n, start) in enumerate(zip(counts, starts, strict=False)))
+    return ParquetRows(
+        filesystem, tuple(pieces), pa.schema([one for one in file.schema_arrow if one.name in names]), n_bytes
+    )
 
 
-@dataclass(frozen=True)
-class Order:
-    """The order of the steps within a demonstration: the column that gives it, None for that of the file; in words."""
-
-    column: str | None = None
-    words: str = _FILE_ORDER
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where the M demonstrations of a recording are, and what orders their steps."""
-
-    ids: tuple[Id, ...]
-    offsets: Int[Array, " _"]
-    order: Order = Order()
-
-    def demonstration_of(self, row: int) -> str:
-        """The demonstration of a row, for messages."""
-        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
-
-    def only(self, mask: Array) -> tuple[Places, Int[Array, "K 2"]]:
-        """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
-        rows = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)[mask]
-        offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
-        begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
-        runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
-
-    def owners(self, row: int, n_rows: int) -> Array:
-        """The numbers of the demonstrations that own the `n_rows` rows from `row` on."""
-        return np.searchsorted(self.offsets, np.arange(row, row + n_rows), side="right") - 1
-
-    def begins(self, row: int, n_rows: int) -> Array:
-        """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
-        first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
-        return np.asarray(self.offsets[first:last] - row)
+def end_to_end(parts: Sequence[ParquetRows], names: Sequence[str]) -> ParquetRows:
+    """The rows of files called `names`, one below the other; a `DataError` where a column has types that differ."""
+    pieces, schema, n_rows = list[Piece](), parts[0].schema, 0
+    for rows, name in zip(parts, names, strict=True):
+        pieces += [piece._replace(place=piece.place + n_rows) for piece in rows.pieces]
+        n_rows += len(rows)
+        try:
+            schema = pa.unify_schemas([schema, rows.schema], promote_options="permissive")
+        except pa.ArrowException as error:
+            raise other_columns(name, names[0]) from error
+    sizes = {name: len(rows) for rows, name in zip(parts, names, strict=True)}
+    n_bytes, keeper = sum(rows.n_bytes for rows in parts), [rows.keeper for rows in parts if rows.keeper]
+    return replace(parts[0], pieces=tuple(pieces), schema=schema, n_bytes=n_bytes, keeper=keeper, sizes=sizes)
 
 
-def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows]:
-    """The places, and the rows with those of each demonstration together and in order.
+def other_columns(name: str, first: str, names: Collection[str] = (), known: Collection[str] = ()) -> DataError:
+    """The error that the file `name` has other columns, these `names`, than the file `first`."""
+    differ = (quoted(sorted({*some} - {*others}), 5) for some, others in ((known, names), (names, known)))
+    which = " and ".join(f"{what} {some}" for what, some in zip(("without", "with"), differ, strict=True) if some)
+    said = f"its columns are not those of {first}{which and f' ({which})'}"
+    return DataError(f"{name}: {said}; give all files the same ones, or take it out.")
 
-    A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
+
+@contextmanager
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+    """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
+    try:
+        # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
+        options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
+        with input_file(filesystem, path) as stream, pq.ParquetFile(stream, **options) as file:
+            # A text that repeats stays in memory once.
+            texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
+            if texts:
+                file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
+            yield file
+    except FileNotFoundError as error:
+        raise DataError(f"{path}: there is no such file here; check the path.") from error
+    except DataError:
+        raise
+    except Exception:
+        with guarded(PurePosixPath(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
+            with input_file(filesystem, path) as stream:
+                refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
+            raise
+
+
+class Copy:
+    """A temporary file, called as the data, in its own folder; both are removed with the object, by its process."""
+
+    def __init__(self, name: str) -> None:
+        folder = tempfile.mkdtemp(prefix="rpil-")
+        weakref.finalize(self, _remove, folder, os.getpid())
+        own = Path(name).name  # "." has none, and ".." would be the folder of temporary files
+        self.path = Path(folder, own if own.strip(".") else "rows")
+
+    def __reduce__(self) -> tuple[type[Path], tuple[str]]:
+        """Another process reads the file and never removes it."""
+        return Path, (str(self.path),)
+
+
+def _remove(folder: str, process: int) -> None:
+    if os.getpid() == process:  # and not a process that was forked from it
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def copied(tables: Iterable[pa.Table], source: str, sizes: Mapping[str, int]) -> ParquetRows:
+    """The rows of `tables`, from files of these sizes, in a temporary Parquet file called as the `source`.
+
+    A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
     """
-    check_any(len(rows), source)
-    numbers, group = dict[Id, int](), np.empty(len(rows), np.int32)
-    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
-        ids, codes = flat.id_codes(part, columns.episode, place)
-        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
-    names_of = _as_written(numbers) if columns.id_written else list(numbers)
-    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
+    waiting = iter(tables)
+    first = next(waiting, None)
+    check_any(int(first is not None), source)
+    assert first is not None
+    with _writing(source):
+        copy = Copy(source)
+        writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
+    group: list[pa.Table] = []  # of rows, which are written together
+    for table in chain([first], waiting):  # whose errors are those of the data
+        try:
+            group.append(table.cast(first.schema))
+        except (pa.ArrowInvalid, ValueError) as error:
+            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
+            raise DataError(f"{source}: {said}.", "memory") from error
+        if sum(map(len, group)) >= BATCH_ROWS:
+            with _writing(source):
+                writer.write_table(pa.concat_tables(group))
+            group = []
+    with _writing(source):
+        writer.write_table(pa.concat_tables(group or [first.slice(0, 0)]))
+        writer.close()
+    filesystem, path = fs.LocalFileSystem(), str(copy.path)
+    with opened(filesystem, path) as file:
+        return replace(rows_of(file, filesystem, path, first.column_names, 0), keeper=copy, sizes=sizes)
 
-    def at(row: int) -> str:
-        tables = rows.tables(row, row + 1, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
-        return next(tables)[2](0)
 
-    _check_ids(names_of, group, columns, source)
-    order, values = _find_order(table, columns, group, at)
-    _check_one_id(table, columns, group, order, at)
-    chosen, offsets, moved = group_rows(group, values)
-    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
-    heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [
-        (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
-    ]
-    apart = _apart(runs, source) if len(runs) > len(chosen) else None
-    if moved is None:
-        return places, rows
-    if isinstance(rows, TableRows):
-        said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order=replace(order, words=f"{order.words}{said}")), rows.taken(moved)
-    ways = "allow more memory with <option>, which sorts them"
-    if apart is not None:
+@contextmanager
+def _writing(name: str) -> Iterator[None]:
+    """Name the folder of the copy in errors of writing."""
+    try:
+        yield
+    except OSError as error:
         raise DataError(
-            f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
-            f"or {ways}; if they are several demonstrations, give each its own id.",
-            "memory",
-        )
-    assert values is not None
-    row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {order.column!r}"
-    raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
-
-
-def _as_written(ids: Iterable[Id]) -> list[Id]:
-    """Texts as whole numbers, where all are written so and none has over 64 bits."""
-    texts = list(map(str, ids))
-    are_whole = all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
-    return list(map(int, texts)) if are_whole else list(texts)
-
-
-def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:
-    """The first demonstration that has two of the runs of rows, and its file; a `DataError` where it has two files."""
-    files: dict[Id, str] = {}
-    apart = None
-    for m, file in runs:
-        apart = apart or ((m, file) if m in files else None)
-        if files.setdefault(m, file) != file:
-            raise in_two_files(m, files[m], file, source)
-    return apart
-
-
-def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
-    """The error that a demonstration is in two files."""
-    remedy = "give each demonstration its own id, in one file"
-    return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
-
-
-def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[Order, Array | None]:
-    """By the first of the likely columns that tells the steps of every demonstration apart; its values, to sort by.
-
-    `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
-    """
-    by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
-    same = group[by_group][1:] == group[by_group][:-1]
-    fault = ""
-    for name in columns.orders:
-        values, said = order_values(table[name]), "values that are missing, or neither numbers nor times"
-        if values is not None:
-            step, said = values[by_group], "repeated values within a demonstration"
-            if np.all(step[1:][same] > step[:-1][same]):
-                return Order(name, f"steps in the order of {name}"), values
-            rows = np.lexsort([values, group])
-            twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
-            if not len(twice):
-                return Order(name, f"steps sorted by {name}, because rows of the file are out of order"), values
-            if columns.order_given:
-                row = int(rows[twice[0] + 1])
-                raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
-        if columns.order_given:
-            raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
-        fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
-    return Order(words=fault or _FILE_ORDER), None
-
-
-def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
-    """A `DataError` where ids are yes or no; or where a user, or a guess, chose the time or number of a row."""
-    name, flags = columns.episode, {str(name).lower() for name in names[:3]}
-    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(name)):
-        raise DataError(
-            f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
-            f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
-        )
-    if not columns.id_chosen or len(group) < 2:
-        return
-    ways = "name the column of the demonstration with <option>, or, where pauses divide demonstrations, <option>"
-    if 2 * len(names) > len(group):
-        raise DataError(
-            f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
-            "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
-            ("id", "split_gap", "split_gap", "segment"),
-        )
-    if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
-        said = "looks like a time, or the number of a step, as it changes from row to row"
-        raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
-
-
-def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:
-    """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
-
-    They are one where a column gives the order of its rows, unless they lie together only by a second column, or the
-    ids are a guess.
-    """
-    is_guess = "id" in columns.guessed
-    for name in columns.orders if is_guess and order.column is None else ():
-        values = order_values(table[name])
-        if values is not None and len(again := np.flatnonzero((np.diff(values) < 0) & (np.diff(group) == 0))):
-            raise DataError(
-                f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
-                f"if a new demonstration begins there, give <option> 1, else <option> {columns.episode}.",
-                ("split_gap", "id"),
-            )
-    for name in columns.parts:
-        n_ids = len(np.unique(group))
-        codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
-        pair = group.astype(np.int64) * (len(codes) + 1) + codes
-        pairs, first = np.unique(pair, return_index=True)
-        n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
-        together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together or is_guess):
-            rows = np.sort(first)
-            row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
-            raise DataError(
-                f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
-                "id",
-            )
-
-
-def order_values(column: pa.ChunkedArray) -> Array | None:
-    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
-    kind = kind_of_type(column.type)
-    if column.null_count or kind not in ("number", "time"):
-        return None
-    values = np.asarray(column.to_numpy())
-    if values.dtype.kind in "mM":
-        values = values.astype(np.int64)
-    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
+            f"{name}: a copy of its rows cannot be written to {os.environ.get('TMPDIR', 'the temporary folder')} "
+            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or read the data into memory."
+        ) from error

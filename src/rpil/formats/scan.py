@@ -15,7 +15,8 @@ from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.description import commas
 from rpil.formats.layout import Column, Layout, value_type
-from rpil.formats.rows import Places, Rows
+from rpil.formats.places import Places
+from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.formats.table_facts import pairs_of
 from rpil.numerics.types import Array

@@ -19,7 +19,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Kind
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.rows import BATCH_ROWS
+from rpil.formats.table import BATCH_ROWS
 from rpil.formats.table_facts import Metadata, Origin
 from rpil.numerics.types import Array
 

@@ -24,6 +24,9 @@ _WRITTEN = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 _WRITTEN_LIST = re.compile(rf"\[.*\]|\(?{_WRITTEN}(?:(?:\s*[,;]\s*|\s+){_WRITTEN})+\)?", re.IGNORECASE | re.DOTALL)
 """Numbers in one text, as "0.1, 0.2"; where all are whole, as in "1 0", it may be a class."""
 
+BATCH_ROWS = 65_536
+"""Maximum rows per batch."""
+
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 

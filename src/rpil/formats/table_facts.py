@@ -16,7 +16,7 @@ from rpil.data.names import EPISODE, plain_name, quoted
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
-from rpil.formats.rows import Places
+from rpil.formats.places import Places
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float

@@ -19,7 +19,7 @@ from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import STRETCH, ColumnOptions, Columns
 from rpil.formats.guesses import TIME_OF_DAY
-from rpil.formats.rows import order_values
+from rpil.formats.places import order_values
 from rpil.numerics.types import Array, Float, Int
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
