@@ -14,30 +14,24 @@ from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
+from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.rows import Rows, TableRows, files_of, read_columns
-from rpil.formats.table import Place, kind_of_type
+from rpil.formats.table import Place
+from rpil.formats.times import shorter
 from rpil.numerics.types import Array, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
-@dataclass(frozen=True)
-class Order:
-    """The order of the steps within a demonstration: the column that gives it, None for that of the file; in words."""
-
-    column: str | None = None
-    words: str = _FILE_ORDER
-
-
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where the M demonstrations of a recording are, and what orders their steps."""
+    """Where the M demonstrations of a recording are, and the column that orders their steps, if any; also in words."""
 
     ids: tuple[Id, ...]
     offsets: Int[Array, " _"]
-    order: Order = Order()
+    order: str | None = None
+    order_words: str = _FILE_ORDER
 
     def demonstration_of(self, row: int) -> str:
         """The demonstration of a row, for messages."""
@@ -49,7 +43,7 @@ class Places:
         offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
         begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
         runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
+        return replace(self, ids=tuple(compress(self.ids, mask)), offsets=offsets), runs
 
     def owners(self, row: int, n_rows: int) -> Array:
         """The numbers of the demonstrations that own the `n_rows` rows from `row` on."""
@@ -61,28 +55,29 @@ class Places:
         return np.asarray(self.offsets[first:last] - row)
 
 
-def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows]:
+def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOptions) -> tuple[Places, Rows]:
     """The places, and the rows with those of each demonstration together and in order.
 
     A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
     """
     check_any(len(rows), source)
-    numbers, group = dict[Id, int](), np.empty(len(rows), np.int32)
-    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
-        ids, codes = flat.id_codes(part, columns.episode, place)
-        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
-    names_of = _as_written(numbers) if columns.id_written else list(numbers)
+    names_of, group = _ids(rows, columns)
+    if options.split_gap or options.segment:
+        names_of, group = shorter(names_of, group, rows, columns, options)
+        columns = replace(columns, parts=(), id_chosen=True)
     table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
-        tables = rows.tables(row, row + 1, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
+        tables = rows.tables(
+            row, row + 1, rows.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
+        )
         return next(tables)[2](0)
 
     _check_ids(names_of, group, columns, source)
-    order, values = _find_order(table, columns, group, at)
+    order, words, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
-    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
+    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order, words)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
     runs = [
         (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
@@ -92,7 +87,7 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         return places, rows
     if isinstance(rows, TableRows):
         said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order=replace(order, words=f"{order.words}{said}")), rows.taken(moved)
+        return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
     ways = "allow more memory with <option>, which sorts them"
     if apart is not None:
         raise DataError(
@@ -102,8 +97,19 @@ def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {order.column!r}"
+    by = f"rows are not in the order of {order!r}"
     raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
+
+
+def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart."""
+    numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
+    if columns.episode in columns.made:
+        return [0], group
+    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
+        ids, codes = flat.id_codes(part, columns.episode, place)
+        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
+    return _as_written(numbers) if columns.id_written else list(numbers), group
 
 
 def _as_written(ids: Iterable[Id]) -> list[Id]:
@@ -130,7 +136,7 @@ def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
     return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
-def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[Order, Array | None]:
+def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
     """By the first of the likely columns that tells the steps of every demonstration apart; its values, to sort by.
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
@@ -139,22 +145,22 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""
     for name in columns.orders:
-        values, said = order_values(table[name]), "values that are missing, or neither numbers nor times"
+        values, said = flat.order_values(table[name]), "values that are missing, or neither numbers nor times"
         if values is not None:
             step, said = values[by_group], "repeated values within a demonstration"
             if np.all(step[1:][same] > step[:-1][same]):
-                return Order(name, f"steps in the order of {name}"), values
+                return name, f"steps in the order of {name}", values
             rows = np.lexsort([values, group])
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
             if not len(twice):
-                return Order(name, f"steps sorted by {name}, because rows of the file are out of order"), values
+                return name, f"steps sorted by {name}, because rows of the file are out of order", values
             if columns.order_given:
                 row = int(rows[twice[0] + 1])
                 raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
         if columns.order_given:
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
-    return Order(words=fault or _FILE_ORDER), None
+    return None, fault or _FILE_ORDER, None
 
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
@@ -179,15 +185,15 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
         raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
 
-def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:
+def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
     They are one where a column gives the order of its rows, unless they lie together only by a second column, or the
     ids are a guess.
     """
     is_guess = "id" in columns.guessed
-    for name in columns.orders if is_guess and order.column is None else ():
-        values = order_values(table[name])
+    for name in columns.orders if is_guess and order is None else ():
+        values = flat.order_values(table[name])
         if values is not None and len(again := np.flatnonzero((np.diff(values) < 0) & (np.diff(group) == 0))):
             raise DataError(
                 f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
@@ -201,7 +207,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
         together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together or is_guess):
+        if n_ids < len(pairs) <= len(group) / 2 and (order is None or together or is_guess):
             rows = np.sort(first)
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
@@ -209,14 +215,3 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
                 f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
                 "id",
             )
-
-
-def order_values(column: pa.ChunkedArray) -> Array | None:
-    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
-    kind = kind_of_type(column.type)
-    if column.null_count or kind not in ("number", "time"):
-        return None
-    values = np.asarray(column.to_numpy())
-    if values.dtype.kind in "mM":
-        values = values.astype(np.int64)
-    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None

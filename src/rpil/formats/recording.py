@@ -30,7 +30,7 @@ from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
-from rpil.formats.times import Clock, Times, clock_columns, find_clock, made
+from rpil.formats.times import Clock, Times, clock_columns, find_clock, with_times
 
 if TYPE_CHECKING:
     from rpil.numerics.types import Array, Bool
@@ -131,7 +131,7 @@ class Recording:
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
-        order = self.found.places.order.column
+        order = self.found.places.order
         names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
         if names or not self.rows.moved:
             return read_columns(self.rows, names, steps) if names else None
@@ -171,24 +171,28 @@ class Recording:
         """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
         places, kept = self.found.places.only(mask)
         rows, source = self.rows.chosen(kept), self.origin.source
-        again = scan(rows, self.found.actions.layout.without(self.found.left_out), self.columns, source, places)
+        again = scan(rows, self.found.asked.without(self.found.left_out), self.columns, source, places)
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording in tables, which in memory may lie in any order; on disk they never are in memory all."""
-    tables, columns, notes = made(found.tables, found.columns, options)
-    origin, source = found.origin, found.origin.source
+    tables, columns, origin, source, notes = found.tables, found.columns, found.origin, found.origin.source, []
+    if options.split_gap:
+        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
+    if options.segment:
+        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
+        tables, columns = with_times(tables, columns)
         origin = replace(origin.only(()), notes=(*notes, *origin.notes))
     rows: Rows
-    if found.in_place is not None and not notes:
+    if found.in_place is not None and columns is found.columns:
         rows = found.in_place
     elif options.on_disk:
         rows = copied(tables, source, found.sizes)
     else:
         rows = TableRows(end_to_end([*tables], source), source, sizes=found.sizes)
-    places, rows = find_places(rows, columns, source)
+    places, rows = find_places(rows, columns, source, options)
     head = next(rows.tables(0, len(rows), columns.data))[1]
     layout = Layout.of(head, columns, origin.metadata.names)
     return from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
@@ -234,7 +238,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
     n_steps = int(places.offsets[-1])
     seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
     # Columns of time are read for other things too than the order of the steps.
-    others = (name for name in (*columns.orders, *columns.index) if name != places.order.column)
+    others = (name for name in (*columns.orders, *columns.index) if name != places.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     return Description(
         source=origin.source,
@@ -246,8 +250,8 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         action_kind=found.actions.kind,
         action_reason=found.actions.reason,
         id_column=columns.episode,
-        order_column=places.order.column,
-        order=places.order.words,
+        order_column=places.order,
+        order=places.order_words,
         seconds=n_steps / metadata.fps if metadata.fps else seconds,
         fps=metadata.fps or recorded,
         operator_column=columns.operator,

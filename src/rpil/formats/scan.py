@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,95 +23,71 @@ from rpil.formats.table_facts import pairs_of
 from rpil.numerics.types import Array
 
 
-@dataclass(eq=False)
-class ScannedActions:
-    """The distinct actions of one column of numbers or texts, collected table by table.
-
-    Attributes
-    ----------
-    classes : (K,) array
-        The distinct actions, in order; empty where they are continuous.
-    fault : DataError, optional
-        The first value that cannot be an action.
-    kind, reason : str
-        "discrete", "continuous" or, where they cannot be what is wanted, "refused"; and why.
-    """
+class FoundActions(NamedTuple):
+    """What actions are: "discrete", "continuous" or, where they cannot be what is wanted, "refused", and why; their
+    `layout`, the different ones in order, if they are discrete, and the `fault` of the first that cannot be one."""
 
     layout: Layout
-    wanted: ActionKind
-    classes: Array = field(default_factory=lambda: np.empty(0))
+    kind: str
+    reason: str
+    classes: Array = np.empty(0)
     fault: DataError | None = None
-    kind: str = "continuous"
-    reason: str = ""
-    _texts: dict[str, None] = field(default_factory=dict)
-    _n_steps: int = 0
-    _whole: bool = True
 
-    @property
-    def _is_text(self) -> bool:
-        return self.layout.action.kind == "U"
 
-    def add(self, table: pa.Table, at: Place) -> None:
-        """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
-        layout = self.layout
-        if layout.n_parts:
-            texts = (one for one in layout.actions if value_type(table[one.name].type).kind == "U")
-            self._texts |= dict.fromkeys(part for one in texts for part in one.parts)
-            return
-        self._n_steps += len(table)
-        for values in self._values(table, layout.actions[0].name, at):
-            self._add(layout.actions[0].cut(values), at)
+def find_actions(rows: Rows, layout: Layout, wanted: ActionKind, source: str, places: Places) -> FoundActions:
+    """What the actions of all rows are."""
+    if layout.n_parts:
+        return _of_parts(rows, layout, wanted, source)
+    is_text = layout.action.kind == "U"
+    classes, is_whole, fault = np.empty(0), True, None
+    for values, at, wrong in _single_actions(rows, layout, places):
+        fault = fault or wrong
+        is_whole = is_whole and (values.dtype.kind != "f" or are_whole(values))
+        if is_whole and (is_text or wanted == "discrete" or len(classes) <= MAX_CLASSES):
+            own = np.unique(as_actions(values, at(0), "discrete"))
+            classes = np.union1d(classes, own) if len(classes) else own
+    try:
+        kind, reason = action_kind(len(classes), len(rows), is_text, is_whole, wanted, "")
+    except DataError as error:
+        said = str(error).removeprefix(": ").rstrip(".")
+        return FoundActions(layout, "refused", said, classes, fault or DataError(f"{source}{error}"))
+    if kind == "discrete":
+        return FoundActions(replace(layout, action=classes.dtype), kind, reason, classes, fault)
+    action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
+    return FoundActions(replace(layout, action=action, n_parts=1), kind, reason, fault=fault)
 
-    def _values(self, table: pa.Table, name: str, at: Place) -> Iterator[Array]:
-        """The values of a column; where some cannot be actions, those that are not missing."""
+
+def _single_actions(rows: Rows, layout: Layout, places: Places) -> Iterator[tuple[Array, Place, DataError | None]]:
+    """The actions of one column, table by table, but for those that are missing, and the first error in a table."""
+    (one,) = layout.actions
+    for _, table, at in rows.tables(0, len(rows), [one.name], places.demonstration_of):
+        fault = None
         try:
-            yield flat.column_values(table, name, at, self.layout.allows_missing)
+            values = flat.column_values(table, one.name, at, layout.allows_missing)
         except DataError as error:
-            self.fault = self.fault or error
-            if table[name].null_count < len(table):
-                yield flat.column_values(table.select([name]).drop_null(), name, at)
-
-    def _add(self, values: Array, at: Place) -> None:
-        values = values.reshape(-1)
+            fault, table = error, table.drop_null()
+            values = flat.column_values(table, one.name, at) if len(table) else np.empty(0)
+        values = one.cut(values).reshape(-1)
         if values.dtype.kind == "f":
             finite = np.isfinite(values)
             if not finite.all():
-                fault = f"{at(int(np.argmin(finite)))}: an action is not finite"
-                self.fault = self.fault or DataError(f"{fault}; repair it, or read with <option>.", "skip_bad")
+                said = f"{at(int(np.argmin(finite)))}: an action is not finite; repair it, or read with <option>."
+                fault = fault or DataError(said, "skip_bad")
             values = values[~np.isnan(values)]
-            self._whole = self._whole and are_whole(values)
-        if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
-            classes = np.unique(as_actions(values, at(0), "discrete"))
-            self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
+        yield values, at, fault
 
-    def finish(self, source: str) -> Layout:
-        """Decide what the actions are; the layout with their type."""
-        layout = self.layout
-        if layout.n_parts:
-            self._refuse_classes_among(source)
-            return layout
-        try:
-            count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
-            self.kind, self.reason = action_kind(*count, "")
-        except DataError as error:
-            self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
-            self.fault = self.fault or DataError(f"{source}{error}")
-            return layout
-        if self.kind == "discrete":
-            return replace(layout, action=self.classes.dtype)
-        self.classes = np.empty(0)
-        return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
 
-    def _refuse_classes_among(self, source: str) -> None:
-        """Set the `fault` where an action of several numbers or texts is not of numbers alone, or is to be discrete."""
-        layout = self.layout
-        self.reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
-        if layout.n_parts == 1 or not (self._texts or self.wanted == "discrete"):
-            return
-        texts, numbers = [*self._texts], [part for part in layout.action_names if part not in self._texts]
-        parts = ", ".join(f"{commas(own)} ({kind})" for own, kind in ((texts, "text"), (numbers, "numbers")) if own)
-        self.kind, self.reason = "refused", f"the action has several parts: {parts}"
-        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
+def _of_parts(rows: Rows, layout: Layout, wanted: ActionKind, source: str) -> FoundActions:
+    """The actions of several numbers or texts, which are refused where not all are numbers, or are to be discrete."""
+    kinds = {part: value_type(rows.schema.field(one.name).type).kind for one in layout.actions for part in one.parts}
+    texts = [part for part, kind in kinds.items() if kind == "U"]
+    if layout.n_parts == 1 or not (texts or wanted == "discrete"):
+        reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
+        return FoundActions(layout, "continuous", reason)
+    own = (texts, "text"), ([part for part in kinds if part not in texts], "numbers")
+    reason = f"the action has several parts: {', '.join(f'{commas(names)} ({what})' for names, what in own if names)}"
+    fault = DataError(f"{source}: {reason}; name the part to judge with <option>.", "action")
+    return FoundActions(layout, "refused", reason, fault=fault)
 
 
 _FEW_STEPS = 10  # changes of the action, to see that a column repeats the last one
@@ -249,7 +226,9 @@ class Scan:
 
     places: Places
     layout: Layout
-    actions: ScannedActions
+    asked: Layout
+    """That of all columns, before anything was found."""
+    actions: FoundActions
     statistics: ScannedColumns
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
@@ -266,8 +245,9 @@ class Scan:
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
     """Read all rows once."""
-    actions, given = ScannedActions(layout, columns.action_kind), (*layout.actions, *layout.observations)
-    statistics = ScannedColumns({one.name: one for one in given}, [one.name for one in layout.actions])
+    actions = find_actions(rows, layout, columns.action_kind, source, places)
+    given = {one.name: one for one in (*layout.actions, *layout.observations)}
+    statistics = ScannedColumns(given, [one.name for one in layout.actions])
     if not columns.observations_given:
         widths = {one.name: len(one.parts) for one in layout.observations}
         statistics.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
@@ -275,11 +255,10 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
             statistics.clocks = dict.fromkeys((name for name, width in widths.items() if width == 1), inf)
     pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
     names = list(dict.fromkeys([*layout.columns, *pairs]))
-    for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
-        actions.add(table, at)
+    for row, table, _ in rows.tables(0, len(rows), names):
         statistics.add(table, places.begins(row, len(table)))
         for name in pairs:
             pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
     operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
     left_out = statistics.leave_out(len(layout.observations))
-    return Scan(places, actions.finish(source).without(left_out), actions, statistics, operators, tasks, left_out)
+    return Scan(places, actions.layout.without(left_out), layout, actions, statistics, operators, tasks, left_out)

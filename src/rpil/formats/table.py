@@ -232,6 +232,17 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
 
 
+def order_values(column: pa.ChunkedArray) -> Array | None:
+    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
+    kind = kind_of_type(column.type)
+    if column.null_count or kind not in ("number", "time"):
+        return None
+    values = np.asarray(column.to_numpy())
+    if values.dtype.kind in "mM":
+        values = values.astype(np.int64)
+    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
+
+
 def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) -> Array:
     """Whether each row, (N,), of texts has none; or of lists has not `width` numbers, by default as many as the first.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -17,9 +17,9 @@ from rpil.data.errors import DataError
 from rpil.data.json_files import Parsed
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats import table as flat
-from rpil.formats.columns import STRETCH, ColumnOptions, Columns
+from rpil.formats.columns import ColumnOptions, Columns
 from rpil.formats.guesses import TIME_OF_DAY
-from rpil.formats.places import order_values
+from rpil.formats.rows import Rows, read_columns
 from rpil.numerics.types import Array, Float, Int
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
@@ -97,7 +97,7 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
     found: list[Clock] = []
     for name in clock_columns(columns):
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
-        values = order_values(table[name].filter(~missing))
+        values = flat.order_values(table[name].filter(~missing))
         if values is None or not len(values):
             continue
         ticks = np.full(len(missing), np.nan)
@@ -142,7 +142,7 @@ def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
     """Seconds since 1970; None where a value is missing or is no wall-clock time."""
     if pa.types.is_date(column.type):
         column = column.cast(pa.timestamp("s"))
-    values = order_values(column)
+    values = flat.order_values(column)
     if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
         return None
     seconds = values * (unit_of(name, column.type, values) or 1.0)
@@ -166,96 +166,35 @@ def with_facts(
         yield table
 
 
-def made(
-    tables: Iterable[pa.Table], columns: Columns, options: ColumnOptions
-) -> tuple[Iterable[pa.Table], Columns, list[str]]:
-    """The tables with the shorter demonstrations that the options make, their columns, and sentences on what was made.
+def with_times(tables: Iterable[pa.Table], columns: Columns) -> tuple[Iterable[pa.Table], Columns]:
+    """The tables with the times in texts, as in names of pictures, where the clock is such a column; as they are, else.
 
-    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
-    "P01-0" and "P01-1"; and after each `segment` seconds: into "P01 [0, 10) s" and "P01 [10, 20) s". A `DataError`
-    where no column is a time whose unit is known.
+    A `DataError` where no column is a time whose unit is known.
     """
-    notes, waiting = list[str](), iter(tables)
-    first = next(waiting, None) if options.split_gap or options.segment else None
+    waiting = iter(tables)
+    first = next(waiting, None)
     if first is None:
-        return tables, columns, notes
-    clock, unit = _find_clock(first, columns)
-    split: Iterable[pa.Table] = chain([first], waiting)
-    if flat.kind_of_type(first[clock].type) == "text":
-        split = map(partial(_with_times, name=clock, source=columns.source), split)
-        columns = replace(columns, orders=(_TIMESTAMP,), times=tuple(name for name in columns.times if name != clock))
-        clock, unit = _TIMESTAMP, 1e-3
-    others = tuple(name for name in columns.made if name != STRETCH)
-    renamed = replace(columns, parts=(), id_chosen=True, made=others)
-    if options.split_gap:
-        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
-        split = _split(split, columns, options.split_gap, clock, unit)
-    if options.segment:
-        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
-        split = _divided(split, renamed if options.split_gap else columns, options.segment, clock, unit)
-    return split, renamed, notes
+        return (), columns
+    name, _ = _find_clock(first, columns)
+    whole = chain([first], waiting)
+    if flat.kind_of_type(first[name].type) != "text":
+        return whole, columns
+    times = tuple(other for other in columns.times if other != name)
+    timed = map(partial(_with_times, name=name, source=columns.source), whole)
+    return timed, replace(columns, orders=(_TIMESTAMP,), times=times)
 
 
 def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
-    """The column of time, by the first table, and the seconds in a tick of it."""
+    """The column of time, and the seconds in a tick of it."""
     for name in (*columns.orders, *columns.times):
         column = table[name].drop_null()
         if flat.kind_of_type(column.type) == "text":
             return name, 1.0
-        values = order_values(column)
+        values = flat.order_values(column)
         if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
             return name, unit
     said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
     raise DataError(f"{columns.source}: {said} <option>.", "order")
-
-
-def _split(tables: Iterable[pa.Table], columns: Columns, gap: float, clock: str, unit: float) -> Iterator[pa.Table]:
-    """The tables with new ids."""
-    is_new, counts = columns.episode in columns.made, Counter[object]()
-    last_time, last_id, label = np.nan, object(), 0 if is_new else ""
-    for table in (one for one in tables if len(one)):
-        seconds = _seconds(table[clock], unit)
-        names, codes = _ids(table, columns)
-        steps = np.diff(seconds, prepend=last_time)
-        starts = (steps > gap) | (steps < 0) | (np.diff(codes, prepend=codes[0]) != 0)
-        starts[0] |= last_id != names[codes[0]]
-        labels = [label]
-        for name in (names[codes[row]] for row in np.flatnonzero(starts)):
-            labels.append(counts[name] if is_new else f"{name}-{counts[name]}")
-            counts[name] += 1
-        last_time, last_id, label = seconds[-1], names[codes[-1]], labels[-1]
-        yield _with_ids(table, columns, pa.array(labels).take(pa.array(np.cumsum(starts))))
-
-
-def _divided(
-    tables: Iterable[pa.Table], columns: Columns, length: float, clock: str, unit: float
-) -> Iterator[pa.Table]:
-    """The tables with ids of stretches of so many seconds, which count from the first row of each demonstration."""
-    first: dict[Id, float] = {}
-    for table in (one for one in tables if len(one)):
-        seconds = _seconds(table[clock], unit)
-        if np.isnan(seconds).any():
-            raise DataError(f"{columns.source}: column {clock!r} lacks values; fill it in.")
-        names, codes = _ids(table, columns)
-        for k, row in zip(*np.unique(codes, return_index=True), strict=True):
-            first.setdefault(names[k], float(seconds[row]))
-        part = np.floor((seconds - np.array([first.get(name, 0.0) for name in names])[codes]) / length)
-        pairs, rows = np.unique(np.stack([codes, part]), axis=1, return_inverse=True)
-        said = (f"{names[int(k)]} [{p * length:.10g}, {(p + 1) * length:.10g}) s" for k, p in pairs.T.tolist())
-        yield _with_ids(table, columns, pa.array(said).take(pa.array(rows.reshape(-1))))
-
-
-def _ids(table: pa.Table, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
-    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart."""
-    if columns.episode in columns.made:
-        return [0], np.zeros(len(table), dtype=int)
-    return flat.id_codes(table, columns.episode, lambda row: f"{columns.source}, row {row + 1}")
-
-
-def _with_ids(table: pa.Table, columns: Columns, ids: pa.Array) -> pa.Table:
-    """The table with new ids."""
-    there = columns.episode in table.column_names
-    return (table.drop_columns([columns.episode]) if there else table).append_column(columns.episode, ids)
 
 
 def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
@@ -268,9 +207,46 @@ def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
     return table.drop_columns([name]).append_column(_TIMESTAMP, pa.array(moments))
 
 
+def shorter(
+    names: Sequence[Id], group: Int[Array, " N"], rows: Rows, columns: Columns, options: ColumnOptions
+) -> tuple[list[Id], Int[Array, " N"]]:
+    """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
+    of each row, as `group` is.
+
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
+    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
+    "P01 [10, 20) s".
+    """
+    table = read_columns(rows, [*columns.orders, *columns.times])
+    clock, unit = _find_clock(table, columns)
+    seconds, is_new = _seconds(table[clock], unit), columns.episode in columns.made
+    if gap := options.split_gap:
+        steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
+        starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
+        for k in group[starts].tolist():
+            labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
+            counts[k] += 1
+        names, group = _numbered(labels, np.cumsum(starts) - 1)
+    if length := options.segment:
+        if np.isnan(seconds).any():
+            raise DataError(f"{columns.source}: column {clock!r} lacks values; fill it in.")
+        first = seconds[np.unique(group, return_index=True)[1]]
+        parts = np.stack([group, np.floor((seconds - first[group]) / length)])
+        pairs, places = np.unique(parts, axis=1, return_inverse=True)
+        ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
+        names, group = _numbered([f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1))
+    return [*names], group
+
+
+def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different labels, and the number of that of each row, where `rows` has the place of its label."""
+    numbers: dict[Id, int] = {}
+    codes = [numbers.setdefault(label, len(numbers)) for label in labels]
+    return [*numbers], np.array(codes, np.int32)[rows]
+
+
 def _seconds(column: pa.ChunkedArray, unit: float) -> Float[Array, " N"]:
     """A column of time in seconds; NaN where it has no value."""
     if flat.kind_of_type(column.type) == "time":
-        is_missing = np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
-        return np.where(is_missing, np.nan, column.to_numpy().astype(np.int64) * unit)
+        column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
