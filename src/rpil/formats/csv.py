@@ -44,22 +44,21 @@ _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where t
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the columns that hold data, and the numbers of the rows."""
-    return _read({path.name: path}, options, path.name)
+    return read_files([path], options, path.name)
 
 
-def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
-    """Read files with the same columns; where no column names the demonstration, each file is one."""
-    return _read(names_in_folder(paths), options, source, FILE)
-
-
-def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
-    """The recording in files by their names."""
-    files, skipped = readable(paths, options)
+def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
+    """Read files with the same columns, one below the other; each is a demonstration where no column is its id, and the
+    `default_id` is `FILE`."""
+    folder = os.path.commonpath([path.absolute().parent for path in paths])
+    named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
+    files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
+    skipped = (parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
             raise other_columns(name, first_name, file.names, first.names)
-    columns = find_text_columns(first, options, default_id)
+    columns = replace(find_text_columns(first, options, default_id), id_written=True)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():
         other = seen.setdefault(without_suffix(name), name)
@@ -68,25 +67,12 @@ def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, defaul
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
-    return _tables(files, columns, Origin(source, words, notes=notes, skipped=skipped))
-
-
-def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
-    """The text tables at the paths, by their names, and which lines and files are skipped."""
-    files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options.skip_bad)
-    lines = [parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped]
-    return files, (*damaged, *lines)
-
-
-def _tables(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
-    """The recording in text tables, one below the other, by their names."""
-    found, columns = _rows_of(files, columns), replace(columns, id_written=True)
+    origin, found = Origin(source, words, notes=notes, skipped=(*damaged, *skipped)), _rows_of(files, columns)
     sizes = {name: len(rows) for name, rows in found.items()}
-    if not next(iter(files.values())).on_disk:
+    if not options.on_disk:
         return StepTables(found.values(), columns, origin, sizes)
     rows = end_to_end([*found.values()], [*found])
-    tables = (table for _, table, _ in rows.tables(0, len(rows), columns.all))
-    return StepTables(tables, columns, origin, sizes, rows)
+    return StepTables((table for _, table, _ in rows.tables(0, len(rows), columns.all)), columns, origin, sizes, rows)
 
 
 def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
-from collections.abc import Collection, Set
+from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -103,26 +102,25 @@ def _records(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     """A row for each object in the lines of a file, and the lines without an object."""
     with guarded(file.name, *_NO_LINES):
         with held_bytes(file) as stream:
-            content, damaged = stream.read(), list[int]()
+            lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()
         with suppress(pa.ArrowInvalid):
-            table = _objects(content)
-            borders = content.count(b"}\n{") + content.count(b"}\r\n{")  # of objects, as these have a comma within
-            if len(table) == content.count(b"\n") + (content[-1:] != b"\n") == borders + 1:
-                return _with_numbers(table, range(1, len(table) + 1)), damaged
-        lines = {number: line for number, line in enumerate(io.BytesIO(content), 1) if line.strip()}
+            if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
+                return _objects(lines), damaged
         damaged = [number for number, line in lines.items() if not _is_object(line)]
         if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
         for number in damaged:
             del lines[number]
-        table = _objects(b"".join(lines.values())) if lines else pa.table({})
-        return _with_numbers(table, lines), damaged
+        return _objects(lines), damaged
 
 
-def _objects(content: bytes) -> pa.Table:
+def _objects(lines: Mapping[int, bytes]) -> pa.Table:
+    """The objects in lines, one in each, by their numbers."""
+    content = b"".join(lines.values())
     size = min(len(content) + 1, _LARGEST_BLOCK)  # a line may be as long as the file
     reading = pa.json.ReadOptions(use_threads=False, block_size=size)
-    return plain_columns(pa.json.read_json(pa.BufferReader(content), reading))
+    table = plain_columns(pa.json.read_json(pa.BufferReader(content), reading)) if lines else pa.table({})
+    return table.append_column(_LINE, pa.array(lines, pa.int64()))
 
 
 def _is_object(line: bytes) -> bool:
@@ -130,11 +128,6 @@ def _is_object(line: bytes) -> bool:
         return isinstance(json.loads(line.decode("utf-8-sig")), dict)
     except (ValueError, RecursionError):
         return False
-
-
-def _with_numbers(table: pa.Table, numbers: Collection[int]) -> pa.Table:
-    """The records with the numbers of their lines."""
-    return table.append_column(_LINE, pa.array(numbers, pa.int64()))
 
 
 def _steps(table: pa.Table) -> pa.Table:

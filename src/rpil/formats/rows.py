@@ -284,23 +284,29 @@ def copied(tables: Iterable[pa.Table], source: str, sizes: Mapping[str, int]) ->
     with _writing(source):
         copy = Copy(source)
         writer = pq.ParquetWriter(copy.path, first.schema, compression="lz4", write_statistics=False)
-    group: list[pa.Table] = []  # of rows, which are written together
-    for table in chain([first], waiting):  # whose errors are those of the data
-        try:
-            group.append(table.cast(first.schema))
-        except (pa.ArrowInvalid, ValueError) as error:
-            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
-            raise DataError(f"{source}: {said}.", "memory") from error
-        if sum(map(len, group)) >= BATCH_ROWS:
-            with _writing(source):
-                writer.write_table(pa.concat_tables(group))
-            group = []
+    for group in _groups(chain([first], waiting), source):  # whose errors are those of the data
+        with _writing(source):
+            writer.write_table(group)
     with _writing(source):
-        writer.write_table(pa.concat_tables(group or [first.slice(0, 0)]))
         writer.close()
     filesystem, path = fs.LocalFileSystem(), str(copy.path)
     with opened(filesystem, path) as file:
         return replace(rows_of(file, filesystem, path, first.column_names, 0), keeper=copy, sizes=sizes)
+
+
+def _groups(tables: Iterable[pa.Table], source: str) -> Iterator[pa.Table]:
+    """Tables of the types of the first, joined to row groups."""
+    group: list[pa.Table] = []
+    for table in tables:
+        try:
+            group.append(table.cast(group[0].schema) if group else table)
+        except (pa.ArrowInvalid, ValueError) as error:
+            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
+            raise DataError(f"{source}: {said}.", "memory") from error
+        if sum(map(len, group)) >= BATCH_ROWS:
+            yield pa.concat_tables(group)
+            group = [group[0].slice(0, 0)]
+    yield pa.concat_tables(group)
 
 
 @contextmanager

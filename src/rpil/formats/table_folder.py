@@ -56,7 +56,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
     beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     if not parquet_files:
-        return csv.read_folder([Path(file) for file in text_files], options, source).with_ignored(beside)
+        return csv.read_files([Path(file) for file in text_files], options, source, csv.FILE).with_ignored(beside)
     return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
 
 
