@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id, text_with_time
+from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
@@ -145,11 +145,10 @@ class _Search:
         return tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
 
     def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
-        """The timestamps that are neither data nor the order, and for pauses a text with a time."""
+        """The timestamps that are neither data nor the order."""
         there = [name for name in ignored if name not in self.excluded]
         named = [name for name in there if self.plain[name] in spellings.TIMESTAMP]
-        texts = text_with_time(self.head, there) if self.options.split_gap or self.options.segment else []
-        return *(name for name in named if self.kinds[name] in ("number", "time", "counter")), *texts
+        return tuple(name for name in named if self.kinds[name] in ("number", "time", "counter"))
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""

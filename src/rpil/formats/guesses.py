@@ -1,4 +1,4 @@
-"""Guesses at the columns of demonstration, action and time, by values and words, where no name says them."""
+"""Guesses at the columns of demonstration and action, by values and words, where no name says them."""
 
 from __future__ import annotations
 
@@ -28,12 +28,6 @@ _OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s
 
 OF_PART = re.compile(r"(?:lap|round|attempt|take|rep|repetition|leg|heat|stint)s?(?:_(?:index|ids?|no|num|number|nr))?")
 """Names of the parts of what a driver did, each of which may be a demonstration."""
-
-TIME_OF_DAY = (
-    r"(?P<date>\d{4}[-_]\d\d[-_]\d\d)[-_T ](?P<hour>\d\d)[-_:](?P<minute>\d\d)[-_:](?P<second>\d\d)"
-    r"(?:[-_.](?P<millisecond>\d{3}))?"
-)
-"""A time of day in a text, as in ``center_2021_10_25_16_31_20_658.jpg``."""
 
 
 def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
@@ -67,12 +61,6 @@ def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
         if is_id and len(values := column.unique().to_pylist()) == 1:
             return f" ({name!r} is {values[0]!r:.40} in every row: one demonstration)"
     return ""
-
-
-def text_with_time(head: pa.Table | None, names: Iterable[str]) -> list[str]:
-    """The first of the columns in whose first row there is a text with a time of day."""
-    first = {name: column[0].as_py() for name, column in _there(head, names).items() if len(column)}
-    return [name for name, text in first.items() if isinstance(text, str) and re.search(TIME_OF_DAY, text)][:1]
 
 
 def _counts(column: pa.ChunkedArray) -> bool:

@@ -30,7 +30,7 @@ from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
-from rpil.formats.times import Clock, Times, clock_columns, find_clock, with_times
+from rpil.formats.times import Clock, Times, clock_columns, find_clock
 
 if TYPE_CHECKING:
     from rpil.numerics.types import Array, Bool
@@ -177,21 +177,20 @@ class Recording:
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording in tables, which in memory may lie in any order; on disk they never are in memory all."""
-    tables, columns, origin, source, notes = found.tables, found.columns, found.origin, found.origin.source, []
+    columns, origin, source, notes = found.columns, found.origin, found.origin.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
     if options.segment:
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
-        tables, columns = with_times(tables, columns)
         origin = replace(origin.only(()), notes=(*notes, *origin.notes))
     rows: Rows
-    if found.in_place is not None and columns is found.columns:
+    if found.in_place is not None:
         rows = found.in_place
     elif options.on_disk:
-        rows = copied(tables, source, found.sizes)
+        rows = copied(found.tables, source, found.sizes)
     else:
-        rows = TableRows(end_to_end([*tables], source), source, sizes=found.sizes)
+        rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
     places, rows = find_places(rows, columns, source, options)
     head = next(rows.tables(0, len(rows), columns.data))[1]
     layout = Layout.of(head, columns, origin.metadata.names)

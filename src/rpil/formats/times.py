@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import chain
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +15,6 @@ from rpil.data.json_files import Parsed
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.guesses import TIME_OF_DAY
 from rpil.formats.rows import Rows, read_columns
 from rpil.numerics.types import Array, Float, Int
 
@@ -150,10 +146,6 @@ def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
     return seconds if low < seconds.min() and seconds.max() < high else None
 
 
-_TIMESTAMP = "timestamp"
-"""The column of the times in texts."""
-
-
 def with_facts(
     tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
 ) -> Iterator[pa.Table]:
@@ -166,47 +158,6 @@ def with_facts(
         yield table
 
 
-def with_times(tables: Iterable[pa.Table], columns: Columns) -> tuple[Iterable[pa.Table], Columns]:
-    """The tables with the times in texts, as in names of pictures, where the clock is such a column; as they are, else.
-
-    A `DataError` where no column is a time whose unit is known.
-    """
-    waiting = iter(tables)
-    first = next(waiting, None)
-    if first is None:
-        return (), columns
-    name, _ = _find_clock(first, columns)
-    whole = chain([first], waiting)
-    if flat.kind_of_type(first[name].type) != "text":
-        return whole, columns
-    times = tuple(other for other in columns.times if other != name)
-    timed = map(partial(_with_times, name=name, source=columns.source), whole)
-    return timed, replace(columns, orders=(_TIMESTAMP,), times=times)
-
-
-def _find_clock(table: pa.Table, columns: Columns) -> tuple[str, float]:
-    """The column of time, and the seconds in a tick of it."""
-    for name in (*columns.orders, *columns.times):
-        column = table[name].drop_null()
-        if flat.kind_of_type(column.type) == "text":
-            return name, 1.0
-        values = flat.order_values(column)
-        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
-            return name, unit
-    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
-    raise DataError(f"{columns.source}: {said} <option>.", "order")
-
-
-def _with_times(table: pa.Table, name: str, source: str) -> pa.Table:
-    """The table with the times in the texts of a column in its place."""
-    found = [re.search(TIME_OF_DAY, text or "") for text in table[name].to_pylist()]
-    if None in found:
-        raise DataError(f"{source}: a text has no time such as 2021_10_25_16_31_20_658; correct it.")
-    parts = ([part.replace("_", "-") for part in one.groups("000")] for one in found if one)
-    moments = np.array(["{}T{}:{}:{}.{}".format(*own) for own in parts], dtype="datetime64[ms]")
-    return table.drop_columns([name]).append_column(_TIMESTAMP, pa.array(moments))
-
-
 def shorter(
     names: Sequence[Id], group: Int[Array, " N"], rows: Rows, columns: Columns, options: ColumnOptions
 ) -> tuple[list[Id], Int[Array, " N"]]:
@@ -217,9 +168,7 @@ def shorter(
     "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
     "P01 [10, 20) s".
     """
-    table = read_columns(rows, [*columns.orders, *columns.times])
-    clock, unit = _find_clock(table, columns)
-    seconds, is_new = _seconds(table[clock], unit), columns.episode in columns.made
+    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
     if gap := options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
         starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
@@ -229,7 +178,7 @@ def shorter(
         names, group = _numbered(labels, np.cumsum(starts) - 1)
     if length := options.segment:
         if np.isnan(seconds).any():
-            raise DataError(f"{columns.source}: column {clock!r} lacks values; fill it in.")
+            raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
         first = seconds[np.unique(group, return_index=True)[1]]
         parts = np.stack([group, np.floor((seconds - first[group]) / length)])
         pairs, places = np.unique(parts, axis=1, return_inverse=True)
@@ -245,8 +194,14 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
     return [*numbers], np.array(codes, np.int32)[rows]
 
 
-def _seconds(column: pa.ChunkedArray, unit: float) -> Float[Array, " N"]:
-    """A column of time in seconds; NaN where it has no value."""
-    if flat.kind_of_type(column.type) == "time":
-        column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+def _seconds(rows: Rows, columns: Columns) -> Float[Array, " N"]:
+    """The first column of time whose unit is known in seconds; NaN where it has no value."""
+    table = read_columns(rows, [*columns.orders, *columns.times])
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = flat.order_values(column.drop_null())
+        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
+            if flat.kind_of_type(column.type) == "time":
+                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")
