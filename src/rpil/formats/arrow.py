@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import pyarrow as pa
@@ -13,7 +12,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_names
 from rpil.formats.format import StepTables
 from rpil.formats.guesses import GUESSED_ROWS
-from rpil.formats.recording import Recording, from_tables, with_chosen
+from rpil.formats.recording import Recording, from_tables
 from rpil.formats.table_facts import Origin
 
 FRAME = "the frame"
@@ -33,8 +32,7 @@ def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Record
     with guarded(FRAME, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    found = from_tables(from_arrow(table, options, FRAME, "data frame"), options)
-    return replace(with_chosen(found, options), options=options)
+    return from_tables(from_arrow(table, options, FRAME, "data frame"), options)
 
 
 def from_arrow(

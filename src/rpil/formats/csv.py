@@ -16,7 +16,6 @@ import pyarrow.compute as pc
 import pyarrow.csv
 
 from rpil.data.cells import each_text, from_cell, to_cell
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
@@ -31,7 +30,6 @@ from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
 from rpil.formats.rows import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
-from rpil.numerics.types import Array
 
 _Result = TypeVar("_Result")
 
@@ -40,11 +38,6 @@ _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
 _BLOCK_BYTES = MIB
 _MAX_BLOCK_BYTES = (1 << 31) - 1
 _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
-
-
-def read(path: Path, options: ColumnOptions) -> StepTables:
-    """Read the columns that hold data, and the numbers of the rows."""
-    return read_files([path], options, path.name)
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
@@ -82,11 +75,6 @@ def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
             table = table.set_column(k, field.name, texts)
     return table
-
-
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
-    """Write the flat table as text."""
-    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -224,8 +212,8 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
 FORMAT = Format(
     name="CSV",
     claims=called(*TEXT_SUFFIXES),
-    read=read,
+    read=lambda path, options: read_files([path], options, path.name),
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
-    write=write,
+    write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import are_whole
 from rpil.data.names import OPERATOR, is_observation, is_order, plain_name
+from rpil.formats.table import encoded
 
 GUESSED_ROWS = 20_000
 """The first rows, by which the column of the demonstration is guessed."""
@@ -80,5 +81,5 @@ def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
         return 0, 0
     if pa.types.is_floating(column.type) and not are_whole(column.to_numpy()):
         return 0, 0
-    codes = column.dictionary_encode().unify_dictionaries().combine_chunks().indices.to_numpy()
+    codes = encoded(column)[1]
     return len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import fs
 
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
 from rpil.data.memory import check_memory
@@ -24,22 +23,17 @@ from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
 from rpil.formats.damage import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.guesses import GUESSED_ROWS
+from rpil.formats.meta_folder import MetaFolder, read_metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, read_table
 from rpil.formats.rows import ParquetRows, end_to_end, opened, other_columns, rows_of
 from rpil.formats.table import BATCH_ROWS
 from rpil.formats.table_facts import Metadata, Origin, file_names
 from rpil.formats.times import with_facts
-from rpil.numerics.types import Array
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
 
 Change = Callable[["pa.Table"], "pa.Table"]
-
-
-def read(path: Path, options: ColumnOptions) -> StepTables:
-    """Read the columns that hold data, and the numbers of the rows."""
-    return read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name)
 
 
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
@@ -68,8 +62,6 @@ def _open_rows(
 
     A `DataError` where the columns of the files differ.
     """
-    from rpil.formats.meta_folder import read_metadata
-
     parts, columns, metadata, first = list[ParquetRows](), None, Metadata(), PurePosixPath(paths[0]).name
     for path in paths:
         name = PurePosixPath(path).name
@@ -135,8 +127,6 @@ def _episodes(
     filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
 ) -> tuple[list[str], list[int], list[int]]:
     """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
-    from rpil.formats.meta_folder import MetaFolder
-
     data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
     if data is None:
         return [PurePosixPath(path).name for path in damaged], [], []
@@ -147,11 +137,6 @@ def _episodes(
         there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
     names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
     return names, sorted(listed - there), sorted(there)
-
-
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
-    """Write the flat table, with its types."""
-    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -205,8 +190,8 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
 FORMAT = Format(
     name="Parquet",
     claims=called(".parquet"),
-    read=read,
+    read=lambda path, options: read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name),
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
-    write=write,
+    write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

@@ -45,9 +45,9 @@ class Places:
         runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
         return replace(self, ids=tuple(compress(self.ids, mask)), offsets=offsets), runs
 
-    def owners(self, row: int, n_rows: int) -> Array:
-        """The numbers of the demonstrations that own the `n_rows` rows from `row` on."""
-        return np.searchsorted(self.offsets, np.arange(row, row + n_rows), side="right") - 1
+    def owners(self) -> Int[Array, " N"]:
+        """The number of the demonstration of each row."""
+        return np.repeat(np.arange(len(self.ids)), np.diff(self.offsets))
 
     def begins(self, row: int, n_rows: int) -> Array:
         """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
@@ -202,7 +202,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
             )
     for name in columns.parts:
         n_ids = len(np.unique(group))
-        codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
+        codes = flat.encoded(table[name])[1]
         pair = group.astype(np.int64) * (len(codes) + 1) + codes
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))

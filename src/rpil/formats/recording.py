@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -21,19 +20,16 @@ from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.damage import left_out_lines
-from rpil.formats.dataset import Dataset
+from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.description import Description, commas
 from rpil.formats.format import Defect, StepTables
-from rpil.formats.layout import Layout
 from rpil.formats.places import find_places
 from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
-
-if TYPE_CHECKING:
-    from rpil.numerics.types import Array, Bool
+from rpil.numerics.types import Array, Bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +172,10 @@ class Recording:
 
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
-    """The recording in tables, which in memory may lie in any order; on disk they never are in memory all."""
+    """The recording of the demonstrations in tables that the options choose.
+
+    In memory the tables may lie in any order; on disk they never are in memory all.
+    """
     columns, origin, source, notes = found.columns, found.origin, found.origin.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
@@ -194,7 +193,8 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
     places, rows = find_places(rows, columns, source, options)
     head = next(rows.tables(0, len(rows), columns.data))[1]
     layout = Layout.of(head, columns, origin.metadata.names)
-    return from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
+    recording = from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
+    return replace(with_chosen(recording, options), options=options)
 
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:

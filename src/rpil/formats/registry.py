@@ -22,7 +22,7 @@ from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, kept_of
-from rpil.formats.recording import Recording, from_tables, with_chosen
+from rpil.formats.recording import Recording, from_tables
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -93,22 +93,17 @@ class ClaimedPath:
                 return self.read(options, on_disk=False)
             return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):
-            recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
+            place, options = Path(self.path), replace(options, on_disk=on_disk)
+            if place.is_file():
+                check_readable(place)
+            tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
+            recording = from_tables(tables, options)
             return replace(
                 recording,
                 description=replace(recording.description, source=self.name or recording.description.source),
-                options=options,
                 write_some=lambda ids, new: self.keep(new, ids, options, recording.ids),
-                find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
+                find_defects=self.format.find_defects and partial(self.format.find_defects, place),
             )
-
-    def _recording(self, options: ColumnOptions) -> Recording:
-        """The recording in all that is at the path."""
-        place = Path(self.path)
-        if place.is_file():
-            check_readable(place)
-        tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
-        return from_tables(tables, options)
 
     def keep(
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()

@@ -14,8 +14,8 @@ from rpil.data.arrays import MAX_CLASSES, ActionKind, action_kind, are_whole, as
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
+from rpil.formats.dataset import Column, Layout, value_type
 from rpil.formats.description import commas
-from rpil.formats.layout import Column, Layout, value_type
 from rpil.formats.places import Places
 from rpil.formats.rows import Rows
 from rpil.formats.table import Place
@@ -253,12 +253,8 @@ def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Plac
         statistics.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
         if np.diff(places.offsets).max(initial=1) > 2:  # any two numbers differ by a constant
             statistics.clocks = dict.fromkeys((name for name, width in widths.items() if width == 1), inf)
-    pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
-    names = list(dict.fromkeys([*layout.columns, *pairs]))
-    for row, table, _ in rows.tables(0, len(rows), names):
+    for row, table, _ in rows.tables(0, len(rows), layout.columns):
         statistics.add(table, places.begins(row, len(table)))
-        for name in pairs:
-            pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
-    operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
+    operators, tasks = (pairs_of(rows, name, places) for name in (columns.operator, columns.task))
     left_out = statistics.leave_out(len(layout.observations))
     return Scan(places, actions.layout.without(left_out), layout, actions, statistics, operators, tasks, left_out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -174,15 +175,19 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
 
 
+def encoded(column: pa.ChunkedArray) -> tuple[list[Any], Array]:
+    """The different values in a column, and the number (N,) of that of each row, -1 where it has none."""
+    whole = column.dictionary_encode().unify_dictionaries().combine_chunks()
+    return whole.dictionary.to_pylist(), whole.indices.fill_null(-1).to_numpy()
+
+
 def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[str], Array]:
     """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once.
 
     A `DataError` where a text is missing, too long or not Unicode.
     """
-    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
-    rows = encoded.indices.to_numpy()
     try:
-        texts = encoded.dictionary.to_pylist()
+        texts, rows = encoded(column)
     except UnicodeDecodeError as error:
         raise DataError(f"{at(0)}: column {name!r} holds text that is not Unicode; write it again.") from error
     for k, text in enumerate(texts):
@@ -214,8 +219,7 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     if kind == "text":
         texts, rows = encoded_texts(column, name, at)
         return list(texts), rows
-    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
-    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
+    return encoded(column)
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:

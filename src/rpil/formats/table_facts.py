@@ -17,7 +17,8 @@ from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.places import Places
-from rpil.formats.table import numbers_or_missing
+from rpil.formats.rows import Rows, read_columns
+from rpil.formats.table import encoded, numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
 
@@ -100,17 +101,15 @@ def find_facts(table: pa.Table, columns: Columns, places: Places, origin: Origin
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    order, order_source = _order(table, columns, places, origin) if files else (None, "")
+    order, order_source = None, ""
+    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int)
+    if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
+        order, order_source = np.array(places.ids, dtype=float), columns.episode
+    elif files:
+        order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
     sessions = () if columns.session is None else _sessions(table, columns.session, places, origin.source, files)
     outcome = None if columns.outcome is None else _outcome(table, columns, places.offsets, origin.source)
     return Facts(order, order_source, sessions, outcome, columns.outcome or "")
-
-
-def _order(table: pa.Table, columns: Columns, places: Places, origin: Origin) -> tuple[Float[Array, " M"] | None, str]:
-    """The place of each demonstration, and what states it: LeRobot's index, or wall-clock times."""
-    if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int):
-        return np.array(places.ids, dtype=float), columns.episode
-    return start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
 
 
 def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Sequence[str]) -> tuple[str, ...]:
@@ -119,8 +118,7 @@ def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Se
         if not files:
             raise DataError(f"{source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(files)
-    encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-    codes = encoded.indices.fill_null(-1).to_numpy()
+    values, codes = encoded(table[name])
     low, high = (extreme.reduceat(codes, places.offsets[:-1]) for extreme in (np.minimum, np.maximum))
     wrong = np.flatnonzero((low < 0) | (low != high))
     if len(wrong):
@@ -128,8 +126,7 @@ def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Se
         raise DataError(
             f"{source}, demonstration {places.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
         )
-    names = [str(value) for value in encoded.dictionary.to_pylist()]
-    return tuple(names[code] for code in low.tolist())
+    return tuple(str(values[code]) for code in low.tolist())
 
 
 def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
@@ -168,13 +165,15 @@ def file_names(paths: Iterable[str]) -> list[str]:
     return short if len(set(short)) == len(set(whole)) else whole
 
 
-def pairs_of(table: pa.Table, name: str, ids: Sequence[Id], group: Array) -> list[tuple[str, object]]:
-    """The different pairs of id, as text, and value, in the order of the file."""
-    column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-    values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
-    _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)
+def pairs_of(rows: Rows, name: str | None, places: Places) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
+    if name is None:
+        return []
+    values, codes = encoded(read_columns(rows, [name])[name])
+    _, first = np.unique(places.owners() * (len(values) + 1) + codes, return_index=True)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
-    return [(str(ids[group[row]]), values[codes[row]]) for row in np.sort(first).tolist()]
+    owners = np.searchsorted(places.offsets, np.sort(first), side="right") - 1
+    return [(str(places.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
 
 
 def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:

@@ -151,10 +151,9 @@ def with_facts(
 ) -> Iterator[pa.Table]:
     """The tables with a column for each of the `facts`, which have a value for each id."""
     for table in tables:
-        encoded = table[episode].dictionary_encode().unify_dictionaries().combine_chunks()
-        ids = [str(name) for name in encoded.dictionary.to_pylist()]
+        ids, rows = flat.encoded(table[episode])
         for name, by_id in facts.items():
-            table = table.append_column(name, pa.array([by_id.get(m) for m in ids]).take(encoded.indices))
+            table = table.append_column(name, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
         yield table
 
 

@@ -183,19 +183,14 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
             yield from _of_times(shot, np.sort(times[inside]), fps)
             if frames is not None and inside.any():
                 is_black = frames[inside].max(axis=(1, 2)) <= DARK
-                yield from _black(shot, is_black, fps)
+                if is_black.any():
+                    first = duration(float(np.argmax(is_black)), 1 / fps)
+                    said = f"{shot.camera} is black in {is_black.sum()} frames of {len(is_black)}, from {first}"
+                    yield Defect("black frames", str(shot.episode), said)
                 if not is_black.all():
                     still[shot.camera][shot.episode] = _stillness(frames[inside], is_black)
     for camera, of_episode in still.items():
         yield from _unchanged(camera, of_episode, fps, states or {})
-
-
-def _black(shot: Shot, is_black: Array, fps: float) -> Iterator[Defect]:
-    """The frames of an episode that are black, (F,)."""
-    if is_black.any():
-        black = np.flatnonzero(is_black)
-        said = f"is black in {len(black)} frames of {len(is_black)}, from {duration(black[0], 1 / fps)}"
-        yield Defect("black frames", str(shot.episode), f"{shot.camera} {said}")
 
 
 def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
