@@ -20,7 +20,7 @@ from rpil.data.npy import opened_npz
 from rpil.formats import hdf5
 from rpil.formats.array_layout import ACTIONS, first, holds_several
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.damage import without_damaged
+from rpil.formats.description import without_damaged
 from rpil.formats.format import Format, StepTables
 from rpil.formats.npz import arrays_of
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts

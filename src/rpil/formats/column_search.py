@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
@@ -67,7 +67,8 @@ def find_columns(
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
+    kinds = {**dict.fromkeys(names, "number"), **kinds, **made}
+    found = _Search([*kinds], kinds, source, options, head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 
 
@@ -76,7 +77,7 @@ class _Search:
     """The search for the columns of one table; every column that is given a role leaves `free`."""
 
     names: Sequence[str]
-    given_kinds: InitVar[Mapping[str, Kind]]
+    kinds: Mapping[str, Kind]
     source: str
     options: ColumnOptions
     head: pa.Table | None
@@ -84,8 +85,7 @@ class _Search:
     excluded_parts: dict[str, bool] = field(default_factory=dict)
     guessed: dict[str, str] = field(default_factory=dict)
 
-    def __post_init__(self, given_kinds: Mapping[str, Kind]) -> None:
-        self.kinds: dict[str, Kind] = {name: given_kinds.get(name, "number") for name in self.names}
+    def __post_init__(self) -> None:
         self.plain = {name: plain_name(name) for name in self.names}
         self.excluded = {*self.matching(self.options.exclude, "exclude")}
         self.ignored = dict.fromkeys(self.excluded, "excluded as asked")

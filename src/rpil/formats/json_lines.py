@@ -22,7 +22,7 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.damage import damaged_lines, parts_in_words
+from rpil.formats.description import damaged_lines, parts_in_words
 from rpil.formats.format import Format, StepTables, keep_one_file
 from rpil.formats.table_folder import has_tables
 

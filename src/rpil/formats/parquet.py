@@ -20,7 +20,7 @@ from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
-from rpil.formats.damage import parts_in_words, without_damaged
+from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.meta_folder import MetaFolder, read_metadata

@@ -19,9 +19,8 @@ from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
-from rpil.formats.damage import left_out_lines
 from rpil.formats.dataset import Dataset, Layout
-from rpil.formats.description import Description, commas
+from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.places import find_places
 from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns

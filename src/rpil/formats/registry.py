@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import partial
+from glob import has_magic
 from importlib import import_module
 from pathlib import Path
 
@@ -72,7 +73,7 @@ def find_format(path: StrPath) -> Format | None:
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if table_folder.may_be_many_files(path) else None
+        return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
     check_folder(check_exists(place))
     return next((one for one in FORMATS if _claims(one, place)), None)
 

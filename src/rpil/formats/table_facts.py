@@ -46,22 +46,22 @@ class Metadata:
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
-        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
-        unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        n, are = self.n_cameras, "are" if self.n_cameras > 1 else "is"
-        unseen = f"{counted(n, 'camera')} {are} not used: what only pictures show is not known here."
-        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
+        counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
-        facts = [f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1]
-        more = (
-            f"meta has of each demonstration {', '.join(facts[:8])}: name one with --operator, --session or --outcome."
+        facts = ", ".join([f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1][:8])
+        unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
+        found = (
+            self.unusable and f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}.",
+            self.strays and f"Left out, because meta does not list them: {quoted(self.strays, 5)}.",
+            self.n_cameras and f"{unseen}: what only pictures show is not known here.",
+            facts and f"meta has of each demonstration {facts}: name one with --operator, --session or --outcome.",
+            *(
+                f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
+                for name, (n, what) in counts.items()
+                if self.sizes.get(name, n) != n
+            ),
         )
-        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0), (more, bool(facts))
-        return tuple(text for text, holds in said if holds) + tuple(
-            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
-            for name, (n, what) in found.items()
-            if self.sizes.get(name, n) != n
-        )
+        return tuple(str(text) for text in found if text)
 
 
 @dataclass(frozen=True)

@@ -85,11 +85,6 @@ def _columns(path: str, options: ColumnOptions) -> set[str]:
     return set()
 
 
-def may_be_many_files(path: StrPath) -> bool:
-    """Whether `path` may name several files: a folder, a pattern, an address."""
-    return "://" in str(path) or os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(str(path)))
-
-
 def has_tables(path: StrPath) -> bool:
     """Whether a folder has Parquet files, or text tables but those of rpil: a .txt file may be any text."""
     _, _, files, texts = _listed(path)

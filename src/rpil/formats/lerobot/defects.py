@@ -184,8 +184,8 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
             if frames is not None and inside.any():
                 is_black = frames[inside].max(axis=(1, 2)) <= DARK
                 if is_black.any():
-                    first = duration(float(np.argmax(is_black)), 1 / fps)
-                    said = f"{shot.camera} is black in {is_black.sum()} frames of {len(is_black)}, from {first}"
+                    since = duration(float(np.argmax(is_black)), 1 / fps)
+                    said = f"{shot.camera} is black in {is_black.sum()} frames of {len(is_black)}, from {since}"
                     yield Defect("black frames", str(shot.episode), said)
                 if not is_black.all():
                     still[shot.camera][shot.episode] = _stillness(frames[inside], is_black)

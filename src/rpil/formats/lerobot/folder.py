@@ -184,11 +184,12 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
+    needs = []
     if version != "v2.1":
         needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
-    is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
-    return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+    elif not (path / EPISODES_STATS).is_file():
+        needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
+    return [*needs, f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 FORMAT = Format(

@@ -119,7 +119,11 @@ class Kept:
         if self.old.schema is not None:
             of_gone = tuple(f"{what}/{camera}/" for camera in gone for what in ("videos", "stats"))
             left = [field for field in self.old.schema if not field.name.startswith(of_gone)]
-            _write_table(self.new / _EPISODES, rows.values(), found, pa.schema(left, self.old.schema.metadata))
+            for row, own in zip(rows.values(), found, strict=True):
+                row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
+            (self.new / _EPISODES).parent.mkdir(parents=True)
+            table = pa.Table.from_pylist([*rows.values()], pa.schema(left, self.old.schema.metadata))
+            pq.write_table(table, self.new / _EPISODES)
         else:
             _write_lines(self.new / "meta" / "episodes.jsonl", rows.values())
             if found:
@@ -155,14 +159,6 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
     """The table with other values of the same type in one of its columns."""
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
-
-
-def _write_table(place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[ByFeature], schema: pa.Schema) -> None:
-    """Write the table of version 3.0, with the statistics of each episode."""
-    for row, own in zip(rows, found, strict=True):
-        row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
-    place.parent.mkdir(parents=True)
-    pq.write_table(pa.Table.from_pylist([*rows], schema), place)
 
 
 def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
