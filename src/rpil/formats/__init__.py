@@ -36,7 +36,6 @@ from rpil.formats.registry import find, writer_of
 __all__ = [
     "ColumnOptions",
     "Description",
-    "Label",
     "Recording",
     "check_labels_file",
     "label_codes",

@@ -15,9 +15,6 @@ from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.table_facts import Origin
 
-FRAME = "the frame"
-"""Name of a data frame in messages."""
-
 
 @runtime_checkable
 class Frame(Protocol):
@@ -29,19 +26,15 @@ class Frame(Protocol):
 
 def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
-    with guarded(FRAME, "a column holds values of mixed types", "convert them"):
+    source = "the frame"
+    with guarded(source, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    return from_tables(from_arrow(table, options, FRAME, "data frame"), options)
+    return from_tables(from_arrow(table, options, source, "data frame"), options)
 
 
 def from_arrow(
-    table: pa.Table,
-    options: ColumnOptions,
-    source: str,
-    format_name: str,
-    notes: tuple[str, ...] = (),
-    default_id: str | None = None,
+    table: pa.Table, options: ColumnOptions, source: str, format_name: str, default_id: str | None = None
 ) -> StepTables:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
     table = plain_columns(table)
@@ -51,7 +44,7 @@ def from_arrow(
     kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, default_id, head)
     chosen = table.select([*columns.all, *columns.outcomes])
-    return StepTables([chosen], columns, Origin(source, format_name, notes=notes))
+    return StepTables([chosen], columns, Origin(source, format_name))
 
 
 def plain_columns(table: pa.Table) -> pa.Table:

@@ -6,10 +6,9 @@ import gzip
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any, TypeVar, cast
+from typing import IO, Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -30,8 +29,6 @@ from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
 from rpil.formats.rows import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
-
-_Result = TypeVar("_Result")
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
@@ -129,16 +126,16 @@ def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]
     floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
     kinds = (pa.int64(), pa.float64(), pa.string()) if columns.one_action else (None,)
     own = [dict.fromkeys(columns.actions, kind) if kind else {} for kind in kinds]
-    *tried, last = [{**others, **action, **texts} for others in (floats, {}) for action in own]
-    for types in tried:
-        with suppress(_OtherTypeError):
+    fault = None
+    for types in ({**others, **action, **texts} for others in (floats, {}) for action in own):
+        try:
             return {name: _read_table(name, file, columns, types) for name, file in files.items()}
-    try:
-        return {name: _read_table(name, file, columns, last) for name, file in files.items()}
-    except _OtherTypeError:
-        for file in files.values():
-            file.check()
-        raise
+        except _OtherTypeError as error:
+            fault = error
+    for file in files.values():
+        file.check()
+    assert fault is not None
+    raise fault
 
 
 def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Any:
@@ -164,7 +161,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
         return found
 
 
-def _parsed(file: TextTable, take: Callable[..., _Result], **conversion: object) -> _Result:
+def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> Any:
     """What `take` makes of the bytes and the options for reading, parsing and converting them.
 
     They are read again in larger blocks where a field does not fit in.

@@ -77,9 +77,8 @@ def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedA
 
 def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
     """How many different values a column has, and how many runs of equal ones; none where they cannot be ids."""
-    if column.null_count or pa.types.is_boolean(column.type):
-        return 0, 0
-    if pa.types.is_floating(column.type) and not are_whole(column.to_numpy()):
+    has_parts = pa.types.is_floating(column.type) and not are_whole(column.to_numpy())
+    if column.null_count or pa.types.is_boolean(column.type) or has_parts:
         return 0, 0
     codes = encoded(column)[1]
     return len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))

@@ -136,10 +136,10 @@ def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[
     by_place = {str(PurePosixPath(file).relative_to(meta.top)): file for file in files}
     own = [place for place in by_place if not place.startswith("meta/")]
     try:
-        listed = meta.listed(own) if meta.info else []
+        if not meta.info:
+            return files
+        listed = meta.listed(own)
     except DataError:  # the reader names what is damaged, after the data
-        return files
-    if not meta.info:
         return files
     if not own and "codebase_version" in meta.info:
         n = str(meta.info.get("total_episodes", "?"))[:20]

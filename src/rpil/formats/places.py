@@ -102,21 +102,20 @@ def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOption
 
 
 def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
-    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart."""
+    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart.
+
+    Of text tables all are numbers where all are written as whole numbers of at most 64 bits.
+    """
     numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
     if columns.episode in columns.made:
         return [0], group
     for row, part, place in rows.tables(0, len(rows), [columns.episode]):
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
-    return _as_written(numbers) if columns.id_written else list(numbers), group
-
-
-def _as_written(ids: Iterable[Id]) -> list[Id]:
-    """Texts as whole numbers, where all are written so and none has over 64 bits."""
-    texts = list(map(str, ids))
-    are_whole = all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
-    return list(map(int, texts)) if are_whole else list(texts)
+    texts = [str(m) for m in numbers] if columns.id_written else []
+    if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
+        return [int(text) for text in texts], group
+    return [*texts] or [*numbers], group
 
 
 def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:

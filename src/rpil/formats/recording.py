@@ -122,7 +122,8 @@ class Recording:
     def times(self) -> Times:
         """What the file says of its own times and lengths."""
         metadata = self.origin.metadata
-        return Times(None if self.clock is None else self.clock.timestamps, metadata.fps, metadata.lengths)
+        seconds = None if self.clock is None else self.clock.ticks * (self.clock.unit or 1.0)
+        return Times(seconds, metadata.fps, metadata.lengths)
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""

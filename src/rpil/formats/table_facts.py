@@ -133,29 +133,23 @@ def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> 
     """The outcome of each demonstration, with NaN where it is not known."""
     wanted = str(columns.outcome)
     name = wanted.removeprefix("-")
+    others = quoted([*(other for other in columns.outcomes if other != name), LENGTH])
+    ways = f"name another column with <option> ({others} may do)"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])
         if values is None or values.shape[1] != 1:
-            raise DataError(
-                f"{source}: column {name!r} is not of one number for each step; {_others(columns)}.", "outcome"
-            )
+            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.", "outcome")
         found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
     if found is None:
         raise DataError(
             f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {_others(columns)}.",
+            f"so that nothing says which value is the outcome; {ways}.",
             "outcome",
         )
     return (
         found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
     )  # a flag stays one
-
-
-def _others(columns: Columns) -> str:
-    name = (columns.outcome or "").removeprefix("-")
-    others = [other for other in columns.outcomes if other != name]
-    return f"name another column with <option> ({quoted([*others, LENGTH])} may do)"
 
 
 def file_names(paths: Iterable[str]) -> list[str]:

@@ -51,25 +51,17 @@ class Clock:
     ticks: Float[Array, " N"]
     """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
     unit: float | None
-    """Seconds in a tick, None where neither type, name nor size says it."""
-
-    @property
-    def timestamps(self) -> Float[Array, " N"]:
-        """In seconds; a column of which only the name says that it is time is taken to hold them."""
-        return self.ticks * (self.unit or 1.0)
+    """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
 
     def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
         """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
-        lengths, step = self._lengths(offsets), usual_step(np.diff(self.ticks))
+        lengths, step = self.lengths(offsets), usual_step(np.diff(self.ticks))
         if self.unit is None or step is None or not np.all(lengths >= 0):
             return None, None
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
 
-    def is_plausible(self, offsets: Array) -> bool:
-        """Whether time passes, and no demonstration ends before it begins."""
-        return bool((np.diff(self.ticks) > 0).any()) and not (self._lengths(offsets) < 0).any()
-
-    def _lengths(self, offsets: Array) -> Array:
+    def lengths(self, offsets: Array) -> Float[Array, " M"]:
+        """Of the demonstrations, in ticks."""
         return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
 
 
@@ -100,7 +92,8 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
         ticks[~missing] = values - values.min()
         clock = Clock(ticks, unit_of(name, table[name].type, values))
         is_named = plain_name(name) in TIMESTAMP
-        if is_named or (clock.unit is not None and clock.is_plausible(offsets)):
+        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(offsets) < 0).any()
+        if is_named or (clock.unit is not None and passes):
             found.append(clock)
     return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
 

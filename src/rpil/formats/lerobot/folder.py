@@ -36,8 +36,6 @@ from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
 
-read = table_folder.read
-
 WEIGHTS = (
     "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
     "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
@@ -195,7 +193,7 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
 FORMAT = Format(
     name="LeRobot",
     claims=claims,
-    read=read,
+    read=table_folder.read,
     keep=keep,
     keep_list=keep_list,
     has_own_ids=True,
