@@ -29,9 +29,6 @@ from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
-Videos = Mapping[str, Mapping[int, Shot]]
-"""Where each camera saw each episode."""
-
 
 @dataclass
 class Kept:
@@ -92,10 +89,11 @@ class Kept:
         table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
         return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
-    def write_episodes(self, videos: Videos, gone: Sequence[str]) -> list[ByFeature]:
+    def write_episodes(self, videos: Mapping[str, Mapping[int, Shot]], gone: Sequence[str]) -> list[ByFeature]:
         """Write what is said of the kept episodes, with their new numbers and places, and their videos.
 
-        `gone` are the cameras that are left out. Returned are the statistics of each episode, if there are any.
+        `videos` say where each camera saw each episode; `gone` are the cameras that are left out. Returned are the
+        statistics of each episode, if there are any.
         """
         rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
         start, found = 0, []
