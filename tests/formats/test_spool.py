@@ -98,12 +98,6 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_a_fault_names_file_demonstration_and_row(tmp_path):
-    (tmp_path / "a.csv").write_text(table(["a"] * 9 + ["b"] * 9, [0, 1, 1] * 5 + [0, "", 1]))
-    with pytest.raises(DataError, match=r"a\.csv, demonstration 'b', row 17: column 'action' has no value"):
-        read_recording(tmp_path / "a.csv", on_disk=True).demonstrations  # noqa: B018
-
-
 def test_what_takes_too_much_memory_goes_to_disk(tmp_path):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
