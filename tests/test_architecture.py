@@ -178,7 +178,6 @@ WITHOUT_TESTS = {
     "results/soundness.py": "tests/results/test_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
-    "formats/rows.py": "tests/formats/test_dataset.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",
     "formats/npz.py": "as csv.py",
     "formats/parquet.py": "as csv.py",

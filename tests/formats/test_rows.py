@@ -1,4 +1,4 @@
-"""Formats other than Parquet on disk: what is read there is what is read into memory."""
+"""Rows on disk: what is read there, of other formats from a copy, is what is read into memory."""
 
 from __future__ import annotations
 
