@@ -117,13 +117,6 @@ def robomimic(write):
     return make
 
 
-def circles(file):
-    file["data/demo_0/actions"] = np.ones((10, 3))
-    for k in range(40):
-        group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
-        group["again"], group["same"] = file["data"], file["data/demo_0"]
-
-
 def huge(file):
     del file["data/demo_0/obs/x"]
     for name in ("obs/x", "actions"):
@@ -235,7 +228,6 @@ FILES = {
     "many-rows.zarr": (no_chunk_of_many_rows, READ),
     "wide-texts.zarr": (wide_texts, READ),
     "deflated.zarr.zip": (zipped_zarr, READ),
-    "circles.hdf5": (robomimic(circles), READ),
     "huge.hdf5": (robomimic(huge), READ),
     "objects.hdf5": (actions(h5py.vlen_dtype(np.float64)), READ),
     "references.hdf5": (actions(h5py.ref_dtype), READ),
