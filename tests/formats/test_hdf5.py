@@ -82,7 +82,7 @@ def test_what_was_not_written_is_refused(tmp_path, how):
         if how:
             array[5:10] = 1
     with (
-        opened_hdf5(tmp_path / "x.hdf5") as found,
+        opened_hdf5(tmp_path / "x.hdf5") as (_, found),
         pytest.raises(DataError, match=r"x\.hdf5: x .*write it again"),
     ):
         found.arrays["x"][:]

@@ -46,7 +46,7 @@ def claims(path: Path) -> bool:
     if path.is_dir():
         names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - OWN_TABLES
         return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
-    return path.suffix.lower() in _NPZ or _is_hdf5(path)
+    return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -60,7 +60,7 @@ def _is_hdf5(path: Path) -> bool:
 def _opened(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Iterator[Arrays]:
     """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
     if _is_hdf5(path):
-        with opened_hdf5(path, options) as arrays:
+        with opened_hdf5(path, options) as (_, arrays):
             yield arrays
     else:
         with opened_npz(path, where) as stored:

@@ -21,7 +21,7 @@ from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, is_text, read_once
+from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
@@ -153,34 +153,24 @@ class Arrays:
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
-        n, asked = self.n_steps, self.options.id
-        types = {name: self.arrays[name].dtype for name in self.shaped(((n,),), "ids")}
-        named = [name for name, kind in types.items() if asked or kind.kind in "iuf" or is_text(kind)]
-        if named or self.is_stacked:
-            column, ids = (named[0], self._ids(named[0])) if named else (_NUMBERED, np.arange(n))
+        n = self.n_steps
+        if (named := self.shaped(((n,),), "ids")) or self.is_stacked:
+            column, ids = (named[0], self.values(named[0])) if named else (_NUMBERED, np.arange(n))
+            if ids.dtype.kind == "f" and np.isnan(ids).any():
+                fault = f"row {np.argmax(np.isnan(ids)) + 1}: {column} has no value"
+                raise DataError(f"{self.source}, {fault}; fill it in or leave the demonstration out.")
+            ids = ids.astype(np.int64) if ids.dtype.kind == "f" and are_whole(ids) else ids
             return Cut(column, ids, *(self._stacked_steps() if self.is_stacked else ()))
         for roles, find, note in _ROWS:
             if self.names[roles[-1]] and (found := find(self)) is not None:
                 told = " and ".join(name for role in roles for name in self.names[role])
                 return Cut(_NUMBERED, found, note.format(told), None, roles[0] not in ("lengths", "offsets"))
         if self.names["ids"]:
-            name, shape = self.names["ids"][0], self.shape("ids")
-            fault = (
-                f"has the shape {shape} for {n:,} actions" if not types else "holds true and false, which are no ids"
-            )
-            raise DataError(f"{self.source}: {name} {fault}; give one id for each.")
+            fault = f"{self.names['ids'][0]} has the shape {self.shape('ids')} for {n:,} actions"
+            raise DataError(f"{self.source}: {fault}; give one id for each.")
         there = commas([f"{name} {array.shape}" for name, array in self.arrays.items()]) or "no arrays"
-        remedy = (
-            "add terminals and timeouts, or one called episode_index, or write a group with actions and obs for each"
-        )
+        remedy = "add terminals and timeouts, or one called episode_index, or write a group with actions and obs each"
         raise DataError(f"{self.source}: nothing says where demonstrations begin (it holds {there}); {remedy}.")
-
-    def _ids(self, name: str) -> Array:
-        ids = self.values(name)
-        if ids.dtype.kind == "f" and np.isnan(ids).any():
-            fault = f"row {np.argmax(np.isnan(ids)) + 1}: {name} has no value"
-            raise DataError(f"{self.source}, {fault}; fill it in or leave the demonstration out.")
-        return ids.astype(np.int64) if ids.dtype.kind == "f" and are_whole(ids) else ids
 
     def _stacked_steps(self) -> tuple[str, Array]:
         """How it was told which of the rows of stacked arrays are steps, in words, and which they are (M, T)."""
@@ -302,7 +292,7 @@ def _by_offsets(these: Arrays) -> Array | None:
 
 def _by_starts(these: Arrays) -> Array | None:
     starts = these.flags(these.names["starts"], (these.n_steps,))
-    return np.cumsum(starts) - starts[0]
+    return np.asarray(np.cumsum(starts) - starts[0])
 
 
 def _by_ends(these: Arrays) -> Array | None:

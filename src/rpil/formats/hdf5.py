@@ -35,46 +35,32 @@ _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the 
 
 
 @contextmanager
-def opened_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> Iterator[Arrays]:
-    """The arrays in a file; a `DataError` where it is none, or is damaged, a `MissingExtraError` without h5py."""
-    with _opened(path) as file:
-        yield _arrays(file, path, options)
+def opened_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> Iterator[tuple[h5py.File, Arrays]]:
+    """The file, and the arrays in it by path, each of which is opened when it is asked for: there may be many.
 
-
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    h5py = optional("h5py", f"{path.name} is HDF5, which", "hdf5")
+    Each group is visited once, in whatever circles hard links lie. A `DataError` where this is no file of HDF5, or it
+    is damaged, a `MissingExtraError` without h5py.
+    """
+    h5py, kinds = optional("h5py", f"{path.name} is HDF5, which", "hdf5"), dict[bytes, int]()
     fault = "no HDF5 file, or a damaged one", "copy or write it again"
     with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
-        yield file
-
-
-def _arrays(file: h5py.File, path: Path, options: ColumnOptions = ColumnOptions()) -> Arrays:
-    """The arrays by path, each of which is opened when it is asked for: there may be many.
-
-    Each group is visited once, in whatever circles hard links lie.
-    """
-    import h5py
-
-    kinds: dict[str, int] = {}
-    file.id.links.visit(
-        lambda path, link: kinds.update({path.decode("utf-8", "surrogateescape"): link.type}), info=True
-    )
-    groups, links = {path.rpartition("/")[0] for path in kinds}, h5py.h5l.TYPE_HARD
-    leaves = [path for path in sorted(kinds, key=natural_key) if path not in groups]
-    found = {path: _FileArray(file, path) for path in leaves if kinds[path] == h5py.h5l.TYPE_HARD}
-    links = tuple(path for path in leaves if path not in found)
-    return Arrays(found, path.name, options, lambda group: file[group or "/"].attrs, links)
+        file.id.links.visit(lambda place, link: kinds.update({place: link.type}), info=True)
+        is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
+        groups = {place.rpartition("/")[0] for place in is_hard}
+        leaves = [place for place in sorted(is_hard, key=natural_key) if place not in groups]
+        found = {place: _FileArray(file, place) for place in leaves if is_hard[place]}
+        links = [place for place in leaves if place not in found]
+        yield file, Arrays(found, path.name, options, lambda group: file[group or "/"].attrs, links)
 
 
 class _FileArray:
     """An array that is read only if all its values are in the file, and fit in memory; of others nothing is known."""
 
     def __init__(self, file: h5py.File, path: str) -> None:
-        self._file, self._path, self._is_checked = file, path, False
+        self._file, self._path = file, path
 
     @cached_property
-    def _array(self) -> h5py.Dataset | None:
+    def _stored(self) -> h5py.Dataset | None:
         import h5py
 
         one = self._file[self._path]
@@ -85,27 +71,26 @@ class _FileArray:
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """As the file says."""
-        return () if self._array is None else tuple(self._array.id.shape or ())
+        return () if self._stored is None else tuple(self._stored.id.shape or ())
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:
         """As the file says."""
-        return np.dtype(object) if self._array is None else self._array.id.dtype
+        return np.dtype(object) if self._stored is None else self._stored.id.dtype
 
     def __getitem__(self, rows: object) -> object:
-        assert self._array is not None, "it has no shape"
-        if not self._is_checked and self._array.id.get_offset() is None:  # else all values lie together
-            self._check_chunks(self._array)
-            self._is_checked = True
         if isinstance(rows, slice):
             n_rows = len(range(*rows.indices(*self.shape[:1])))
             check_free(n_rows * math.prod(self.shape[1:]) * self.dtype.itemsize)
-        return self._array[rows]
+        return self._whole[rows]
 
-    def _check_chunks(self, stored: h5py.Dataset) -> None:
-        """Raise an error where chunks are missing, or their bytes in the file are more than their values take."""
-        where, steps = f"{os.path.basename(self._file.filename)}: {self._path}", stored.chunks or self.shape
-        grid = [-(-size // step) for size, step in zip(self.shape, steps, strict=True) if step]
+    @cached_property
+    def _whole(self) -> h5py.Dataset:
+        """The array; an error where chunks are missing, or their bytes in the file are more than their values take."""
+        stored, where = self._stored, f"{os.path.basename(self._file.filename)}: {self._path}"
+        if stored is None or stored.id.get_offset() is not None:  # all values lie together
+            return stored
+        grid = [-(-size // step) for size, step in zip(self.shape, stored.chunks or self.shape, strict=True) if step]
         n_chunks, n_bytes = math.prod(grid) if stored.size else 0, stored.id.get_storage_size()
         n_there = stored.id.get_num_chunks() if stored.chunks and n_chunks else int(n_bytes > 0)
         if n_there < n_chunks:
@@ -115,6 +100,7 @@ class _FileArray:
         check_free(chunk_bytes)
         if stored.chunks and n_bytes > n_there * (2 * chunk_bytes + 4096):
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
+        return stored
 
 
 def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
@@ -124,8 +110,7 @@ def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """
     import h5py
 
-    with _opened(path) as source, replacing(output) as temporary:
-        arrays = _arrays(source, path)
+    with opened_hdf5(path) as (source, arrays), replacing(output) as temporary:
         within, found = arrays.groups()
         names = kept_of(found, ids, path)
         try:
