@@ -18,19 +18,6 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 N, M, T = len(OWNERS), len(LENGTHS), max(LENGTHS)
 IS_LAST = np.isin(np.arange(N), np.cumsum(LENGTHS) - 1)
 STEPS = {"observations": STATES, "actions": MOVES}
-BY_NAME = {
-    "obs and acts": {"obs": STATES, "acts": MOVES, "dones": IS_LAST},
-    "expert": {"expert_observations": STATES, "expert_actions": MOVES, "dones": IS_LAST},
-}
-BY_MARKS = {
-    "dones": STEPS | {"dones": IS_LAST.reshape(-1, 1)},
-    "terminals and timeouts": STEPS | {"terminals": IS_LAST & (OWNERS == 1), "timeouts": IS_LAST & (OWNERS != 1)},
-    "gymnasium": STEPS | {"terminations": IS_LAST & (OWNERS == 1), "truncations": IS_LAST & (OWNERS != 1)},
-    "terminals alone": STEPS | {"terminals": IS_LAST.astype(float)},
-    "starts of stable-baselines": STEPS | {"episode_starts": np.roll(IS_LAST, 1), "episode_returns": np.ones(M)},
-    "lengths": STEPS | {"episode_lengths": np.array(LENGTHS)},
-    "following observations": STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
-}
 
 
 def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
@@ -43,12 +30,26 @@ def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
 
 ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
 IS_STEP = np.arange(T) < np.array(LENGTHS)[:, None]
-STACKED = {
-    "lengths": ROWS | {"lengths": np.array(LENGTHS)},
-    "mask": ROWS | {"mask": IS_STEP},
-    "dones": ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1},
-    "one observation more": ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)},
-}
+EACH = "Each first index of the arrays is one demonstration"
+TERMINALS, CUTS = IS_LAST & (OWNERS == 1), IS_LAST & (OWNERS != 1)
+LAYOUTS = [
+    ("Demonstrations end at dones.", {"obs": STATES, "acts": MOVES, "dones": IS_LAST}),
+    ("end at dones.", {"expert_observations": STATES, "expert_actions": MOVES, "dones": IS_LAST}),
+    ("end at dones.", STEPS | {"dones": IS_LAST.reshape(-1, 1)}),
+    ("end at terminals and timeouts.", STEPS | {"terminals": TERMINALS, "timeouts": CUTS}),
+    ("end at terminations and truncations.", STEPS | {"terminations": TERMINALS, "truncations": CUTS}),
+    ("end at terminals alone: without timeouts, one that was", STEPS | {"terminals": IS_LAST.astype(float)}),
+    ("begin at episode_starts.", STEPS | {"episode_starts": np.roll(IS_LAST, 1), "episode_returns": np.ones(M)}),
+    ("are as long as episode_lengths says.", STEPS | {"episode_lengths": np.array(LENGTHS)}),
+    (
+        "There are no timeouts: demonstrations end at terminals, and where next_obs is not the following observation.",
+        STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
+    ),
+    (f"{EACH}, as long as lengths says.", ROWS | {"lengths": np.array(LENGTHS)}),
+    (f"{EACH}, as long as mask is true.", ROWS | {"mask": IS_STEP}),
+    (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
+    (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
+]
 
 
 LONGER = np.array([30, 22, 30, 9, 17, 26, 12, 30, 21, 15])
@@ -127,8 +128,8 @@ def written(request, tmp_path):
     return write
 
 
-@pytest.mark.parametrize("arrays", [*BY_NAME.values(), *BY_MARKS.values(), *STACKED.values()])
-def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path):
+@pytest.mark.parametrize(("note", "arrays"), LAYOUTS)
+def test_demonstrations_are_those_that_the_arrays_say(written, note, arrays, tmp_path):
     path = written(arrays)
     for on_disk in (False, True):
         recording = rpil.open(path, on_disk=on_disk)
@@ -137,7 +138,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path)
         assert found.lengths.tolist() == list(LENGTHS)
         np.testing.assert_array_equal(found.observations, STATES)
         np.testing.assert_array_equal(found.actions, MOVES)
-        assert any("emonstration" in note for note in recording.describe().notes)
+        assert note in recording.describe().notes[0]
     output = tmp_path / f"kept{path.suffix}"
     if layout := find(path).unkept():
         assert layout in ("HDF5 of this layout", "stacked arrays")
@@ -151,7 +152,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path)
 
 def test_what_is_said_of_stacked_demonstrations_as_a_whole_is_known(written):
     about = {"episode_id": np.array([7, 5, 6]), "success": np.array([1.0, 0.0, 1.0]), "camera": np.zeros((2, 2))}
-    recording = rpil.open(written(STACKED["lengths"] | about), outcome="success")
+    recording = rpil.open(written(ROWS | {"lengths": np.array(LENGTHS)} | about), outcome="success")
     assert recording.demonstrations.ids == (7, 5, 6)
     assert recording.facts.outcome.tolist() == [1, 0, 1]
     assert {"camera", "lengths", "success"} <= recording.describe().ignored.keys()
@@ -174,6 +175,8 @@ def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written)
         (STEPS | {"dones": IS_LAST[1:]}, rf"dones has the shape \({N - 1},\)"),
         (STEPS | {"episode_starts": np.array(["no"] * N, "S")}, "episode_starts has .* the type .S2"),
         (STEPS | {"terminals": np.zeros(N)}, "nothing says where demonstrations begin"),
+        (STEPS | {"next_observations": np.ones((N, 2))}, "after 14 of 15 steps.* the order of the steps was lost"),
+        (STEPS | {"next_obs": STATES[1:]}, r"next_obs has the shape \(14, 2\) and observations \(15, 2\)"),
         (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
     ],
 )
@@ -254,3 +257,27 @@ def test_a_value_that_is_missing_in_both_is_no_end():
     assert Arrays(arrays, "gap.hdf5").cut().ids.tolist() == [0, 0, 0, 0, 1, 1]
     seen[2, 0] = 4.0
     assert Arrays(arrays, "gap.hdf5").cut().ids.tolist() == [0, 0, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("ids", [np.array(["a", "b"], object), np.array([3.0, 4.0])])
+def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
+    with h5py.File(tmp_path / "two.hdf5", "w") as file:
+        file["observations"], file["actions"], file["episode_id"] = np.ones((5, 2)), np.eye(5), np.repeat(ids, [2, 3])
+    assert rpil.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
+
+
+def test_one_step_and_the_next_observation_are_a_demonstration(written):
+    arrays = dict.fromkeys(("observations", "actions", "next_observations"), np.ones((1, 2)))
+    assert rpil.read(written(arrays)).lengths.tolist() == [1]
+
+
+def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
+    path = written({"q": np.array([1.0, 2.0])})
+    with pytest.raises(
+        DataError, match=r"^steps\.\w+: nothing says where demonstrations begin \(it holds q \(2,\)\); add"
+    ):
+        rpil.read(path)
+    before = [*tmp_path.iterdir()]
+    with pytest.raises(DataError):
+        find(path).keep(path.with_stem("kept"), [0])
+    assert [*tmp_path.iterdir()] == before

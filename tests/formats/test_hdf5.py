@@ -14,18 +14,6 @@ from rpil.formats.hdf5 import opened_hdf5
 from rpil.formats.registry import find
 
 
-def of_unknown_layout(path):
-    with h5py.File(path, "w") as file:
-        for k in range(4):
-            file[f"actions_{k}"], file[f"states_{k}"] = np.ones((100, 7)), np.ones((100, 7))
-
-
-def test_what_is_in_a_file_of_unknown_layout_is_said(tmp_path):
-    of_unknown_layout(tmp_path / "home.hdf5")
-    with pytest.raises(DataError, match=r"home.hdf5: .*it holds actions_0 \(100, 7\), .* and 2 more"):
-        formats.read(tmp_path / "home.hdf5")
-
-
 def test_an_hdf5_file_is_known_by_its_first_bytes(tmp_path):
     assert formats.read(robomimic(tmp_path / "lift")).ids == ("demo_0", "demo_2", "demo_10")
 
