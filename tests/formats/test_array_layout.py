@@ -141,7 +141,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, note, arrays, tmp
         assert note in recording.describe().notes[0]
     output = tmp_path / f"kept{path.suffix}"
     if layout := find(path).unkept():
-        assert layout in ("HDF5 of this layout", "stacked arrays")
+        assert layout == "arrays of this layout"
         return
     find(path).keep(output, [2, 0])
     kept = rpil.read(output)
@@ -281,3 +281,22 @@ def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
     with pytest.raises(DataError):
         find(path).keep(path.with_stem("kept"), [0])
     assert [*tmp_path.iterdir()] == before
+
+
+def test_no_npz_file_with_groups_is_kept(tmp_path):
+    np.savez(tmp_path / "a.npz", **{f"demo_{k}/{name}": STEPS[name] for k in range(2) for name in STEPS})
+    assert rpil.read(tmp_path / "a.npz").ids == ("demo_0", "demo_1")
+    assert find(tmp_path / "a.npz").unkept() == "arrays of this layout"
+
+
+def test_named_observations_do_not_change_where_demonstrations_end(written):
+    path = written(
+        dict(LAYOUTS)[
+            "There are no timeouts: demonstrations end at terminals, and where next_obs is not the "
+            "following observation."
+        ]
+        | {"force": STATES[:, :1]}
+    )
+    found = rpil.read(path, observations="force")
+    assert found.lengths.tolist() == list(LENGTHS)
+    np.testing.assert_array_equal(found.observations, STATES[:, :1])

@@ -155,6 +155,12 @@ def test_the_time_of_the_simulator_is_no_observation(tmp_path):
     assert formats.read_recording(path, ColumnOptions(observations="states")).demonstrations.n_observations == 32
 
 
+def test_groups_are_kept_by_their_names_alone(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with pytest.raises(DataError, match="keep writes no groups by other ids than their names; write the list with"):
+        find(path).keep(tmp_path / "kept.hdf5", ["demo_0"], ColumnOptions(id="operator"))
+
+
 def test_of_very_many_groups_arrays_are_opened_seldom(tmp_path, monkeypatch):
     path = robomimic(tmp_path / "many.hdf5", [f"demo_{k}" for k in range(60)])
     opened, look_up = [], h5py.Group.__getitem__

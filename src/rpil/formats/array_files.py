@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -25,7 +25,7 @@ from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.damage import without_damaged
 from rpil.formats.description import commas
-from rpil.formats.format import Format, StepTables, keep_one_file
+from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.hdf5 import keep_groups, opened_hdf5
 from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.formats.table_facts import Metadata
@@ -35,9 +35,9 @@ _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
 _STATES = (
-    "There are no observations (obs): the states of the simulator are used; robomimic's dataset_states_to_obs.py "
-    "writes observations."
+    "There are no observations: states of the simulator are used; robomimic's dataset_states_to_obs.py writes some."
 )
+_OF_NUMBERS = ROLES["names"]
 _TABLES = (".parquet", ".csv", ".csv.gz", ".tsv", ".tsv.gz")
 
 
@@ -106,7 +106,11 @@ def _files(path: Path) -> dict[str, Path]:
 
 
 def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
-    """The demonstration in one file, with what a text beside it says of its task and outcome, and notes."""
+    """The demonstration in one file, with what a text beside it says of its task and outcome, and notes.
+
+    Numbers that may be an outcome are facts about it. A `DataError` where there are no actions, or several
+    demonstrations.
+    """
     found, beside = {}, file.parent / "meta.json"
     if file.parent != top and beside.is_file():
         with guarded(beside, "no JSON, or damaged", "write it again"):
@@ -114,29 +118,20 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     said = found.items() if isinstance(found, dict) else ()
     tasks = {m: value for m, value in said if TASK.fullmatch(plain_name(m)) and isinstance(value, str)}
     ends = {m: float(value) for m, value in said if may_be_outcome(m) and isinstance(value, int | float)}
-    with _opened(file, where=f"{file.parent.name}/{file.name}") as arrays:
-        part = _one(arrays, {_FILE_NAME: name, **tasks, **ends})
-        closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in part.arrays.items()}
-        return replace(part, arrays=closed), arrays.notes
-
-
-def _one(these: Arrays, about: Mapping[str, Id | float]) -> Part:
-    """All steps as one demonstration, with numbers that may be an outcome as facts about it.
-
-    A `DataError` where there are no actions, or several demonstrations.
-    """
-    arrays, n, fault = these.arrays, these.n_steps, "in a folder each file is one demonstration, and here"
-    if not these.names["actions"]:
-        remedy = f"give the path of the file itself, call the array {ROLES['actions'][0]!r}, or take the file out"
-        raise DataError(f"{these.source}: {fault} no array holds its actions; {remedy} of the folder.")
-    several = [m for m in ("terminals", "timeouts") if m in arrays and these.flags([m], (n,))[:-1].any()]
-    several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
-    if several:
-        raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
-    numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
-    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
-    own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
-    return Part(n, own, {**about, **facts})
+    with _opened(file, where=f"{file.parent.name}/{file.name}") as these:
+        arrays, n, fault = these.arrays, these.n_steps, "in a folder each file is one demonstration, and here"
+        if not these.names["actions"]:
+            remedy = f"give the path of the file itself, call the array {ROLES['actions'][0]!r}, or take the file out"
+            raise DataError(f"{these.source}: {fault} no array holds its actions; {remedy} of the folder.")
+        several = [m for m in ("terminals", "timeouts") if m in arrays and these.flags([m], (n,))[:-1].any()]
+        several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
+        if several:
+            raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
+        numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
+        facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
+        own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
+        closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
+        return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
 def _read_groups(these: Arrays, within: str, groups: Mapping[str, Tree], kind: str) -> StepTables:
@@ -184,43 +179,40 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        ROLES["names"][0]: np.array(demonstrations.observation_names),
+        **dict.fromkeys(_OF_NUMBERS, np.array(demonstrations.observation_names)),
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-    """Write the demonstrations called `ids`, with all that the file says of them."""
+    """Write the demonstrations called `ids`, with all that the file says of them.
+
+    In NPZ an array with one value for each step or demonstration is cut, any other is written whole. Where no array
+    marks the demonstrations that were cut short, timeouts tell those apart that are kept.
+    """
     if _is_hdf5(path):
         keep_groups(path, output, ids)
-    else:
-        keep_one_file(_keep_rows)(path, output, ids, options)
-
-
-def _keep_rows(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Write the arrays of an NPZ file with the rows, or the values, of the demonstrations `ids`; return the ids found.
-
-    An array with one value for each step or demonstration is cut, any other is written whole; what is no array is not.
-    Where no array marks the demonstrations that were cut short, timeouts tell those apart that are kept.
-    """
+        return
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
     these = Arrays(arrays, path.name, options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
-    kept = [name for name in there if str(name) in ids]
+    kept = kept_of(there, ids, path)
     rows, whole = np.isin(cut.ids, kept), np.isin(there, kept)
     masks = {n: rows, n + 1: np.append(rows, rows[-1])}  # one more comes after the last action
     masks = masks if cut.by_marks else {len(there): whole, **masks}
-    own = [name for name, array in arrays.items() if array.shape and name not in ROLES["names"]]
-    kept_arrays = {name: arrays[name][masks[len(arrays[name])]] for name in own if len(arrays[name]) in masks}
+    own = {name: masks.get(len(array) if array.shape else -1) for name, array in arrays.items()}
+    kept_arrays = {
+        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in _OF_NUMBERS
+    }
     if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
         is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
         timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
         kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
-    write_npz(output, {**arrays, **kept_arrays})
-    return {*map(str, kept)}
+    with replacing(output) as temporary:
+        write_npz(temporary, {**arrays, **kept_arrays})
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:
@@ -228,17 +220,11 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     if path.is_dir():
         return "file of arrays for each demonstration"
     with _opened(path, options) as arrays:
-        if _is_hdf5(path):
-            return "" if arrays.groups()[1] else "HDF5 of this layout"
-        return "stacked arrays" if arrays.is_stacked else ""
+        has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
+        if is_hdf5 and has_groups and options.id:
+            return "groups by other ids than their names"
+        is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
+        return "" if is_kept else "arrays of this layout"
 
 
-FORMAT = Format(
-    name="arrays",
-    claims=claims,
-    read=read,
-    keep=keep,
-    unkept=unkept,
-    suffixes=(*_NPZ, *_HDF5),
-    write=write,
-)
+FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5), write=write)

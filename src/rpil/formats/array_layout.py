@@ -78,7 +78,7 @@ class Arrays:
         more = [name for one, _ in ACTION_COLUMNS[:2] for name in self.arrays if one.fullmatch(plain_name(name))]
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
         named["actions"] = (*as_list(options.action), *ROLES["actions"], *more)
-        named["observations"] = (*as_list(options.observations), *ROLES["observations"])
+        named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
 
@@ -207,7 +207,10 @@ class Arrays:
             runs = [(np.diff(flag, axis=k, prepend=0) > 0).sum(axis=k) for k in (0, 1)]
             told += [{shape[1 - k :][:1] for k in (0, 1) if np.all(runs[k] == 1)}]
         says = [shape[1:] in one for one in told if (shape[:1] in one) != (shape[1:] in one)]
-        if self.shape("observations")[0] == shape[0] and not (says or [self._looks_time_first(shape)])[0]:
+        says = [True] if self.shape("observations")[0] > shape[0] else says
+        if not says:
+            self._refuse_time_first(shape[1])
+        if not any(says[:1]):
             return self
 
         def swapped(array: StoredArray) -> Closed:
@@ -218,17 +221,16 @@ class Arrays:
         own = {name: swapped(one) for name, one in self.arrays.items() if one.shape[:2] in shapes}
         return replace(self, arrays={**self.arrays, **own})
 
-    def _looks_time_first(self, shape: tuple[int, ...]) -> bool:
-        """False; a `DataError` where values change less along the first index than along the second."""
+    def _refuse_time_first(self, n: int) -> None:
+        """Raise an error where values change less along the first index than along the second, of size `n`."""
         values = np.asarray(self.arrays[self.names["observations"][0]][:99], dtype=float)[:, :99]
         with np.errstate(invalid="ignore"):
             pairs = ((values - np.roll(values, n, axis=k) for n in (1, values.shape[k] // 2)) for k in (0, 1))
             (near, far), (beside, apart) = ([np.abs(one).mean() for one in pair] for pair in pairs)
         if min(values.shape[:2]) > 7 and 2 * near < far and 4 * beside > 3 * apart:
-            fault = f"the first index of its arrays seems to be the time, the second one of {shape[1]:,} demonstrations"
+            fault = f"the first index of its arrays seems to be the time, the second one of {n:,} demonstrations"
             remedy = "add an array lengths, with the steps of each, or swap the two axes"
             raise DataError(f"{self.source}: {fault}; {remedy}.")
-        return False
 
     def read(self, format_name: str, notes: tuple[str, ...] = ()) -> StepTables:
         """The recording in arrays of several demonstrations."""
@@ -237,7 +239,8 @@ class Arrays:
         for name in (*self.names["actions"], *self.names["observations"]):
             if self.arrays[name].dtype.hasobject:  # an error that says what to do where these are Python objects
                 self.arrays[name][:]
-        these, seen = self.turned(), next(iter(self.names["observations"]), "")
+        these, asked = self.turned(), as_list(self.options.observations)
+        seen = next((name for name in (*asked, *self.names["observations"]) if name in self.arrays), "")
         cut = these.cut()
         ids, steps = these.steps(cut)
         ignored = dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS)
