@@ -129,9 +129,7 @@ def _array(store: Store, files: Mapping[str, int], where: str, header: str) -> C
         return _CLOSED
     unknown = [f"the codec {name[:60]!r}" for name in names - _CODECS]
     if unknown or dtype.kind not in "biufSUTmM":
-        fault = (
-            f"is stored with {unknown[0] if unknown else dtype}, which is not read, because what it names may run code"
-        )
+        fault = f"is stored with {unknown[0] if unknown else dtype}, which is not read, because it may run code"
         remedy = "store numbers or text with a codec such as blosc, zstd or gzip, or take the array out"
         raise DataError(f"{where} {fault}; {remedy}.")
     own = {file.removeprefix(f"{name}/"): n_bytes for file, n_bytes in files.items() if file.startswith(f"{name}/")}
