@@ -11,7 +11,7 @@ import rpil
 from rpil.data.errors import DataError
 from rpil.formats.array_layout import Arrays
 from rpil.formats.registry import find
-from samples import LENGTHS, MOVES, OWNERS, STATES
+from samples import FRAMES, LENGTHS, MOVES, OWNERS, STATES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 
@@ -122,7 +122,7 @@ def written(request, tmp_path):
         else:
             with h5py.File(path, "w") as file:
                 for name, array in arrays.items():
-                    file[name] = array
+                    file[name] = array.astype("S") if array.dtype.kind == "U" else array
         return path
 
     return write
@@ -300,3 +300,36 @@ def test_named_observations_do_not_change_where_demonstrations_end(written):
     found = rpil.read(path, observations="force")
     assert found.lengths.tolist() == list(LENGTHS)
     np.testing.assert_array_equal(found.observations, STATES[:, :1])
+
+
+def test_values_of_demonstrations_are_read_where_they_are_named(written):
+    about = {"who": np.array(["c", "a", "b"]), "length": np.array([3.0, 1.0, 2.0])}
+    path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
+    recording = rpil.open(path, operator="who")
+    assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
+    assert recording.describe().ignored["length"] == "not one value for each step"
+    assert rpil.open(path).operators == []
+
+
+def test_matrices_and_single_actions_are_no_stacks(written):
+    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": FRAMES % 2, "episode_index": OWNERS}
+    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
+
+
+def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):
+    arrays = {
+        "obs": np.zeros((4, 3, 2)),
+        "acts": np.zeros((4, 3, 1)),
+        "mask": np.eye(4, 3) > 0,
+        "lengths": np.ones(4, int),
+    }
+    assert rpil.read(written(arrays)).lengths.tolist() == [1] * 4
+
+
+@pytest.mark.parametrize("asked", [None, "obs", "obs*"])
+def test_numbers_of_an_observation_may_have_names(written, asked):
+    arrays = {"obs": STATES, "actions": MOVES, "episode_ids": OWNERS}
+    path = written(arrays | {"observation_names": np.array(["x", "y"])})
+    assert rpil.read(path, **({"observations": asked} if asked else {})).observation_names == ("x", "y")
+    path = written(arrays | {"obs": STATES[:, :1], "observation_names": np.array(["x"])})
+    assert rpil.read(path).observation_names == ("x",)

@@ -19,7 +19,7 @@ from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.json_files import read_json
-from rpil.data.names import OWN_TABLES, TASK, is_observation, may_be_outcome, natural_key, plain_name
+from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions, as_list
@@ -28,6 +28,7 @@ from rpil.formats.description import commas
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.hdf5 import keep_groups, opened_hdf5
 from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
+from rpil.formats.store import has_tables
 from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
@@ -38,14 +39,12 @@ _STATES = (
     "There are no observations: states of the simulator are used; robomimic's dataset_states_to_obs.py writes some."
 )
 _OF_NUMBERS = ROLES["names"]
-_TABLES = (".parquet", ".csv", ".csv.gz", ".tsv", ".tsv.gz")
 
 
 def claims(path: Path) -> bool:
     """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
     if path.is_dir():
-        names = {file.name.lower() for pattern in ("*", "*/*") for file in path.glob(pattern)} - OWN_TABLES
-        return not any(name.endswith(_TABLES) for name in names) and bool(_files(path))
+        return not has_tables(path) and bool(_files(path))
     return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
 
 

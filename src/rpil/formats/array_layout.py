@@ -210,7 +210,7 @@ class Arrays:
         says = [True] if self.shape("observations")[0] > shape[0] else says
         if not says:
             self._refuse_time_first(shape[1])
-        if not any(says[:1]):
+        if says[:1] != [True]:
             return self
 
         def swapped(array: StoredArray) -> Closed:
