@@ -78,11 +78,13 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
     with h5py.File(path, "r+") as file:
         file.attrs["made by"] = "us"
         file["other/array"] = np.arange(3)
+        if parent == "/":
+            file["mask/train"], file["mask/valid"] = np.array([b"demo_0", b"demo_2"]), np.array([b"demo_10"])
     find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"])
     before, after = contents(path), contents(tmp_path / "kept.hdf5")
     total = (parent, "total") if parent == "data" else ("/", "total")
     assert after.pop(total) == 10 + 12
-    masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]} if parent == "data" else {}
+    masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]}
     assert {name: after.pop(name) for name in masks} == masks
     outlier = {total, "mask/train", "mask/valid"}
     assert after == {k: v for k, v in before.items() if "demo_2" not in str(k) and k not in outlier}

@@ -115,15 +115,16 @@ def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
         names = kept_of(found, ids, path)
         try:
             with h5py.File(temporary, "w") as new:
-                _copy(source, new, (within.strip("/"), "mask") if within else found.keys() - names)
+                dropped = found.keys() - names
+                _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
                 if within:
-                    _copy(source[within], new.create_group(within), found.keys() - names)
+                    _copy(source[within], new.create_group(within), dropped)
                 if "total" in (about := new[within or "/"].attrs):
                     about["total"] = sum(Arrays(found[name], "").n_steps for name in names)
-                masks = {key: one for key, one in arrays.arrays.items() if within and key.startswith("mask/")}
-                for key in [key for key in masks if masks[key].shape]:
-                    listed = np.asarray(masks[key][:]).tolist()
-                    new[key] = np.array([name for name in listed if name.decode() in names], dtype="S")
+                for key, one in arrays.arrays.items():
+                    if key.startswith("mask/") and one.shape:
+                        listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in names]
+                        new[key] = np.array(listed, dtype="S")
         except (OSError, RuntimeError) as error:  # of h5py, for the same cause
             failed = _WRITE_FAILED.search(str(error))
             if failed is None:
