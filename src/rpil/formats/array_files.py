@@ -35,9 +35,7 @@ from rpil.numerics.types import Array
 _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
-_STATES = (
-    "There are no observations: states of the simulator are used; robomimic's dataset_states_to_obs.py writes some."
-)
+_STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 _OF_NUMBERS = ROLES["names"]
 
 

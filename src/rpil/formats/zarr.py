@@ -79,19 +79,15 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         ordered = sorted(headers, key=lambda name: name.split("/"))
         found = {name: _array(store, files, path.name, headers[name]) for name in ordered}
     if _ENDS not in headers:
-        raise DataError(
-            f"{path.name}: there is no {_ENDS} at the top of this ZIP file, as Zarr has; pack what is in the folder of "
-            "Zarr, not the folder itself, or unpack the file where it holds no Zarr."
-        )
+        remedy = "pack what is in the folder of Zarr, not the folder itself, or unpack the file where it holds no Zarr"
+        raise DataError(f"{path.name}: there is no {_ENDS} at the top of this ZIP file; {remedy}.")
     ignored = {name.removeprefix("data/"): why for name, why in found.items() if isinstance(why, str) and why}
     arrays = {name: array for name, array in found.items() if isinstance(array, Closed)}
     ends, offsets = arrays.pop(_ENDS, None), np.zeros(0, np.int64)
     if ends is not None and len(ends.shape) == 1 and ends.dtype.kind in "iu":
         offsets = np.asarray(ends[:]).astype(np.int64)
     if not len(offsets) or (lengths := np.diff(offsets, prepend=0)).min() < 0:
-        raise DataError(
-            f"{path.name}: {_ENDS} must hold rising numbers of steps, one for each demonstration; repair it."
-        )
+        raise DataError(f"{path.name}: {_ENDS} must hold rising numbers of steps, one a demonstration; repair it.")
     if not arrays:
         there = f"{_ENDS} tells of {len(offsets):,} demonstrations and {offsets[-1]:,} steps"
         none = f"no array that can be read is in data ({commas(ignored) or 'nothing is there'})"
