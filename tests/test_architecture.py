@@ -180,7 +180,6 @@ WITHOUT_TESTS = {
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/rows.py": "tests/formats/test_dataset.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",
-    "formats/array_files.py": "tests/formats/test_array_folder.py, tests/formats/test_robomimic.py",
     "formats/parquet.py": "as csv.py",
     "formats/table.py": "as csv.py",
     "formats/dialect.py": "tests/data/test_csv_variants.py",

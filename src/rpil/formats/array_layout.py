@@ -132,9 +132,10 @@ class Arrays:
 
     def said(self, group: str, what: str) -> object:
         """What the attributes of a group say of the task or the rate, by `ATTRIBUTES`; None where they say nothing."""
+        attributes = self.attributes(group)
         for place in ATTRIBUTES[what]:
             name, *keys = place.split("/")
-            value = self.attributes(group).get(name)
+            value = attributes.get(name)
             for key in keys:
                 value = (value if isinstance(value, dict) else object_in(value)).get(key)
             if isinstance(value, str | int | float) and value:
