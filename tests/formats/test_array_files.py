@@ -142,3 +142,12 @@ def test_the_observation_after_the_last_action_is_kept_with_the_last_demonstrati
     rpil.open(tmp_path / "a.npz").keep(kept, tmp_path / "b.npz")
     with np.load(tmp_path / "b.npz") as found:
         np.testing.assert_array_equal(found["observations"], seen[np.isin([*ids, 2], kept)])
+
+
+def test_what_lies_beside_counts_by_its_name_and_type(folder):
+    for k in range(3):
+        beside = {"instruction": "put", "task_id": 3, "note": "windy", "success": "yes"}
+        (folder / str(k) / "meta.json").write_text(json.dumps(beside))
+    recording = rpil.open(folder)
+    assert {*recording.tasks.values()} == {"put"}
+    assert {*recording.describe().ignored} == {"obs_rgb", "success"}
