@@ -179,7 +179,6 @@ WITHOUT_TESTS = {
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",
-    "formats/npz.py": "as csv.py",
     "formats/parquet.py": "as csv.py",
     "formats/table.py": "as csv.py",
     "formats/dialect.py": "tests/data/test_csv_variants.py",

@@ -194,7 +194,7 @@ def npz(path, **changes):
         ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
         (
             {"actions": None},
-            "no array is called 'actions'; save it under that name .*'episode_ids', 'rewards'",
+            "no column holds the action: name it action, .*'episode_ids', 'rewards'",
         ),
     ],
 )

@@ -56,9 +56,7 @@ FORMATS: Iterable[Format] = Formats(
     "csv",
     "lerobot.folder",
     "zarr",
-    "npz",
-    "hdf5_file",
-    "array_folder",
+    "array_files",
     "json_lines",
     "table_folder",
 )
