@@ -128,7 +128,7 @@ def section(public: PublicSet, path: Path) -> str:
 
 def asked(command: str, path: Path, *options: str) -> dict[str, Any]:
     """What a command of rpil says, as JSON."""
-    words = [sys.executable, "-m", "rpil", command, path.name, "--json", "--quiet", *options]
+    words = [sys.executable, "-m", "rpil", command, path.name, "--format", "json", "--quiet", *options]
     found: dict[str, Any] = json.loads(subprocess.run(words, cwd=path.parent, capture_output=True, check=True).stdout)
     return found
 

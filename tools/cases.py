@@ -155,7 +155,7 @@ def commanded(words: str, kind: str, folder: Path) -> dict[str, Array]:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"COLUMNS": "100"})
     if done.returncode:
         raise RuntimeError(done.stderr[-500:])
-    found = {"stdout.json" if "--json" in words else "stdout": np.array(done.stdout)}
+    found = {"stdout.json" if "json" in words else "stdout": np.array(done.stdout)}
     for path in folder.iterdir():
         if path.suffix == ".html":
             lines = path.read_text().splitlines()
@@ -234,5 +234,5 @@ CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=
 CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"})
 report = "audit data.npz --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
-CASES["command audit json"] = partial(commanded, "audit data.npz --json --features raw", "noisy")
+CASES["command audit json"] = partial(commanded, "audit data.npz --format json --features raw", "noisy")
 CASES["command fit"] = partial(commanded, "fit data.npz -o policy.rpil", "window")

@@ -123,7 +123,7 @@ def ids_with_white_space(folder: Path) -> Found:
     asked.write(DATA, len(ids), ids)
     results = [call("label", DATA, *COLUMNS, input="\n".join(keys)) for keys in ("3gbgbgbq", "gbgbgbq")]  # 8 at most
     results.append(call("keep", DATA, "--verdicts", "labels.csv", "-o", "kept.parquet"))
-    results.append(call("audit", DATA, "--labels", "labels.csv", "--json", *COLUMNS))
+    results.append(call("audit", DATA, "--labels", "labels.csv", "--format", "json", *COLUMNS))
     if wrong := next(filter(None, map(ended, results)), None):
         return wrong
     labels = {row["id"]: row["label"] for row in json.loads(results[-1].stdout)["demonstrations"]}
@@ -229,7 +229,7 @@ def tiny_observations(folder: Path) -> Found:
     for size, names, words in ((1e-300, "xv", "smaller units"), (1e-300, "v", "smaller units"), (1e-100, "xv", "")):
         columns = {name: table[name].to_numpy() * (size if name in names else 1) for name in table.column_names}
         pq.write_table(pa.table(columns), "tiny.parquet")
-        result = call("audit", "tiny.parquet", "--json", *COLUMNS)
+        result = call("audit", "tiny.parquet", "--format", "json", *COLUMNS)
         if wrong := ended(result, words) or (not words and differing(json.loads(result.stdout)["finding"], finding)):
             return f"{names} times {size:g}: {wrong}"
     return None

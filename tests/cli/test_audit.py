@@ -46,10 +46,10 @@ def test_audit_prints_finding_table_and_next_step(folder):
 
 
 def test_audit_prints_json(folder):
-    result = ok("audit", folder / "good.parquet", "--json")
+    result = ok("audit", folder / "good.parquet", "--format", "json")
     assert result.stderr == ""
     audit = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --json"
+    assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --format json"
     digest = hashlib.sha256((folder / "good.parquet").read_bytes()).hexdigest()
     assert [file["sha256"] for file in audit["provenance"]["files"]] == [digest]
     assert audit["faults"]["findings"] == []
@@ -64,8 +64,8 @@ def test_audit_prints_json(folder):
         assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
         assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
         assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
-    assert ok("audit", folder / "good.parquet", "--json", "--quiet").stdout == result.stdout
-    other = ok("audit", folder / "good.parquet", "--json", "--adversary", "normalised-complement")
+    assert ok("audit", folder / "good.parquet", "--format", "json", "--quiet").stdout == result.stdout
+    other = ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "normalised-complement")
     assert json.loads(other.stdout)["adversary"] == "normalised complement"
 
 
@@ -74,8 +74,8 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
         pytest.fail("features were chosen")
 
     def printed(*more):
-        found = json.loads(ok("audit", folder / "good.parquet", "--json", *more).stdout)
-        assert found["provenance"].pop("command").endswith(" ".join(["--json", *more]))
+        found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", *more).stdout)
+        assert found["provenance"].pop("command").endswith(" ".join(["--format", "json", *more]))
         return found
 
     folded = printed("--features", "folded")
@@ -90,7 +90,7 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
 
 def test_audit_writes_a_report_and_weights(folder):
     Path("labels.csv").write_text("id,label\n" + "".join(f"{m},good\n{11 - m},bad\n" for m in range(3)))
-    told = ["--labels", "labels.csv", "--json", "--report", "r.html", "--weights", "w.parquet"]
+    told = ["--labels", "labels.csv", "--format", "json", "--report", "r.html", "--weights", "w.parquet"]
     result = ok("audit", folder / "good.parquet", *told)
     json.loads(result.stdout)
     assert result.stderr.splitlines() == ["Weights: w.parquet", "Report: r.html"]
@@ -129,7 +129,7 @@ def test_answered_question_decides_between_two_groups(folder):
     assert proposed_labels_file(result) == ["id,label", f"{first},better than {second}"]
     better, worse = sorted((first, second))
     Path("labels.csv").write_text(f"id,label\n{better},good\n{worse},bad\n")
-    result = ok(*shlex.split(again)[1:], "--json")
+    result = ok(*shlex.split(again)[1:], "--format", "json")
     audit = json.loads(result.stdout)
     assert audit["identifiable"] is True
     assert (audit["finding"], audit["anchor"]) == ("answered", "answers")

@@ -33,7 +33,7 @@ def test_clean_recording():
     result = ok("check", "clean.parquet", "--fail-on", "any")
     assert "No recording faults" in result.stdout
     assert "every 33.33 ms" in result.stdout
-    slow = json.loads(ok("check", "clean.parquet", "--json", "--fps", "60").stdout)
+    slow = json.loads(ok("check", "clean.parquet", "--format", "json", "--fps", "60").stdout)
     assert slow["counts"]["dropped frames"] == len(recording())
 
 
@@ -41,7 +41,7 @@ def test_findings_are_printed_written_and_decide_the_exit_code():
     write("data.parquet", spike)
     assert "spike: observation 1" in ok("check", "data.parquet").stdout
     assert "      1  RPIL-108  spike\n" in ok("check", "data.parquet").stdout
-    printed = json.loads(ok("check", "data.parquet", "--json").stdout)
+    printed = json.loads(ok("check", "data.parquet", "--format", "json").stdout)
     assert printed["counts"] == {"spike": 1}
     (row,) = printed["findings"]
     assert (row["id"], row["rule"], row["first"], row["last"]) == (4, "spike", 60, 60)
@@ -71,7 +71,7 @@ def test_expected_in_another_form_is_refused():
         refused(match, "check", "data.parquet", "--expected", "faults.json")
 
 
-@pytest.mark.parametrize("stream", ["--stream", "--no-stream"])
+@pytest.mark.parametrize("stream", ["--memory=120kB", "--memory=1GB"])
 def test_missing_values_are_reported_with_their_place(stream):
     write("data.parquet", missing)
     result = ok("check", "data.parquet", stream)
@@ -94,7 +94,7 @@ def test_timestamps_that_declare_too_many_numbers_are_not_read():
         np.lib.format.write_array_header_1_0(stream, header)
         new.writestr("timestamps.npy", stream.getvalue())
     assert "timestamps: not one value for each step" in ok("info", "giant.npz").stdout
-    assert "dropped frames" in json.loads(ok("check", "giant.npz", "--json").stdout)["not_checked"]
+    assert "dropped frames" in json.loads(ok("check", "giant.npz", "--format", "json").stdout)["not_checked"]
 
 
 def test_demonstrations_that_are_not_there_are_counted_apart():
@@ -144,7 +144,7 @@ def test_an_audit_names_the_faults_beside_the_trust():
         page = file.read()
     assert "Odd in the recording" in page
     assert "for one step at 2.0 s" in page
-    assert json.loads(ok("audit", "data.parquet", "--json").stdout)["faults"]["counts"] == {"spike": 1}
+    assert json.loads(ok("audit", "data.parquet", "--format", "json").stdout)["faults"]["counts"] == {"spike": 1}
 
 
 def test_thousands_of_ids_may_be_expected():

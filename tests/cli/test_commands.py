@@ -136,7 +136,7 @@ def test_ids_with_control_characters_are_escaped():
 
 
 def test_process_prints_one_sentence_and_no_traceback():
-    command = [Path(sys.executable).parent / "rpil", "audit", "nothing.csv", "--json", "--quiet"]
+    command = [Path(sys.executable).parent / "rpil", "audit", "nothing.csv", "--format", "json", "--quiet"]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 2
     assert result.stdout == ""

@@ -94,7 +94,7 @@ def test_a_rule_is_named_by_its_number():
 
 def test_json_of_a_check_is_as_its_schema_says(tmp_path):
     write_recording("data.parquet", spike)
-    printed = json.loads(ok("check", "data.parquet", "--json").stdout)
+    printed = json.loads(ok("check", "data.parquet", "--format", "json").stdout)
     assert printed["schema"] == {"name": "rpil.check", "version": 1}
     assert [one["number"] for one in printed["findings"]] == ["RPIL-108"]
     check_schema(printed, "check")
@@ -102,7 +102,7 @@ def test_json_of_a_check_is_as_its_schema_says(tmp_path):
     folder = write_folder(tmp_path / "set", [30] * 5)
     info = json.loads((folder / "meta/info.json").read_text())
     (folder / "meta/info.json").write_text(json.dumps(info | {"total_frames": 7}))
-    printed = json.loads(ok("check", folder, "--json").stdout)
+    printed = json.loads(ok("check", folder, "--format", "json").stdout)
     check_schema(printed, "check")
     assert [(one["number"], one["id"]) for one in printed["findings"]] == [("RPIL-202", "")]
 
@@ -111,14 +111,14 @@ def test_json_of_an_audit_is_as_its_schema_says(folder):
     Path("labels.csv").write_text("id,label\n0,good\n7,bad\n")
     Path("who.csv").write_text("id,demonstrator\n" + "".join(f"{m},{'ab'[m % 2]}\n" for m in range(12)))
     for more in ([], ["--labels", "labels.csv", "--operator", "who.csv"]):
-        printed = json.loads(ok("audit", folder / "good.parquet", "--json", *more).stdout)
+        printed = json.loads(ok("audit", folder / "good.parquet", "--format", "json", *more).stdout)
         assert printed["schema"] == {"name": "rpil.audit", "version": 1}
         check_schema(printed, "audit")
 
 
 def test_json_of_another_form_is_seen():
     write_recording("data.parquet")
-    printed = json.loads(ok("check", "data.parquet", "--json").stdout)
+    printed = json.loads(ok("check", "data.parquet", "--format", "json").stdout)
     for change in ({"schema": 1}, {"steps": 1.5}, {"findings": [{}]}, {"more": 1}):
         with pytest.raises(AssertionError):
             check_schema(printed | change, "check")

@@ -38,7 +38,7 @@ def data():
 
 
 def audited(*arguments):
-    return json.loads(ok("audit", *arguments, "--json", "--observations", "x,v").stdout)
+    return json.loads(ok("audit", *arguments, "--format", "json", "--observations", "x,v").stdout)
 
 
 @pytest.fixture
@@ -67,7 +67,6 @@ def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, comm
         (["--session", "file"], "come from one file"),
         (["--reference", "d.parquet"], "the reference is the data themselves"),
         (["--reference", "nothing.parquet"], "there is no such file"),
-        (["--reference", "good.parquet", "--stream"], "needs all data in memory: leave out --stream"),
     ],
 )
 def test_what_cannot_be_used_is_refused(data, options, words):
@@ -132,18 +131,18 @@ def with_missing(name, *bad):
     write(name, 24, BAD, 1)
     rows = pq.read_table(name)
     x = np.where(np.isin(rows["episode_index"], bad) & (np.arange(len(rows)) % N_STEPS == 5), np.nan, rows["x"])
-    pq.write_table(rows.set_column(1, "x", pa.array(x)), name)
+    pq.write_table(rows.set_column(1, "x", pa.array(x)), name, row_group_size=200)
     return name
 
 
 def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     small = write("small.parquet", 16, {3, 5, 8, 9, 12}, 1)
     few = ["--only", "0-15", "--without", "3,7", "--observations", "x,v"]
-    said = json.loads(ok("info", data, *few, "--json").stdout)
+    said = json.loads(ok("info", data, *few, "--format", "json").stdout)
     assert (said["demonstrations"], said["notes"]) == (14, ["14 of 24 demonstrations are read, as asked."])
-    assert json.loads(ok("check", data, *few, "--json").stdout)["demonstrations"] == 14
+    assert json.loads(ok("check", data, *few, "--format", "json").stdout)["demonstrations"] == 14
     ids = [m for m in range(16) if m not in (3, 7)]
-    audit = json.loads(ok("audit", data, *few, "--json", "--weights", "w.csv").stdout)
+    audit = json.loads(ok("audit", data, *few, "--format", "json", "--weights", "w.csv").stdout)
     assert sorted(one["id"] for one in audit["demonstrations"]) == ids
     rows = np.genfromtxt("w.csv", delimiter=",", names=True)
     assert [*dict.fromkeys(rows["episode_index"].astype(int).tolist())] == ids
@@ -177,7 +176,7 @@ def wrong_labels():
 LINE = "Set aside: 4, 20, because a value is missing or infinite."
 
 
-@pytest.mark.parametrize("stream", [[], ["--stream"]], ids=["memory", "disk"])
+@pytest.mark.parametrize("stream", [[], ["--memory", "70kB"]], ids=["memory", "disk"])
 def test_demonstrations_with_missing_values_never_stop_the_rest(stream):
     data = with_missing("d.parquet", 4, 20)
     in_memory = [["fit", "-o", "policy"], ["convert", "-o", "k.csv"]]
@@ -200,7 +199,9 @@ def test_what_has_missing_values_is_not_kept_whatever_its_verdict():
 
 
 def test_check_names_what_is_missing_and_checks_the_rest():
-    said = json.loads(ok("check", with_missing("d.parquet", 4, 20), "--skip-bad", "--json", "--without", "20").stdout)
+    said = json.loads(
+        ok("check", with_missing("d.parquet", 4, 20), "--skip-bad", "--format", "json", "--without", "20").stdout
+    )
     assert (said["set_aside"], said["counts"]["missing values"], said["demonstrations"]) == ([4], 1, 23)
 
 

@@ -14,7 +14,7 @@ from command_line import call, ok, refused
 
 def test_info_describes_a_file_in_words_and_as_json(folder):
     text = ok("info", folder / "good.parquet").stdout
-    said = json.loads(ok("info", folder / "good.parquet", "--json").stdout)
+    said = json.loads(ok("info", folder / "good.parquet", "--format", "json").stdout)
     assert f"{said['demonstrations']} demonstrations, {said['steps']:,} steps" in text
     for name in said["observations"]:
         assert f"  {name}: " in text
@@ -35,12 +35,12 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
     assert "8 demonstrations, 400 steps" in text
     assert said in text
     found, expected = (
-        json.loads(ok("check", path, "--json").stdout) for path in (tmp_path / "many", tmp_path / "b.parquet")
+        json.loads(ok("check", path, "--format", "json").stdout) for path in (tmp_path / "many", tmp_path / "b.parquet")
     )
     assert found == expected
     assert (
-        "sort them by episode, or read it into memory with --no-stream"
-        in call("info", tmp_path / "many", "--stream").stderr
+        "sort them by episode, or allow more memory with --memory, which sorts them"
+        in call("info", tmp_path / "many", "--memory", "1kB").stderr
     )
     shuffled = together.take(np.r_[25:50, 0:25, 50:400])
     pq.write_table(shuffled, tmp_path / "many" / "a.parquet")
@@ -48,8 +48,8 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
 
 
 def test_the_head_of_an_audit_is_what_info_says(folder):
-    said = json.loads(ok("info", folder / "good.parquet", "--json").stdout)
-    audit = ok("audit", folder / "good.parquet", "--json", "--report", "r.html")
+    said = json.loads(ok("info", folder / "good.parquet", "--format", "json").stdout)
+    audit = ok("audit", folder / "good.parquet", "--format", "json", "--report", "r.html")
     assert json.loads(audit.stdout)["input"] == said
     assert "What was read" in Path("r.html").read_text()
     assert ok("audit", folder / "good.parquet").stdout.splitlines()[1].startswith("good.parquet: Parquet; ")
@@ -62,10 +62,12 @@ def test_columns_are_named_with_options(folder):
     refused("name it episode_index, or name the column with --id", "convert", "a.csv", "-o", "b.csv")
     refused("name it action, or name the columns with --action", "info", "a.csv")
     options = ["--id", "bout", "--action", "gear", "--exclude", "y", "--order", "beat", "--operator", "who"]
-    said = json.loads(ok("info", "a.csv", *options, "--json").stdout)
+    said = json.loads(ok("info", "a.csv", *options, "--format", "json").stdout)
     assert (said["demonstrations"], said["observations"], said["operators"]) == (4, ["x"], ["Ann"])
     said = json.loads(
-        ok("info", "a.csv", *options[:4], "--observations", "x,y", "--action-kind", "continuous", "--json").stdout
+        ok(
+            "info", "a.csv", *options[:4], "--observations", "x,y", "--action-kind", "continuous", "--format", "json"
+        ).stdout
     )
     assert (said["observations"], said["action_kind"]) == (["x", "y"], "continuous")
 

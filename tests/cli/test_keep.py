@@ -138,7 +138,7 @@ def test_idle_ends_are_told():
     steps = np.clip(np.arange(n), still, n - still - 1)
     values = np.cumsum(rng.normal(size=(6, n, 2)), axis=1)[:, steps].reshape(-1, 2)
     np.savez("drive.npz", observations=values, actions=values[:, :1], episode_ids=np.repeat(np.arange(6), n))
-    trims = json.loads(ok("check", "drive.npz", "--json", "-q").stdout)["trims"]
+    trims = json.loads(ok("check", "drive.npz", "--format", "json", "-q").stdout)["trims"]
     assert {trim["id"]: (trim["first"], trim["end"]) for trim in trims}[4] == (still, n - still)
 
 
@@ -148,7 +148,7 @@ def test_a_folder_is_checked(tmp_path):
     place = root / "meta" / "info.json"
     place.write_text(place.read_text().replace('"total_frames": 80', '"total_frames": 7'))
     assert "total_frames is 7, and the data hold 80" in ok("check", root).stdout
-    found = json.loads(ok("check", root, "--json").stdout)
+    found = json.loads(ok("check", root, "--format", "json").stdout)
     assert [(one["rule"], one["id"]) for one in found["findings"]] == [("totals", "")]
     assert call("check", root, "--fail-on", "totals").exit_code == 1
     refused("for folders of LeRobot", "check", root / "data" / "chunk-000" / "file-000.parquet", "--video")

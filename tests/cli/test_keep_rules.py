@@ -30,7 +30,7 @@ def kept_in(path):
 
 def test_an_audit_lists_what_keep_keeps():
     data, more = write("d.parquet", FEW), labels(_0="good", _3="bad", _8="bad")
-    result = ok("audit", data, *COLUMNS, *more, "--keep", "k.json", "--json", "-q")
+    result = ok("audit", data, *COLUMNS, *more, "--keep", "k.json", "--format", "json", "-q")
     listed = json.loads(Path("k.json").read_text())
     assert json.loads(result.stdout)["keep"] == {name: listed[name] for name in ("episodes", "rejected")}
     assert listed["rejected"] == {"labels": [3, 8], "answers": [5, 9]}
@@ -121,7 +121,7 @@ def with_jumps(name, faulty, n=MANY):
 def test_faults_that_are_named_are_rejected():
     data, faulty = with_jumps("jumps.npz", {2, 7, 11}), {2, 7, 11}
     Path("labels.csv").write_text("id,label\n2,good\n3,bad\n4,good\n")
-    found = json.loads(ok("check", data, "--json").stdout)["findings"]
+    found = json.loads(ok("check", data, "--format", "json").stdout)["findings"]
     assert {one["id"] for one in found if one["rule"] == "jump"} == faulty
     call_of = ["keep", data, "--verdicts", "labels.csv", "-q", "-o"]
     printed = ok(*call_of, "k.npz", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout

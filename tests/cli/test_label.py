@@ -47,7 +47,7 @@ def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
         "2 answers of this run in labels.csv.",
         f"Then run: rpil audit {data} --observations x,v --labels labels.csv",
     ]
-    found = json.loads(ok("audit", data, "--observations", "x,v", "--labels", "labels.csv", "--json").stdout)
+    found = json.loads(ok("audit", data, "--observations", "x,v", "--labels", "labels.csv", "--format", "json").stdout)
     assert (found["finding"], found["question"]) == ("answered", None)
 
 

@@ -29,7 +29,7 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
-    result = call("audit", folder / "good.parquet", "--json", "--demonstrators", "who.csv", *files)
+    result = call("audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files)
     assert result.exit_code == 0
     *lines, warning = result.stderr.splitlines()
     assert "w.csv: every step weighs the same, because nothing says who is good" in warning
@@ -99,7 +99,7 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("limit", "code"), [("bad", 0), ("outlier:5", 1), ("outlier:6", 0)])
 def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit, code):
-    result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--json")
+    result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--format", "json")
     assert result.exit_code == code
     assert json.loads(result.stdout)["finding"] == "outliers"
     assert len(json.loads(Path("k.json").read_text())["episodes"]) == 12

@@ -149,7 +149,7 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
 REFUSED = {
     "no names": (
         text(BASE).split("\n", 1)[1],
-        "the first row holds numbers, not names; name its 5 columns with columns=",
+        "the first row holds numbers, not names; put the names of its 5 columns above it",
     ),
     "a row too short": (text(BASE) + "3,1\n", "row 61: 2 values for 5 columns in '3,1'"),
     "an action for each step": (

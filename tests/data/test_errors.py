@@ -20,7 +20,7 @@ def test_an_error_of_another_process_arrives():
     ("options", "python", "shell"),
     [
         (("action", "action_kind"), "with action= or action_kind=.", "with --action or --action-kind."),
-        (("skip_bad", "no_stream"), "with skip_bad=True or rpil.read.", "with --skip-bad or --no-stream."),
+        (("skip_bad", "memory"), "with skip_bad=True or memory=.", "with --skip-bad or --memory."),
     ],
 )
 def test_an_option_is_spelt_for_python_and_for_the_shell(options, python, shell):

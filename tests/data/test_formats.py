@@ -194,7 +194,7 @@ def npz(path, **changes):
         ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
         (
             {"actions": None},
-            "no array is called 'actions'; save it under that name .*'episode_ids', 'rewards'",
+            "no column holds the action: name it action, .*'episode_ids', 'rewards'",
         ),
     ],
 )
@@ -223,9 +223,13 @@ def test_bad_truth(tmp_path, suffix):
     assert not path.exists()
 
 
-def test_importing_the_formats_does_not_import_pyarrow():
+def test_only_what_reads_and_writes_imports_pyarrow():
     import subprocess
     import sys
 
-    code = "import sys, rpil.formats; sys.exit('pyarrow' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    uses = "import sys, rpil, rpil.cli.main; rpil.simulate, rpil.Demonstrations"
+    for code, imports_it in ((uses, 0), (f"{uses}; rpil.read", 1)):
+        assert (
+            subprocess.run([sys.executable, "-c", f"{code}; sys.exit('pyarrow' in sys.modules)"]).returncode
+            == imports_it
+        )

@@ -134,7 +134,7 @@ def test_it_is_refused_in_one_sentence(ends, name):
 
 
 def test_the_figures_are_named(ends):
-    for name, size in (("giant-observations.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
+    for name, size in (("giant-names.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
     assert "more than the file" in ends[0]["giant-weights.rpil"][1]
     assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]

@@ -40,10 +40,6 @@ def gzipped():
     return zeros(31)
 
 
-def zstd():
-    return numcodecs.Zstd().encode(bytes(10**7)) * (GIANT // 10**7)
-
-
 def zarr_store(ends=b"", action=b"", **changes):
     """A store of 40 steps in format 2, its bytes as given, and the header of its actions changed."""
     arrays = {
@@ -115,13 +111,6 @@ def robomimic(write):
             write(file)
 
     return make
-
-
-def circles(file):
-    file["data/demo_0/actions"] = np.ones((10, 3))
-    for k in range(40):
-        group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
-        group["again"], group["same"] = file["data"], file["data/demo_0"]
 
 
 def huge(file):
@@ -223,19 +212,12 @@ FILES = {
     "gzip.zarr": (zarr_store(action=gzipped, compressor={"id": "gzip", "level": 1}), READ),
     "gzip-ends.zarr": (zarr_store(ends=gzipped), READ),
     "gzip-3.zarr": (zarr_3, READ),
-    "zlib.zarr": (zarr_store(action=zeros, compressor={"id": "zlib"}), READ),
-    "zstd.zarr": (
-        zarr_store(action=zstd, compressor={"id": "zstd"}),
-        READ,
-    ),
     "blosc.zarr": (zarr_store(action=encoded(numcodecs.Blosc()), compressor={"id": "blosc"}), READ),
-    "lz4.zarr": (zarr_store(action=encoded(numcodecs.LZ4()), compressor={"id": "lz4"}), READ),
     "no-chunk.zarr": (zarr_store(shape=[40, 4 * 10**6], chunks=[1, 1]), READ),
     "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=gzipped, compressor={"id": "gzip"}), READ),
     "many-rows.zarr": (no_chunk_of_many_rows, READ),
     "wide-texts.zarr": (wide_texts, READ),
     "deflated.zarr.zip": (zipped_zarr, READ),
-    "circles.hdf5": (robomimic(circles), READ),
     "huge.hdf5": (robomimic(huge), READ),
     "objects.hdf5": (actions(h5py.vlen_dtype(np.float64)), READ),
     "references.hdf5": (actions(h5py.ref_dtype), READ),

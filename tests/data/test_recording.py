@@ -146,16 +146,6 @@ def test_on_disk_rows_out_of_order_are_refused(tmp_path):
         rpil.open(tmp_path / "b.parquet", on_disk=True)
 
 
-def test_on_disk_episodes_that_each_session_counts_anew_are_refused(tmp_path, monkeypatch):
-    k = np.arange(40)
-    table = pa.table({"session": k // 10, "episode": 0 * k, "x": np.sqrt(k), "action": k % 2})
-    pq.write_table(table, tmp_path / "a.parquet")
-    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 3)
-    with pytest.raises(DataError, match="row 11: column 'session' changes within this demonstration; write a column"):
-        rpil.open(tmp_path / "a.parquet", on_disk=True)
-    assert len(rpil.open(tmp_path / "a.parquet", id="episode", on_disk=True).demonstrations) == 1
-
-
 KINDS = {
     "few": (np.arange(200) % 10, "discrete"),
     "many with ten steps each": (np.arange(1000) % 100, "discrete"),

@@ -13,8 +13,7 @@ from rpil.formats.registry import FORMATS
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "formats.md").read_text(encoding="utf-8")
-OF_HDF5 = ("HDF5", "a file of arrays for each demonstration")
-NEEDED = dict.fromkeys(OF_HDF5, "hdf5") | {"Zarr": "zarr"}
+NEEDED = {"arrays": "hdf5", "Zarr": "zarr"}
 """The extras without which a format is not read."""
 
 

@@ -42,7 +42,7 @@ def audit(data, *answers, **more):
 
 
 def printed(path, *more):
-    found = json.loads(ok("audit", path, *OPTIONS, *more, "--json", "-q").stdout)
+    found = json.loads(ok("audit", path, *OPTIONS, *more, "--format", "json", "-q").stdout)
     of_the_command = ("schema", "run", "input", "faults", "provenance")
     return {name: value for name, value in found.items() if name not in of_the_command}
 

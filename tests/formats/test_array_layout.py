@@ -9,28 +9,15 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
-from rpil.formats.array_layout import is_stacked, layout_of
+from rpil.formats.array_layout import Arrays
 from rpil.formats.registry import find
-from samples import LENGTHS, MOVES, OWNERS, STATES
+from samples import FRAMES, LENGTHS, MOVES, OWNERS, STATES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 
 N, M, T = len(OWNERS), len(LENGTHS), max(LENGTHS)
 IS_LAST = np.isin(np.arange(N), np.cumsum(LENGTHS) - 1)
 STEPS = {"observations": STATES, "actions": MOVES}
-BY_NAME = {
-    "obs and acts": {"obs": STATES, "acts": MOVES, "dones": IS_LAST},
-    "expert": {"expert_observations": STATES, "expert_actions": MOVES, "dones": IS_LAST},
-}
-BY_MARKS = {
-    "dones": STEPS | {"dones": IS_LAST.reshape(-1, 1)},
-    "terminals and timeouts": STEPS | {"terminals": IS_LAST & (OWNERS == 1), "timeouts": IS_LAST & (OWNERS != 1)},
-    "gymnasium": STEPS | {"terminations": IS_LAST & (OWNERS == 1), "truncations": IS_LAST & (OWNERS != 1)},
-    "terminals alone": STEPS | {"terminals": IS_LAST.astype(float)},
-    "starts of stable-baselines": STEPS | {"episode_starts": np.roll(IS_LAST, 1), "episode_returns": np.ones(M)},
-    "lengths": STEPS | {"episode_lengths": np.array(LENGTHS)},
-    "following observations": STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
-}
 
 
 def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
@@ -43,12 +30,26 @@ def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
 
 ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
 IS_STEP = np.arange(T) < np.array(LENGTHS)[:, None]
-STACKED = {
-    "lengths": ROWS | {"lengths": np.array(LENGTHS)},
-    "mask": ROWS | {"mask": IS_STEP},
-    "dones": ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1},
-    "one observation more": ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)},
-}
+EACH = "Each first index of the arrays is one demonstration"
+TERMINALS, CUTS = IS_LAST & (OWNERS == 1), IS_LAST & (OWNERS != 1)
+LAYOUTS = [
+    ("Demonstrations end at dones.", {"obs": STATES, "acts": MOVES, "dones": IS_LAST}),
+    ("end at dones.", {"expert_observations": STATES, "expert_actions": MOVES, "dones": IS_LAST}),
+    ("end at dones.", STEPS | {"dones": IS_LAST.reshape(-1, 1)}),
+    ("end at terminals and timeouts.", STEPS | {"terminals": TERMINALS, "timeouts": CUTS}),
+    ("end at terminations and truncations.", STEPS | {"terminations": TERMINALS, "truncations": CUTS}),
+    ("end at terminals alone: without timeouts, one that was", STEPS | {"terminals": IS_LAST.astype(float)}),
+    ("begin at episode_starts.", STEPS | {"episode_starts": np.roll(IS_LAST, 1), "episode_returns": np.ones(M)}),
+    ("are as long as episode_lengths says.", STEPS | {"episode_lengths": np.array(LENGTHS)}),
+    (
+        "There are no timeouts: demonstrations end at terminals, and where next_obs is not the following observation.",
+        STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
+    ),
+    (f"{EACH}, as long as lengths says.", ROWS | {"lengths": np.array(LENGTHS)}),
+    (f"{EACH}, as long as mask is true.", ROWS | {"mask": IS_STEP}),
+    (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
+    (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
+]
 
 
 LONGER = np.array([30, 22, 30, 9, 17, 26, 12, 30, 21, 15])
@@ -79,10 +80,8 @@ SAID = dict(said_of_time_first())
 
 
 @pytest.mark.parametrize("said", SAID)
-def test_the_first_index_may_be_the_time(said, tmp_path):
-    path = tmp_path / "time.npz"
-    np.savez(path, **SAID[said])
-    found = rpil.read(path)
+def test_the_first_index_may_be_the_time(said, written):
+    found = rpil.read(written(SAID[said]))
     assert found.lengths.tolist() == LONGER.tolist()
     for m, (seen, moves) in enumerate(found):
         np.testing.assert_array_equal(seen, SAID[said]["observations"][: LONGER[m], m])
@@ -102,7 +101,7 @@ def test_arrays_whose_first_index_seems_to_be_the_time_are_asked_about(tmp_path)
     moves = np.random.default_rng(0).normal(size=(30, 10, 2))
     arrays = {"observations": np.cumsum(moves, axis=0), "actions": moves}
     np.savez(path, **arrays)
-    with pytest.raises(DataError, match="seems to be the time, and the second one of 10 demonstrations; add an array"):
+    with pytest.raises(DataError, match="seems to be the time, the second one of 10 demonstrations; add an array"):
         rpil.read(path)
     np.savez(path, **arrays, mask=np.ones((30, 10)))
     with pytest.raises(DataError, match="seems to be the time"):
@@ -114,14 +113,6 @@ def test_arrays_whose_first_index_seems_to_be_the_time_are_asked_about(tmp_path)
         assert len(rpil.read(path)) == len(asked["actions"])
 
 
-def test_arrays_of_hdf5_with_the_time_first_are_refused(tmp_path):
-    with h5py.File(tmp_path / "time.hdf5", "w") as file:
-        for name, array in SAID["mask False"].items():
-            file[name] = array
-    with pytest.raises(DataError, match="the first index of its arrays is the time; swap the first two axes"):
-        rpil.read(tmp_path / "time.hdf5")
-
-
 @pytest.fixture(params=[".npz", ".hdf5"])
 def written(request, tmp_path):
     def write(arrays):
@@ -131,14 +122,14 @@ def written(request, tmp_path):
         else:
             with h5py.File(path, "w") as file:
                 for name, array in arrays.items():
-                    file[name] = array
+                    file[name] = array.astype("S") if array.dtype.kind == "U" else array
         return path
 
     return write
 
 
-@pytest.mark.parametrize("arrays", [*BY_NAME.values(), *BY_MARKS.values(), *STACKED.values()])
-def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path):
+@pytest.mark.parametrize(("note", "arrays"), LAYOUTS)
+def test_demonstrations_are_those_that_the_arrays_say(written, note, arrays, tmp_path):
     path = written(arrays)
     for on_disk in (False, True):
         recording = rpil.open(path, on_disk=on_disk)
@@ -147,10 +138,10 @@ def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path)
         assert found.lengths.tolist() == list(LENGTHS)
         np.testing.assert_array_equal(found.observations, STATES)
         np.testing.assert_array_equal(found.actions, MOVES)
-        assert any("emonstration" in note for note in recording.describe().notes)
+        assert note in recording.describe().notes[0]
     output = tmp_path / f"kept{path.suffix}"
     if layout := find(path).unkept():
-        assert layout in ("HDF5 of this layout", "stacked arrays")
+        assert layout == "arrays of this layout"
         return
     find(path).keep(output, [2, 0])
     kept = rpil.read(output)
@@ -161,7 +152,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, arrays, tmp_path)
 
 def test_what_is_said_of_stacked_demonstrations_as_a_whole_is_known(written):
     about = {"episode_id": np.array([7, 5, 6]), "success": np.array([1.0, 0.0, 1.0]), "camera": np.zeros((2, 2))}
-    recording = rpil.open(written(STACKED["lengths"] | about), outcome="success")
+    recording = rpil.open(written(ROWS | {"lengths": np.array(LENGTHS)} | about), outcome="success")
     assert recording.demonstrations.ids == (7, 5, 6)
     assert recording.facts.outcome.tolist() == [1, 0, 1]
     assert {"camera", "lengths", "success"} <= recording.describe().ignored.keys()
@@ -184,6 +175,8 @@ def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written)
         (STEPS | {"dones": IS_LAST[1:]}, rf"dones has the shape \({N - 1},\)"),
         (STEPS | {"episode_starts": np.array(["no"] * N, "S")}, "episode_starts has .* the type .S2"),
         (STEPS | {"terminals": np.zeros(N)}, "nothing says where demonstrations begin"),
+        (STEPS | {"next_observations": np.ones((N, 2))}, "after 14 of 15 steps.* the order of the steps was lost"),
+        (STEPS | {"next_obs": STATES[1:]}, r"next_obs has the shape \(14, 2\) and observations \(15, 2\)"),
         (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
     ],
 )
@@ -197,7 +190,7 @@ def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
     ("ids", "said"),
     [
         ([0.0, 0.0, np.nan, 1.0], "row 3: episode_ids has no value; fill it in or leave the demonstration out"),
-        ([True, True, False, False], "episode_ids holds true and false, which are no ids; give one id for each"),
+        ([True, True, False, False], "column 'episode_ids' is yes or no, and no id; where it marks the ends"),
     ],
 )
 def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
@@ -209,7 +202,7 @@ def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
             for key, values in arrays.items():
                 file[key] = values
     for use in (rpil.read, lambda path: find(path).keep(tmp_path / f"kept-{name}", [0])):
-        if use is not rpil.read and name == "a.hdf5":  # of which nothing is written
+        if use is not rpil.read and (name == "a.hdf5" or "yes or no" in said):  # of which nothing is written
             continue
         with pytest.raises(DataError, match=re.escape(said)) as caught:
             use(tmp_path / name)
@@ -218,8 +211,8 @@ def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
 
 def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
     arrays = {"obs": np.zeros((6, 2, 3)), "actions": np.zeros((6, 2)), "episode_index": np.array([0, 0, 0, 1, 1, 1])}
-    assert not is_stacked(arrays)
-    assert is_stacked(arrays | {"episode_index": np.arange(6)})
+    assert not Arrays(arrays, "").is_stacked
+    assert Arrays(arrays | {"episode_index": np.arange(6)}, "").is_stacked
 
 
 def test_several_ends_in_one_first_index_are_refused(written):
@@ -261,6 +254,82 @@ def test_a_value_that_is_missing_in_both_is_no_end():
     seen[2, 0] = following[1, 0] = np.nan
     following[3] = 99
     arrays = {"observations": seen, "next_observations": following, "actions": np.ones((6, 1))}
-    assert layout_of(arrays, "gap.hdf5").ids.tolist() == [0, 0, 0, 0, 1, 1]
+    assert Arrays(arrays, "gap.hdf5").cut().ids.tolist() == [0, 0, 0, 0, 1, 1]
     seen[2, 0] = 4.0
-    assert layout_of(arrays, "gap.hdf5").ids.tolist() == [0, 0, 1, 1, 2, 2]
+    assert Arrays(arrays, "gap.hdf5").cut().ids.tolist() == [0, 0, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("ids", [np.array(["a", "b"], object), np.array([3.0, 4.0])])
+def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
+    with h5py.File(tmp_path / "two.hdf5", "w") as file:
+        file["observations"], file["actions"], file["episode_id"] = np.ones((5, 2)), np.eye(5), np.repeat(ids, [2, 3])
+    assert rpil.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
+
+
+def test_one_step_and_the_next_observation_are_a_demonstration(written):
+    arrays = dict.fromkeys(("observations", "actions", "next_observations"), np.ones((1, 2)))
+    assert rpil.read(written(arrays)).lengths.tolist() == [1]
+
+
+def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
+    path = written({"q": np.array([1.0, 2.0])})
+    with pytest.raises(
+        DataError, match=r"^steps\.\w+: nothing says where demonstrations begin \(it holds q \(2,\)\); add"
+    ):
+        rpil.read(path)
+    before = [*tmp_path.iterdir()]
+    with pytest.raises(DataError):
+        find(path).keep(path.with_stem("kept"), [0])
+    assert [*tmp_path.iterdir()] == before
+
+
+def test_no_npz_file_with_groups_is_kept(tmp_path):
+    np.savez(tmp_path / "a.npz", **{f"demo_{k}/{name}": STEPS[name] for k in range(2) for name in STEPS})
+    assert rpil.read(tmp_path / "a.npz").ids == ("demo_0", "demo_1")
+    assert find(tmp_path / "a.npz").unkept() == "arrays of this layout"
+
+
+def test_named_observations_do_not_change_where_demonstrations_end(written):
+    path = written(
+        dict(LAYOUTS)[
+            "There are no timeouts: demonstrations end at terminals, and where next_obs is not the "
+            "following observation."
+        ]
+        | {"force": STATES[:, :1]}
+    )
+    found = rpil.read(path, observations="force")
+    assert found.lengths.tolist() == list(LENGTHS)
+    np.testing.assert_array_equal(found.observations, STATES[:, :1])
+
+
+def test_values_of_demonstrations_are_read_where_they_are_named(written):
+    about = {"who": np.array(["c", "a", "b"]), "length": np.array([3.0, 1.0, 2.0])}
+    path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
+    recording = rpil.open(path, operator="who")
+    assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
+    assert recording.describe().ignored["length"] == "not one value for each step"
+    assert rpil.open(path).operators == []
+
+
+def test_matrices_and_single_actions_are_no_stacks(written):
+    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": FRAMES % 2, "episode_index": OWNERS}
+    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
+
+
+def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):
+    arrays = {
+        "obs": np.zeros((4, 3, 2)),
+        "acts": np.zeros((4, 3, 1)),
+        "mask": np.eye(4, 3) > 0,
+        "lengths": np.ones(4, int),
+    }
+    assert rpil.read(written(arrays)).lengths.tolist() == [1] * 4
+
+
+@pytest.mark.parametrize("asked", [None, "obs", "obs*"])
+def test_numbers_of_an_observation_may_have_names(written, asked):
+    arrays = {"obs": STATES, "actions": MOVES, "episode_ids": OWNERS}
+    path = written(arrays | {"observation_names": np.array(["x", "y"])})
+    assert rpil.read(path, **({"observations": asked} if asked else {})).observation_names == ("x", "y")
+    path = written(arrays | {"obs": STATES[:, :1], "observation_names": np.array(["x"])})
+    assert rpil.read(path).observation_names == ("x",)

@@ -7,8 +7,8 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
-from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.recording import with_chosen
 
 N, T = 6, 8
 

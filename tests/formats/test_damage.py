@@ -89,16 +89,6 @@ def test_quotations_without_an_end_take_no_long_time():
     refused(r"q\.csv: very many quotations begin and do not end", "info", written("q.csv", lines))
 
 
-def test_lines_are_told_where_no_row_names_the_columns():
-    lines = table()[1:]
-    lines[8] += '"'
-    lines[9] = f'"{lines[9]}'
-    columns = ["--columns", "episode_index,observation.x,action,note"]
-    refused(r"q\.csv, row 10: .*at line 10", "info", written("q.csv", lines), *columns)
-    ok("keep", "q.csv", "-o", "kept.csv", "--skip-bad", "--share", "1", *columns)
-    assert Path("kept.csv").read_text().splitlines() == [*lines[:9], *lines[10:]]
-
-
 def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
     lines = table()
     lines[0] = 'episode_index,observation.x,"action,note'

@@ -24,7 +24,7 @@ BLOCK_STEPS = 700
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
     """Hundreds of rows fill a batch."""
-    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 130)
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 130)
 
 
 def read_all(data):
@@ -88,10 +88,6 @@ def changed(table, name, row, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda t: t.take(np.r_[0:10, 200:210, 10:200, 210 : len(t)]),
-            r"many, demonstration 0: its rows lie apart in 0.parquet; sort them by episode_index",
-        ),
         (lambda t: pa.concat_tables([t, t]), "demonstration 0: it is both in 0.parquet and in"),
         (
             lambda t: changed(t, "observation.1", 1500, None),

@@ -67,11 +67,7 @@ def test_archives_with_a_damaged_directory(name, damage):
     damage(path)
     with pytest.raises((NotImplementedError, UnicodeDecodeError)), zipfile.ZipFile(path) as archive:
         archive.open(archive.namelist()[0])
-    if path.suffix == ".zip":  # nothing but Zarr is read from such a file
-        with pytest.raises(DataError, match="damaged"):
-            registry.find_format(path)
-    else:
-        assert registry.find(path).format.name == "NPZ"
+    assert registry.find(path).format.name == ("Zarr" if path.suffix == ".zip" else "arrays")
     for command in ("info", "audit", "check"):
         refused(f"{re.escape(path.name)}.*damaged", command, path)
     with pytest.raises(DataError, match=re.escape(path.name)):
@@ -111,11 +107,11 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
         return batches if row_groups is None else itertools.islice(batches, n_batches)
 
     monkeypatch.setattr(pq.ParquetFile, "iter_batches", iter_batches)
-    monkeypatch.setattr("rpil.formats.store.BATCH_ROWS", 4)
+    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 4)
     with pytest.raises(DataError, match=r"^g\.parquet: .*damaged.*of 15 rows"):
         rpil.open(path, on_disk=True)
     if n_batches == 0:
-        refused(re.escape(path.name), "info", path, "--stream")
+        refused(re.escape(path.name), "info", path, "--memory", "1kB")
 
 
 def write_json(path, change):

@@ -13,7 +13,7 @@ import pytest
 import rpil
 from command_line import call, ok, refused
 from rpil.data.errors import DataError
-from rpil.formats.guesses import guess_actions, guess_id, text_with_time
+from rpil.formats.guesses import guess_actions, guess_id
 
 STEPS = 25
 
@@ -81,12 +81,6 @@ def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another
     refused(said, "info", tmp_path / "d.csv")
     with pytest.raises(DataError, match=r"no column holds the action: .* with action= "):
         rpil.audit(tmp_path / "d.csv")
-
-
-def test_a_text_with_a_time_is_found():
-    head = pa.table({"x": [1.0], "note": ["of 2021"], "center": [r"C:\IMG\center_2021_10_25_16_31_20_658.jpg"]})
-    assert text_with_time(head, head.column_names) == ["center"]
-    assert text_with_time(None, ["center"]) == text_with_time(head, ["x", "note", "other"]) == []
 
 
 @pytest.mark.parametrize("command", ["info", "audit", "check"])

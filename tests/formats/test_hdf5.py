@@ -10,20 +10,8 @@ import rpil
 from hdf5_files import aloha, d4rl, h5py, robomimic
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.formats import hdf5
+from rpil.formats.hdf5 import opened_hdf5
 from rpil.formats.registry import find
-
-
-def of_unknown_layout(path):
-    with h5py.File(path, "w") as file:
-        for k in range(4):
-            file[f"actions_{k}"], file[f"states_{k}"] = np.ones((100, 7)), np.ones((100, 7))
-
-
-def test_what_is_in_a_file_of_unknown_layout_is_said(tmp_path):
-    of_unknown_layout(tmp_path / "home.hdf5")
-    with pytest.raises(DataError, match=r"home.hdf5: .*it holds actions_0 \(100, 7\), .* and 2 more"):
-        formats.read(tmp_path / "home.hdf5")
 
 
 def test_an_hdf5_file_is_known_by_its_first_bytes(tmp_path):
@@ -51,8 +39,9 @@ def test_no_other_file_is_opened(tmp_path):
     recording = formats.read_recording(path)
     assert recording.demonstrations.ids == ("demo_0", "demo_2", "demo_10")
     assert set(recording.demonstrations.observation_names) == {"gripper", *(f"robot/eef_pos.{k}" for k in range(3))}
-    for name in ("linked", "soft", "virtual", "outside"):
+    for name in ("linked", "soft"):
         assert f"obs/{name}" in recording.description.notes[0]
+    assert {"obs/virtual", "obs/outside"} <= {*recording.description.ignored}
 
 
 def test_a_mask_that_is_a_link_changes_no_other_file(tmp_path):
@@ -71,7 +60,7 @@ def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     for place in (path, folder):
         with pytest.raises(MissingExtraError, match=r"hdf5 .*rpil\[hdf5\]"):
             formats.read(place)
-    assert hdf5.is_hdf5(path)
+    assert find(path).format.name == "arrays"
 
 
 @pytest.mark.parametrize("how", [{}, {"chunks": (5, 2)}, {"chunks": (5, 2), "compression": "gzip"}])
@@ -81,10 +70,10 @@ def test_what_was_not_written_is_refused(tmp_path, how):
         if how:
             array[5:10] = 1
     with (
-        hdf5.opened(tmp_path / "x.hdf5") as file,
+        opened_hdf5(tmp_path / "x.hdf5") as (_, found),
         pytest.raises(DataError, match=r"x\.hdf5: x .*write it again"),
     ):
-        hdf5.Arrays(file)["x"][:]
+        found.arrays["x"][:]
 
 
 def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
@@ -108,7 +97,7 @@ def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path):
         how = {"chunks": (10, 3), "compression": "gzip"}
         array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
         array.id.write_direct_chunk((0, 0), zlib.compress(bytes(10**7), 1))
-    with pytest.raises(DataError, match=r"x\.hdf5: the chunks of data/demo_1/actions hold more than they declare; "):
+    with pytest.raises(DataError, match=r"x\.hdf5: data/demo_1/actions: its chunks hold more than they declare; "):
         rpil.read(path)
 
 
@@ -121,4 +110,21 @@ def test_rows_that_do_not_fit_in_memory_are_not_allocated(tmp_path, monkeypatch)
             file.create_dataset(name, (10**8,), "f8")
     monkeypatch.setattr("rpil.data.memory.free_memory", lambda: 1e9)
     with pytest.raises(DataError, match=r"x\.hdf5: more memory than is free would be needed to read it"):
+        rpil.open(path, on_disk=True)
+    with pytest.raises(DataError, match=r"x\.hdf5: to read it would take 1\.6 GB of memory"):
         rpil.read(path)
+
+
+def test_circles_of_links_are_gone_through_once(tmp_path):
+    path = tmp_path / "circles.hdf5"
+    with h5py.File(path, "w") as file:
+        for k in range(2):
+            file[f"data/demo_{k}/obs/x"], file[f"data/demo_{k}/actions"] = np.ones((10, 3)), np.ones((10, 2))
+        for k in range(40):
+            group = file.require_group("/data/demo_0/obs/" + "deep/" * k)
+            group["again"], group["same"] = file["data"], file["data/demo_0"]
+        file["data/demo_2"] = file["data/demo_1"]
+    recording = rpil.open(path)
+    assert recording.ids == ("demo_0", "demo_1")
+    assert recording.demonstrations.n_observations == 3
+    assert "Left out, because they are links, or hold no actions: demo_2." in recording.describe().notes

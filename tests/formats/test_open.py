@@ -46,8 +46,7 @@ def test_columns_are_chosen_as_by_read(tmp_path):
     assert opened.demonstrations.n_observations == 1
     opened.keep([1], tmp_path / "b.csv")  # all columns
     assert rpil.read(tmp_path / "b.csv").n_observations == 3
-    assert isinstance(rpil.open(tmp_path / "texts").demonstrations, rpil.Demonstrations)
     (tmp_path / "tables").mkdir()
     rpil.write(tmp_path / "tables" / "a.parquet", demonstrations(EPISODES))
-    assert isinstance(rpil.open(tmp_path / "tables").demonstrations, rpil.Dataset)
-    assert isinstance(rpil.open(tmp_path / "tables", on_disk=False).demonstrations, rpil.Demonstrations)
+    assert isinstance(rpil.open(tmp_path / "tables").demonstrations, rpil.Demonstrations)
+    assert isinstance(rpil.open(tmp_path / "tables", memory="10kB").demonstrations, rpil.Dataset)

@@ -8,7 +8,7 @@ import pytest
 import rpil
 from hostile import write_long_list
 from rpil.data.errors import DataError
-from rpil.formats import parquet_pages
+from rpil.formats import parquet_file
 
 LISTS = [[float(k)] * (k % 5) for k in range(3000)]
 TEXTS = [["a" * 3000, "b"]] * 3000
@@ -17,11 +17,11 @@ TEXTS = [["a" * 3000, "b"]] * 3000
 def column(path, name):
     with pa.OSFile(str(path)) as stream, pq.ParquetFile(stream) as file:
         (k,) = (k for k in range(len(file.schema)) if file.schema.column(k).path.startswith(name))
-        parquet_pages.check_pages(file, stream, [k], path.name)
+        parquet_file.check_pages(file, stream, [k], path.name)
         chunk = file.metadata.row_group(0).column(k)
         place, n_values, n_pages = chunk.data_page_offset, 0, 0
         while place < (chunk.dictionary_page_offset or chunk.data_page_offset) + chunk.total_compressed_size:
-            header, n_bytes = parquet_pages._header_at(stream, place)
+            header, n_bytes = parquet_file._header_at(stream, place)
             n_values += header.get((5, 1), header.get((8, 1), 0))
             place, n_pages = place + n_bytes + header[3,], n_pages + 1
         return n_values == chunk.num_values, n_pages
@@ -54,4 +54,4 @@ def test_a_header_that_does_not_end_is_an_error():
     for content in (b"\x15", bytes([0x1C]) * 5000, np.full(5000, 255, np.uint8).tobytes()):
         stream = pa.BufferReader(content)
         with pytest.raises((IndexError, RecursionError)):
-            parquet_pages._header_at(stream, 0)
+            parquet_file._header_at(stream, 0)

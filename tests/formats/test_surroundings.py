@@ -42,4 +42,4 @@ def test_a_crash_of_a_library_prints_where_it_happened(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode < 0
     assert "Fatal Python error: Aborted" in done.stderr
-    assert "npz.py" in done.stderr
+    assert "array_files.py" in done.stderr

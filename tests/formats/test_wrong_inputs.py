@@ -146,7 +146,7 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
     named = rpil.audit(data, id="trip", action=["steer", "pedal"])
     np.testing.assert_array_equal(audit.log_odds, named.log_odds)
     if suffix != "frame":
-        printed = json.loads(ok("audit", data, "--json", settings=None).stdout)
+        printed = json.loads(ok("audit", data, "--format", "json", settings=None).stdout)
         found = {row["id"]: row["log_odds"] for row in printed["demonstrations"]}
         assert found == dict(zip(audit.ids, audit.log_odds.tolist(), strict=True))
 

@@ -70,7 +70,7 @@ def test_hostile_zarr(tmp_path):
     for change, message in (
         ({"shape": [10**15], "chunks": [10**15]}, "more memory than is free"),
         ({"dtype": "<f8"}, "must hold rising numbers of steps"),
-        ({"dtype": "|O"}, "episode_ends .* the type '.O', which is not read"),
+        ({"dtype": "|O"}, "episode_ends: its header is damaged, or of an unknown format"),
         ({"shape": "x"}, "header is damaged"),
         ({"compressor": {"id": "imagecodecs_jpegxl"}}, "meta/episode_ends must hold rising numbers"),
     ):

@@ -133,8 +133,8 @@ def size(value):
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
-    groups = tuple(replace(group, path="/nowhere/a.parquet") for group in data.rows.groups)
-    lost = replace(data, rows=replace(data.rows, groups=groups))
+    pieces = tuple(piece._replace(path="/nowhere/a.parquet") for piece in data.rows.pieces)
+    lost = replace(data, rows=replace(data.rows, pieces=pieces))
     placed = DaskEngine(cluster).place(lost.shards(2, SAMPLE.block_steps))
     with pytest.raises(
         DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"

@@ -19,7 +19,6 @@ from rpil.cli.options import (
     Value,
     command_words,
     format_option,
-    json_option,
     verdict_limit,
     with_options,
 )
@@ -59,7 +58,6 @@ if TYPE_CHECKING:
     "meta/episodes, for episode_filter.",
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
-@json_option
 @format_option
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @click.pass_context
@@ -68,7 +66,6 @@ def audit(
     /,
     file: str,
     all_rows: bool,
-    json_wanted: bool,
     form: str,
     fail_on: str | None,
     **options: Value,
@@ -93,7 +90,7 @@ def audit(
         faults = look_for_faults(recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
         write_outputs(outputs, run, progress)
-    result, form = run.audit, "json" if json_wanted else form
+    result = run.audit
     if form == "json":
         click.echo(
             terminal.to_json(

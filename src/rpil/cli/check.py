@@ -13,10 +13,8 @@ from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
     format_option,
-    json_option,
     pop_columns,
     quiet_option,
-    stream_option,
     with_options,
 )
 from rpil.cli.progress import show_stages
@@ -45,9 +43,7 @@ MAX_FINDINGS = 30
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
-@stream_option
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
-@json_option
 @format_option
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
@@ -66,14 +62,14 @@ def check(
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         damage = replace(columns, skip_bad=columns.skip_bad and "damage")  # alone: missing values are findings
-        read = open_with_missing(file, damage, progress, options["stream"])
+        read = open_with_missing(file, damage, progress)
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
         report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
         if output:
             report.write(output)
     tell_of_set_aside(read)
-    if options["json_wanted"] or form == "json":
+    if form == "json":
         click.echo(terminal.to_json(terminal.schema("check") | report.to_dict()))
     elif form == "text":
         terminal.print_lines(fault_lines(report))
@@ -105,7 +101,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
         lines += ["", "The worst first:" if n > 1 else "It is:"]
         lines += [f"  {printable(f.id) or '-':<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
     if n > len(shown):
-        lines.append(f"  ... and {n - len(shown):,} more; --json prints all")
+        lines.append(f"  ... and {n - len(shown):,} more; --format json prints all")
     if report.set_aside:
         lines += ["", f"Set aside, because values are missing: {listed(report.set_aside, MAX_IDS, ', ')}."]
     if report.n_expected:

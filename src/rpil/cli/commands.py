@@ -92,13 +92,13 @@ def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> N
 
 
 def open_recording(
-    file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None = False
+    file: str, columns: ColumnOptions, progress: StageProgress, on_disk: bool | None = None
 ) -> Recording:
-    """What a file holds; on disk if `stream`, or if `stream` is None and it is large, or many Parquet files."""
+    """What a file holds; on disk where it does not fit in memory, unless `on_disk` is False."""
     from rpil import formats
 
     progress(f"reading {file}")
-    recording = formats.read_recording(file, columns, on_disk=stream)
+    recording = formats.read_recording(file, columns, on_disk=on_disk)
     if recording.columns.guessed:
         click.echo(to_one_line(recording.columns.guess.in_shell), err=True)
         ctx = click.get_current_context()
@@ -108,9 +108,9 @@ def open_recording(
     return recording
 
 
-def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress, stream: bool | None) -> Recording:
+def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress) -> Recording:
     """The recording in a file, read, of whose demonstrations some may have missing values."""
-    recording = open_recording(file, replace(columns, allow_missing=True), progress, stream)
+    recording = open_recording(file, replace(columns, allow_missing=True), progress)
     recording.demonstrations  # noqa: B018  # are read here
     return recording
 
@@ -120,18 +120,15 @@ def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[
 
     With a reference the data are read into memory.
     """
-    stream, reference = options.stream, options.reference
-    if reference is not None and stream:
-        raise click.UsageError("--reference needs all data in memory: leave out --stream")
-    stream = stream if reference is None else False
-    recording = open_recording(file, options.columns, progress, stream)
+    reference = options.reference
+    recording = open_recording(file, options.columns, progress, None if reference is None else False)
     if reference is None:
         return recording, None
     if os.path.realpath(reference) == os.path.realpath(file):
         raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
     named: dict[str, Value] = {**recording.columns.guessed, "guess": False}
     columns = replace(options.columns, only=(), without=(), **named)  # without ids of the data
-    return recording, open_recording(reference, columns, progress)
+    return recording, open_recording(reference, columns, progress, False)
 
 
 def tell_of_set_aside(recording: Recording) -> None:

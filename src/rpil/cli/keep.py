@@ -85,7 +85,7 @@ def keep(
         if verdicts is None:
             read, table, audit = _judged(file, given, progress)
         else:
-            read, audit = open_with_missing(file, given.columns, progress, given.stream), None
+            read, audit = open_with_missing(file, given.columns, progress), None
             table = _verdicts_on(read, verdicts)
         faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)

@@ -35,7 +35,6 @@ class RunOptions:
     features: str
     adversary: str
     seed: int
-    stream: bool | None
     quiet: bool
     reference: str | None = None
     ignore: tuple[str, ...] = ()
@@ -100,17 +99,13 @@ seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
 )
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
-json_option = click.option("--json", "json_wanted", is_flag=True, help="Print JSON, and nothing else, on stdout.")
 format_option = click.option(
     "--format",
     "form",
     type=click.Choice(("text", "json", "markdown", "sarif")),
     default="text",
     show_default=True,
-    help="What to print: text, JSON as --json does, Markdown for a pull request, SARIF for code scanning.",
-)
-stream_option = click.option(
-    "--stream/--no-stream", default=None, help="Leave data on disk, or read them; by default by size."
+    help="What to print: text, one object of JSON, Markdown for a pull request, SARIF for code scanning.",
 )
 outcome_option = click.option(
     "--outcome",
@@ -135,7 +130,6 @@ COLUMN_OPTIONS = (
         help="Who gave each demonstration: a column of FILE, a CSV file (id,demonstrator), or JSON.",
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
-    click.option("--columns", metavar="NAMES", multiple=True, help="Columns of a CSV file without a header: a,b,c."),
     click.option("--split-gap", **_SAY_SECONDS, help="Also end a demonstration at a longer pause, or an earlier time."),
     click.option("--segment", **_SAY_SECONDS, help="Judge stretches of this length instead of demonstrations."),
     click.option(
@@ -153,8 +147,7 @@ COLUMN_OPTIONS = (
     click.option(
         "--memory",
         metavar="SIZE",
-        help="Memory that data may take, such as 4GB; by default half of what is free. Larger Parquet files stay on "
-        "disk, others are refused.",
+        help="Memory that data may take, such as 4GB; by default half of what is free. Larger data stay on disk.",
     ),
 )
 FIT_OPTIONS = (
@@ -180,7 +173,6 @@ FIT_OPTIONS = (
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    stream_option,
     seed_option,
     quiet_option,
 )

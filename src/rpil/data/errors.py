@@ -12,9 +12,7 @@ _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\
 
 
 _IN_PYTHON = {
-    "no_stream": "rpil.read",
     "skip_bad": "skip_bad=True",
-    "stream": "rpil.open",
 }
 """How a user of Python gives an option; any other one is an argument of its name."""
 

@@ -36,7 +36,6 @@ from rpil.formats.registry import find, writer_of
 __all__ = [
     "ColumnOptions",
     "Description",
-    "Label",
     "Recording",
     "check_labels_file",
     "label_codes",
@@ -63,7 +62,6 @@ class ReadOptions(TypedDict, total=False):
     operator: str | None
     task: str | None
     session: str | None
-    columns: Names
     split_gap: float | None
     segment: float | None
 
@@ -86,8 +84,6 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         The column of the demonstration, and the one that orders its steps; by default they are found by name.
     action, observations, exclude : str or sequence of str
         Columns, or patterns such as ``joint_*``; those of `exclude` are not read.
-    columns : str or sequence of str
-        The names of the columns of a text table without a first row of names.
     split_gap : float
         Seconds: a demonstration ends where the times of two rows are further apart, or go back.
     segment : float
@@ -134,7 +130,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
         as ``s3://bucket/folder``; or a data frame.
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` of any size, or a copy of formats other than Parquet, or read
-        them into memory; by default large files and folders of Parquet files stay there.
+        them into memory; by default those that take more than `memory` stay there.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 

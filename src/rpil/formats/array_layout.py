@@ -1,327 +1,343 @@
-"""Which steps of a file of arrays are a demonstration, in HDF5 and NPZ alike.
+"""The table of array layouts: which names arrays have, and which of their steps are a demonstration, in any container.
 
-Arrays lie end to end, (N, ...), where ids, starts, ends or lengths tell demonstrations apart; or they are stacked,
-(M, T, ...), where each first index is one demonstration.
+Arrays lie end to end, (N, ...), where ids, lengths, starts or ends tell demonstrations apart; or they are stacked,
+(M, T, ...) or (T, M, ...), where an index is one demonstration; or each demonstration has a group or a file of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import PurePath
 
 import numpy as np
 
-from rpil.data.arrays import Id, are_whole
+from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
-from rpil.data.names import EPISODE, may_be_outcome
-from rpil.formats.columns import ColumnOptions
+from rpil.data.json_files import object_in
+from rpil.data.memory import BYTES_PER_NUMBER, check_memory
+from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
+from rpil.formats.columns import ColumnOptions, as_list
+from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.step_arrays import NO_STEPS, NUMBERED, Closed, Part, StoredArray, from_parts, is_text, read_once
+from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
-ACTIONS = ("actions", "action", "acts", "expert_actions")
-OBSERVATIONS = ("observations", "observation", "obs", "expert_observations")
-TIMEOUTS = "timeouts"
+ROLES = {
+    "actions": ("actions", "action", "acts", "expert_actions"),
+    "observations": ("observations", "observation", "obs", "expert_observations"),
+    "ids": EPISODE,
+    "lengths": ("episode_lengths", "lengths", "path_lengths", "traj_lengths"),
+    "offsets": ("meta/episode_ends",),  # of diffusion policy
+    "masks": ("mask", "valid_mask"),
+    "starts": ("episode_starts",),  # of stable-baselines
+    "terminals": ("terminals", "terminations", "terminated"),
+    "cuts": ("timeouts", "truncations", "truncated", "dones", "done"),  # also of demonstrations that were cut short
+    "next": ("next_observations", "next_obs"),
+    "names": ("observation_names",),
+}
+"""The names of the arrays of each role; the first one that is there counts."""
 
-_NEXT = ("next_observations", "next_obs")
-_STARTS = "episode_starts"  # of stable-baselines
-_LENGTHS = ("episode_lengths", "lengths", "path_lengths", "traj_lengths")
-_MASKS = ("mask", "valid_mask")
-_TERMINALS = ("terminals", "terminations", "terminated")
-_CUTS = (TIMEOUTS, "truncations", "truncated", "dones", "done")  # which also mark demonstrations that were cut short
-_MARKS = (_STARTS, *_TERMINALS, *_CUTS)
+ATTRIBUTES = {
+    "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
+    "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
+}
+"""The attributes of a group that say its task and its steps a second, with the keys in an object of JSON there."""
 
-Tree = Mapping[str, StoredArray]
+_NUMBERED = "episode"  # the column of the id where demonstrations have no names but their numbers
+_ASIDE = (*ROLES["offsets"], *ROLES["names"])  # which are no columns of steps
 
 
 @dataclass(frozen=True)
-class ArrayLayout:
-    """Which rows of the arrays are which demonstration.
+class Cut:
+    """Which steps are which demonstration, and how that was told."""
 
-    Attributes
-    ----------
-    column : str
-        Name of the ids.
-    ids : array
-        The id of each of N steps, or of each of M first indices where arrays are stacked.
-    note : str
-        How it was told.
-    is_step : array (M, T), optional
-        Which rows are steps, where arrays are stacked.
-    by_demonstration : bool
-        Whether arrays of M rows have one for each demonstration, where those of the steps lie end to end.
-    """
+    column: str  # the name of the ids
+    ids: Array  # of each of N steps, or of each of M first indices where arrays are stacked
+    note: str = ""
+    is_step: Array | None = None  # (M, T): which rows are steps, where arrays are stacked
+    by_marks: bool = False  # whether flags, or leaps of the observations, tell the demonstrations apart
 
-    column: str
-    ids: Array
-    note: str
-    is_step: Array | None = None
-    by_demonstration: bool = False
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """The arrays of a container by name, with the roles that they play; it is called `source` in messages."""
+
+    arrays: Tree
+    source: str
+    options: ColumnOptions = ColumnOptions()
+    attributes: Callable[[str], Mapping[str, object]] = lambda _: {}  # of the group at a path
+    links: Sequence[str] = ()  # paths of links, none of which is followed
+
+    @cached_property
+    def names(self) -> dict[str, list[str]]:
+        """The names of the arrays with rows that have each role, or that the user names for it."""
+        options = self.options
+        more = [name for one, _ in ACTION_COLUMNS[:2] for name in self.arrays if one.fullmatch(plain_name(name))]
+        named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
+        named["actions"] = (*as_list(options.action), *ROLES["actions"], *more)
+        named["observations"] = (*ROLES["observations"], *as_list(options.observations))
+        there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
+        return {role: [name for name in names if name in there] for role, names in named.items()}
+
+    def shape(self, role: str) -> tuple[int, ...]:
+        """The shape of the first array of a role; empty where there is none."""
+        return self.arrays[self.names[role][0]].shape if self.names[role] else ()
+
+    def shaped(self, shapes: Sequence[tuple[int, ...]], *roles: str) -> list[str]:
+        """The names of the arrays of these roles that have one of these shapes."""
+        return [name for role in roles for name in self.names[role] if self.arrays[name].shape in shapes]
+
+    def values(self, name: str) -> Array:
+        """All values of an array; text as text."""
+        values = np.asarray(self.arrays[name][:])
+        return np.char.decode(values.astype("S")) if values.dtype.kind in "SO" else values
+
+    def flags(self, names: Sequence[str], shape: tuple[int, ...]) -> Array:
+        """Where any of the arrays is true."""
+        found = np.zeros(shape, bool)
+        for name in names:
+            array = self.arrays[name]
+            if array.shape not in (shape, (*shape, 1)) or array.dtype.kind not in "biuf":
+                fault = f"{name} has the shape {array.shape} and the type {array.dtype} for {shape[0]:,} actions"
+                raise DataError(f"{self.source}: {fault}; write one 0 or 1 for each.")
+            found |= self.values(name).reshape(shape) != 0
+        return found
+
+    @cached_property
+    def n_steps(self) -> int:
+        """The rows of the actions; or of ids, or the first array, where it is to be said that there are no actions."""
+        shapes = (one.shape for one in self.arrays.values() if one.shape)
+        return (self.shape("actions") or self.shape("ids") or next(shapes, (0,)))[0]
+
+    @cached_property
+    def is_stacked(self) -> bool:
+        """Whether actions and observations have an index for demonstrations, and no array marks single rows."""
+        acted, seen = self.shape("actions"), self.shape("observations")
+        if not acted or not seen or self.names["offsets"]:
+            return False
+        longer = seen[0] - acted[0], seen[1] - acted[1] if len(acted) > 1 and len(seen) == 3 else -1
+        if longer not in ((0, 0), (0, 1), (1, 0)) or self.shaped((acted[:1],), "starts", "terminals", "cuts"):
+            return False
+        ids = [name for name in self.shaped((acted[:1],), "ids") if name in EPISODE]
+        return not any(len({*self.values(name).tolist()}) < acted[0] for name in ids)
 
     @property
-    def names(self) -> list[Any]:
-        """The ids of the M demonstrations in the order of the file."""
-        return list(dict.fromkeys(self.ids.tolist()))
+    def notes(self) -> tuple[str, ...]:
+        """That the data are of a simulation, and that links are not read, in words."""
+        sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
+        return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
 
-    def facts(self, arrays: Tree, options: ColumnOptions) -> dict[str, StoredArray]:
-        """Arrays (M,) that the user names, or that may be an outcome, with a value for each of the N steps."""
-        named = {options.operator, options.session, options.task, (options.outcome or "").removeprefix("-")}
-        place = {m: k for k, m in enumerate(self.names)}
-        rows = np.array([place[m] for m in self.ids.tolist()], dtype=int)
-        whole = {name: one for name, one in arrays.items() if one.shape == (len(place),) != rows.shape}
-
-        def steps(array: StoredArray) -> Closed:
-            return read_once(rows.shape, array.dtype, lambda: np.asarray(_values(array)[rows]))
-
-        return {name: steps(one) for name, one in whole.items() if name in named or may_be_outcome(name)}
-
-    def kept_rows(self, array: StoredArray, ids: Sequence[Id]) -> Array | None:
-        """The rows of an array that the demonstrations `ids` have; None where it has none for either."""
-        n, n_rows = len(self.ids), array.shape[0] if array.shape else 0
-        if n_rows in (n, n + 1):  # one more comes after the last action
-            owners = self.ids[np.minimum(np.arange(n_rows), n - 1)]
-            return np.flatnonzero(np.isin(owners, ids))
-        each = self.by_demonstration and array.shape[:1] == (len(self.names),)
-        return np.flatnonzero(np.isin(self.names, ids)) if each else None
-
-    def new_arrays(self, arrays: Tree, ids: Sequence[Id], source: str) -> dict[str, Array]:
-        """Timeouts that tell the demonstrations `ids` apart, where no array marks those that were cut short."""
-        if self.by_demonstration or first(arrays, (_STARTS, *_CUTS)):
-            return {}
-        is_last = np.append(self.ids[1:] != self.ids[:-1], True)
-        is_terminal = np.any([_flags(arrays, name, len(self.ids), source) for name in _TERMINALS], axis=0)
-        timeouts = is_last & ~is_terminal
-        return {TIMEOUTS: timeouts[np.isin(self.ids, ids)]}
-
-
-def first(arrays: Tree, names: Sequence[str]) -> str | None:
-    """The first of the names that an array with rows has."""
-    return next((name for name in names if name in arrays and arrays[name].shape), None)
-
-
-def n_actions(arrays: Tree) -> int:
-    """The rows of the array of actions; 0 where there is none."""
-    actions = first(arrays, ACTIONS)
-    return 0 if actions is None else int(arrays[actions].shape[0])
-
-
-def tells(arrays: Tree) -> bool:
-    """Whether there are actions, and anything says which steps are a demonstration, as in a file of D4RL."""
-    marked = first(arrays, ACTIONS) and first(arrays, (*EPISODE, *_MARKS, *_NEXT))
-    return bool(marked or is_stacked(arrays) or (n_actions(arrays) and _lengths(arrays, n_actions(arrays))))
-
-
-def read_arrays(
-    arrays: Tree,
-    source: str,
-    format_name: str,
-    options: ColumnOptions,
-    notes: tuple[str, ...] = (),
-    metadata: Metadata = Metadata(),
-) -> StepTables:
-    """The recording in arrays that `tells` knows; `options` may name the ids."""
-    layout = layout_of(arrays, source, options.id)
-    steps, ids = arrays, layout.ids
-    if layout.is_step is not None:
-        steps, ids = _end_to_end(arrays, layout.is_step), np.repeat(ids, layout.is_step.sum(axis=1))
-    else:
-        steps = {**arrays, **layout.facts(arrays, options)}
-    parts, notes = [Part(len(ids), {**steps, layout.column: ids})], (*notes, *filter(None, [layout.note]))
-    found = from_parts(parts, layout.column, source, format_name, options, metadata, notes)
-    return found.with_ignored(dict.fromkeys(arrays.keys() - steps.keys(), NO_STEPS))
-
-
-def layout_of(arrays: Tree, source: str, wanted: str | None = None) -> ArrayLayout:
-    """The layout of arrays that `tells` knows; ids may be `wanted` by their name.
-
-    A `DataError` where the arrays do not fit together.
-    """
-    n_steps = n_actions(arrays)
-    names = [name for name in ([wanted] if wanted else EPISODE) if name in arrays]
-    own = {name: arrays[name] for name in names if arrays[name].shape == (n_steps,)}
-    named = next((name for name, ids in own.items() if wanted or ids.dtype.kind in "iuf" or is_text(ids.dtype)), None)
-    column, ids = (named, _values(own[named])) if named else (NUMBERED, np.arange(n_steps))
-    if ids.dtype.kind == "f" and np.isnan(ids).any():
-        fault = f"row {np.argmax(np.isnan(ids)) + 1}: {column} has no value"
-        raise DataError(f"{source}, {fault}; fill it in or leave the demonstration out.")
-    if ids.dtype.kind == "f" and are_whole(ids):
-        ids = ids.astype(np.int64)
-    if is_stacked(arrays):
-        if time_first(arrays, source):
-            raise DataError(f"{source}: the first index of its arrays is the time; swap the first two axes of each.")
-        is_step, note = _is_step(arrays, arrays[str(first(arrays, ACTIONS))].shape[:2], source)
-        return ArrayLayout(column, ids, note, is_step)
-    if named:
-        return ArrayLayout(column, ids, "")
-    if (name := _lengths(arrays, n_steps)) is not None:
-        lengths = _values(arrays[name])
-        ids, note = np.repeat(np.arange(len(lengths)), lengths), f"Demonstrations are as long as {name} says."
-        return ArrayLayout(NUMBERED, ids, note, by_demonstration=True)
-    if names and not first(arrays, (*_MARKS, *_NEXT)):
-        said = f"{names[0]} has the shape {arrays[names[0]].shape} for {n_steps:,} actions"
-        said = f"{names[0]} holds true and false, which are no ids" if names[0] in own else said
-        raise DataError(f"{source}: {said}; give one id for each.")
-    ends, note = _ends(arrays, n_steps, source)
-    return ArrayLayout(NUMBERED, np.concatenate([[0], np.cumsum(ends[:-1])]), note)
-
-
-def _end_to_end(arrays: Tree, is_step: Array) -> dict[str, StoredArray]:
-    """Stacked arrays (M, T, ...) or (M, T + 1, ...) as arrays of their steps, and values (M,) as one for each step."""
-    (n, longest), lengths = is_step.shape, is_step.sum(axis=1)
-
-    def steps(array: StoredArray) -> Closed:
-        return read_once((lengths.sum(), *array.shape[2:]), array.dtype, lambda: _values(array)[:, :longest][is_step])
-
-    stacked = {name: one for name, one in arrays.items() if one.shape[:2] in ((n, longest), (n, longest + 1))}
-    whole = {name: one for name, one in arrays.items() if one.shape == (n,)}
-    repeated = {name: np.repeat(_values(one), lengths) for name, one in whole.items()}
-    return {**repeated, **{name: steps(one) for name, one in stacked.items()}}
-
-
-def is_stacked(arrays: Tree) -> bool:
-    """Whether actions and observations have a first index for demonstrations, and no array marks single rows."""
-    actions, observations = first(arrays, ACTIONS), first(arrays, OBSERVATIONS)
-    if actions is None or observations is None:
-        return False
-    acted, seen = arrays[actions].shape, arrays[observations].shape
-    of_rows = [name for name in (*_MARKS, *EPISODE) if name in arrays and arrays[name].shape == acted[:1]]
-    flat = any(name in _MARKS or len({*_values(arrays[name]).tolist()}) < acted[0] for name in of_rows)
-    longer = seen[0] - acted[0], seen[1] - acted[1] if len(acted) > 1 and len(seen) == 3 else -1
-    return not flat and longer in ((0, 0), (0, 1), (1, 0))
-
-
-def time_first(arrays: Tree, source: str) -> tuple[int, ...] | None:
-    """T and M, where arrays are (T, M, ...): each demonstration has one run of true in a mask, or in what marks ends,
-    or there are M lengths or ids, or T + 1 observations; else None. A `DataError` where only the values look so."""
-    if not is_stacked(arrays):
+    def said(self, group: str, what: str) -> object:
+        """What the attributes of a group say of the task or the rate, by `ATTRIBUTES`; None where they say nothing."""
+        attributes = self.attributes(group)
+        for place in ATTRIBUTES[what]:
+            name, *keys = place.split("/")
+            value = attributes.get(name)
+            for key in keys:
+                value = (value if isinstance(value, dict) else object_in(value)).get(key)
+            if isinstance(value, str | int | float) and value:
+                return value
         return None
-    shape, seen = arrays[str(first(arrays, ACTIONS))].shape[:2], arrays[str(first(arrays, OBSERVATIONS))]
-    if seen.shape[0] > shape[0]:
-        return shape
-    told = [{arrays[name].shape for name in (*_LENGTHS, *EPISODE) if name in arrays}]
-    flags = {name: one for name, one in arrays.items() if one.shape in (shape, (*shape, 1))}
-    if name := first(flags, (*_MASKS, *_TERMINALS, *_CUTS)):
-        flag = np.asarray(_values(flags[name]).reshape(shape) != 0, dtype=int)
-        runs = [(np.diff(flag, axis=k, prepend=0) > 0).sum(axis=k) for k in (0, 1)]
-        told += [{shape[1 - k :][:1] for k in (0, 1) if np.all(runs[k] == 1)}]
-    for one in told:
-        if (shape[:1] in one) != (shape[1:] in one):
-            return shape if shape[1:] in one else None
-    values = np.asarray(seen[:99], dtype=float)[:, :99]
-    with np.errstate(invalid="ignore"):
-        pairs = ((values - np.roll(values, n, axis=k) for n in (1, values.shape[k] // 2)) for k in (0, 1))
-        (near, far), (beside, apart) = ([np.abs(one).mean() for one in pair] for pair in pairs)
-    if min(values.shape[:2]) > 7 and 2 * near < far and 4 * beside > 3 * apart:
-        fault = f"the first index of its arrays seems to be the time, and the second one of {shape[1]:,} demonstrations"
-        raise DataError(f"{source}: {fault}; add an array lengths, with the steps of each, or swap the two axes.")
-    return None
 
+    def groups(self) -> tuple[str, dict[str, Tree]]:
+        """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
+        within = "data/" if any(path.startswith("data/") for path in self.arrays) else ""
+        found: dict[str, dict[str, StoredArray]] = {}
+        for path, array in self.arrays.items():
+            name, slash, rest = path.removeprefix(within).partition("/")
+            if slash and path.startswith(within):
+                found.setdefault(name, {})[rest] = array
+        return within, {name: tree for name, tree in found.items() if Arrays(tree, "").names["actions"]}
 
-def _lengths(arrays: Tree, n_steps: int) -> str | None:
-    """The array of the steps of each demonstration, where they are all `n_steps` together."""
-    name = first(arrays, _LENGTHS)
-    if name is None or len(arrays[name].shape) != 1 or arrays[name].dtype.kind not in "iu":
-        return None
-    lengths = _values(arrays[name])
-    return name if lengths.sum() == n_steps and (lengths > 0).all() else None
+    def cut(self) -> Cut:
+        """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
+        n = self.n_steps
+        if (named := self.shaped(((n,),), "ids")) or self.is_stacked:
+            column, ids = (named[0], self.values(named[0])) if named else (_NUMBERED, np.arange(n))
+            if ids.dtype.kind == "f" and np.isnan(ids).any():
+                fault = f"row {np.argmax(np.isnan(ids)) + 1}: {column} has no value"
+                raise DataError(f"{self.source}, {fault}; fill it in or leave the demonstration out.")
+            ids = ids.astype(np.int64) if ids.dtype.kind == "f" and are_whole(ids) else ids
+            return Cut(column, ids, *(self._stacked_steps() if self.is_stacked else ()))
+        for roles, find, note in _ROWS:
+            if self.names[roles[-1]] and (found := find(self)) is not None:
+                told = " and ".join(name for role in roles for name in self.names[role])
+                return Cut(_NUMBERED, found, note.format(told), None, roles[0] not in ("lengths", "offsets"))
+        if self.names["ids"]:
+            fault = f"{self.names['ids'][0]} has the shape {self.shape('ids')} for {n:,} actions"
+            raise DataError(f"{self.source}: {fault}; give one id for each.")
+        there = commas([f"{name} {array.shape}" for name, array in self.arrays.items()]) or "no arrays"
+        remedy = "add terminals and timeouts, or one called episode_index, or write a group with actions and obs each"
+        raise DataError(f"{self.source}: nothing says where demonstrations begin (it holds {there}); {remedy}.")
 
-
-def _is_step(arrays: Tree, shape: tuple[int, ...], source: str) -> tuple[Array, str]:
-    """Which of the rows of stacked arrays are steps (M, T), and how that was told, in words."""
-    longest, words = shape[1], "Each first index of the arrays is one demonstration"
-    if name := first(arrays, _LENGTHS):
-        lengths = _values(arrays[name])
-        if lengths.shape != shape[:1] or lengths.dtype.kind not in "iu" or np.any((lengths < 1) | (lengths > longest)):
-            fault = f"{name} must be 1 to {longest:,} for each of {shape[0]:,} demonstrations"
-            raise DataError(f"{source}: {fault}; repair it.")
-        return np.arange(longest) < lengths[:, None], f"{words}, as long as {name} says."
-    stacked = {name: array for name, array in arrays.items() if array.shape in (shape, (*shape, 1))}
-    if name := first(stacked, _MASKS):
-        return _values(stacked[name]).reshape(shape) != 0, f"{words}, as long as {name} is true."
-    if ends := [name for name in (*_TERMINALS, *_CUTS) if name in stacked]:
-        is_end = np.any([_values(stacked[name]).reshape(shape) != 0 for name in ends], axis=0)
+    def _stacked_steps(self) -> tuple[str, Array]:
+        """How it was told which of the rows of stacked arrays are steps, in words, and which they are (M, T)."""
+        shape, words = self.shape("actions")[:2], "Each first index of the arrays is one demonstration"
+        if self.names["lengths"]:
+            lengths = self.values(name := self.names["lengths"][0])
+            whole = lengths.shape == shape[:1] and lengths.dtype.kind in "iu"
+            if not whole or np.any((lengths < 1) | (lengths > shape[1])):
+                fault = f"{name} must be 1 to {shape[1]:,} for each of {shape[0]:,} demonstrations"
+                raise DataError(f"{self.source}: {fault}; repair it.")
+            return f"{words}, as long as {name} says.", np.arange(shape[1]) < lengths[:, None]
+        if masks := self.shaped((shape, (*shape, 1)), "masks"):
+            return f"{words}, as long as {masks[0]} is true.", self.flags(masks[:1], shape)
+        is_end = self.flags(ends := self.shaped((shape, (*shape, 1)), "terminals", "cuts"), shape)
         again = np.flatnonzero((np.diff(is_end.astype(int), axis=1, prepend=0) > 0).sum(axis=1) > 1)
         if len(again):
             fault = f"{' or '.join(ends)} end more than one demonstration in the first index {again[0]}"
-            raise DataError(f"{source}: {fault}; write each one as a first index, or all steps end to end.")
-        is_step = np.cumsum(is_end, axis=1) - is_end == 0  # up to the first end
-        return is_step, f"{words}, which ends at {' or '.join(ends)}."
-    return np.ones(shape, bool), f"{words} of {longest:,} steps."
+            raise DataError(f"{self.source}: {fault}; write each one as a first index, or all steps end to end.")
+        words += f", which ends at {' or '.join(ends)}." if ends else f" of {shape[1]:,} steps."
+        return words, np.cumsum(is_end, axis=1) - is_end == 0  # up to the first end
+
+    def turned(self) -> Arrays:
+        """The same with the demonstration first, where arrays are (T, M, ...).
+
+        There is one run of true for each demonstration in a mask, or in what marks ends, or there are M lengths or ids,
+        or T + 1 observations. A `DataError` where only the values look so.
+        """
+        if not self.is_stacked:
+            return self
+        shape = self.shape("actions")[:2]
+        told = [{self.arrays[name].shape for name in (*self.names["lengths"], *self.names["ids"])}]
+        if flags := self.shaped((shape, (*shape, 1)), "masks", "terminals", "cuts"):
+            flag = self.flags(flags[:1], shape).astype(int)
+            runs = [(np.diff(flag, axis=k, prepend=0) > 0).sum(axis=k) for k in (0, 1)]
+            told += [{shape[1 - k :][:1] for k in (0, 1) if np.all(runs[k] == 1)}]
+        says = [shape[1:] in one for one in told if (shape[:1] in one) != (shape[1:] in one)]
+        says = [True] if self.shape("observations")[0] > shape[0] else says
+        if not says:
+            self._refuse_time_first(shape[1])
+        if says[:1] != [True]:
+            return self
+
+        def swapped(array: StoredArray) -> Closed:
+            size = (array.shape[1], array.shape[0], *array.shape[2:])
+            return read_once(size, array.dtype, lambda: np.swapaxes(np.asarray(array[:]), 0, 1))
+
+        shapes = shape, (shape[0] + 1, shape[1])
+        own = {name: swapped(one) for name, one in self.arrays.items() if one.shape[:2] in shapes}
+        return replace(self, arrays={**self.arrays, **own})
+
+    def _refuse_time_first(self, n: int) -> None:
+        """Raise an error where values change less along the first index than along the second, of size `n`."""
+        values = np.asarray(self.arrays[self.names["observations"][0]][:99], dtype=float)[:, :99]
+        with np.errstate(invalid="ignore"):
+            pairs = ((values - np.roll(values, n, axis=k) for n in (1, values.shape[k] // 2)) for k in (0, 1))
+            (near, far), (beside, apart) = ([np.abs(one).mean() for one in pair] for pair in pairs)
+        if min(values.shape[:2]) > 7 and 2 * near < far and 4 * beside > 3 * apart:
+            fault = f"the first index of its arrays seems to be the time, the second one of {n:,} demonstrations"
+            remedy = "add an array lengths, with the steps of each, or swap the two axes"
+            raise DataError(f"{self.source}: {fault}; {remedy}.")
+
+    def read(self, format_name: str, notes: tuple[str, ...] = ()) -> StepTables:
+        """The recording in arrays of several demonstrations."""
+        if not self.options.on_disk:
+            check_memory(BYTES_PER_NUMBER * self.n_steps, self.source, self.options.memory)
+        for name in (*self.names["actions"], *self.names["observations"]):
+            if self.arrays[name].dtype.hasobject:  # an error that says what to do where these are Python objects
+                self.arrays[name][:]
+        these, asked = self.turned(), as_list(self.options.observations)
+        seen = next((name for name in (*asked, *self.names["observations"]) if name in self.arrays), "")
+        cut = these.cut()
+        ids, steps = these.steps(cut)
+        ignored = dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS)
+        names = as_names(self.values(self.names["names"][0]), self.source) if self.names["names"] else ()
+        if len(names) == 1 and seen:
+            steps[f"{seen}.{names[0]}"] = steps.pop(seen)
+        parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*notes, *self.notes, *filter(None, [cut.note]))
+        about = Metadata(names={seen: names})
+        found = from_parts(parts, cut.column, self.source, format_name, self.options, about, notes)
+        return replace(found.with_ignored(ignored), sizes={self.source: len(ids)} if cut.is_step is None else {})
+
+    def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
+        """The id of each step, and the arrays of all steps end to end.
+
+        Of the arrays with one value for each demonstration (M,), those that the user names, or that may be an outcome,
+        have this value at each step; where arrays are stacked, all of them.
+        """
+        options, is_step = self.options, cut.is_step
+        found = {m: one for m, one in self.arrays.items() if m not in _ASIDE}
+
+        def taken(name: str, rows: Callable[[Array], Array], n_left: int) -> Closed:
+            shape = (len(ids), *self.arrays[name].shape[n_left:])
+            return read_once(shape, self.arrays[name].dtype, lambda: np.asarray(rows(self.values(name))))
+
+        named = {options.operator, options.session, options.task, (options.outcome or "").removeprefix("-")}
+        each = [m for m, one in self.arrays.items() if len(one.shape) == 1 and m not in _ASIDE]
+        if is_step is None:
+            ids = cut.ids
+            each = [m for m in each if self.arrays[m].shape != ids.shape and (m in named or may_be_outcome(m))]
+            _, first, inverse = np.unique(ids if each else ids[:0], return_index=True, return_inverse=True)
+            n, owners = len(first), np.argsort(np.argsort(first))[inverse]
+        else:
+            n, longest = is_step.shape
+            owners = np.repeat(np.arange(n), is_step.sum(axis=1))
+            ids, shapes = cut.ids[owners], ((n, longest), (n, longest + 1))
+            own = [m for m, one in found.items() if one.shape[:2] in shapes]
+            found = {m: taken(m, lambda values: values[:, :longest][is_step], 2) for m in own}
+        whole = {m: taken(m, lambda values: values[owners], 1) for m in each if self.arrays[m].shape == (n,)}
+        return ids, {**found, **whole} if is_step is None else {**whole, **found}
 
 
-def _ends(arrays: Tree, n_steps: int, source: str) -> tuple[Array, str]:
-    """Whether a demonstration ends at each step (N,), and how that was told, in words."""
-    if _STARTS in arrays:
-        starts = _flags(arrays, _STARTS, n_steps, source)
-        return np.append(starts[1:], True), f"Demonstrations begin at {_STARTS}."
-    marks = [name for name in (*_TERMINALS, *_CUTS) if name in arrays]
-    ends = np.any([np.zeros(n_steps, bool), *(_flags(arrays, name, n_steps, source) for name in marks)], axis=0)
-    if {*marks} & {*_CUTS}:
-        return ends, f"Demonstrations end at {' and '.join(marks)}."
-    following = first(arrays, _NEXT)
-    jumps = None if following is None else _jumps(arrays, following, n_steps, source)
-    if jumps is not None:
-        return ends | jumps, (
-            f"There are no timeouts: demonstrations end at terminals, and where {following} is not the following "
-            "observation."
-        )
-    if not ends[:-1].any():
-        raise DataError(
-            f"{source}: nothing says where demonstrations begin (there are no timeouts, no next_observations, and no "
-            "terminals before the last step); add an array timeouts, or one called episode_index."
-        )
-    return ends, (
-        "There are no timeouts and no next_observations: demonstrations end at terminals alone, and one that was cut "
-        "short is joined to the next."
-    )
+def _by_lengths(these: Arrays) -> Array | None:
+    lengths = these.values(these.names["lengths"][0])
+    fits = lengths.ndim == 1 and lengths.dtype.kind in "iu" and lengths.sum() == these.n_steps and lengths.min() > 0
+    return np.repeat(np.arange(len(lengths)), lengths) if fits else None
 
 
-def holds_several(arrays: Tree, n_steps: int, source: str) -> str:
-    """The array by which arrays that should be of one demonstration are of several; no text where none says so."""
-    for name in (_TERMINALS[0], TIMEOUTS):
-        if _flags(arrays, name, n_steps, source)[:-1].any():
-            return name
-    named = first(arrays, EPISODE)
-    varies = named is not None and arrays[named].shape == (n_steps,) and len(np.unique(_values(arrays[named]))) > 1
-    return named if named is not None and varies else ""
+def _by_offsets(these: Arrays) -> Array | None:
+    lengths = np.diff(these.values(these.names["offsets"][0]), prepend=0)
+    return np.repeat(np.arange(len(lengths)), lengths)
 
 
-def _flags(arrays: Tree, name: str, n_steps: int, source: str) -> Array:
-    """An array of true and false (N,); all false where there is none."""
-    if name not in arrays:
-        return np.zeros(n_steps, bool)
-    array = arrays[name]
-    if array.shape not in ((n_steps,), (n_steps, 1)) or array.dtype.kind not in "biuf":
-        fault = f"{name} has the shape {array.shape} and the type {array.dtype} for {n_steps:,} actions"
-        raise DataError(f"{source}: {fault}; write one 0 or 1 for each.")
-    return np.asarray(_values(array).reshape(-1) != 0)
+def _by_starts(these: Arrays) -> Array | None:
+    starts = these.flags(these.names["starts"], (these.n_steps,))
+    return np.asarray(np.cumsum(starts) - starts[0])
 
 
-def _jumps(arrays: Tree, following: str, n_steps: int, source: str) -> Array | None:
-    """Whether the step after each of the N begins anew; None where no array tells.
+def _by_ends(these: Arrays) -> Array | None:
+    ends = these.flags([*these.names["terminals"], *these.names["cuts"]], (these.n_steps,))
+    return np.cumsum(ends) - ends if these.names["cuts"] or ends[:-1].any() else None
 
-    Steps whose order was shuffled begin anew nearly everywhere: a `DataError`.
-    """
-    seen = first(arrays, OBSERVATIONS)
-    if seen is None:
+
+def _by_leaps(these: Arrays) -> Array | None:
+    """By where the next observation is not the following one; a `DataError` where it is so nearly everywhere."""
+    if not these.names["observations"]:
         return None
-    if arrays[following].shape != arrays[seen].shape or arrays[seen].shape[:1] != (n_steps,):
-        shapes = f"{following} has the shape {arrays[following].shape} and {seen} {arrays[seen].shape}"
-        raise DataError(f"{source}: {shapes} for {n_steps:,} actions; write both for every step.")
-    then, now = _values(arrays[following])[:-1], _values(arrays[seen])[1:]
+    following, seen, n = these.names["next"][0], these.names["observations"][0], these.n_steps
+    if these.shape("next") != these.shape("observations") or these.shape("next")[0] != n:
+        shapes = f"{following} has the shape {these.shape('next')} and {seen} {these.shape('observations')}"
+        raise DataError(f"{these.source}: {shapes} for {n:,} actions; write both for every step.")
+    then, now = these.values(following)[:-1], these.values(seen)[1:]
     differs = (then != now) & ((then == then) | (now == now))  # a value that is missing in both is the same
-    jumps = np.append(differs.any(axis=tuple(range(1, differs.ndim))), False)
-    if 2 * jumps.sum() > n_steps:
-        raise DataError(
-            f"{source}: after {jumps.sum():,} of {n_steps:,} steps, {following} is not the following observation, so "
-            "that the order of the steps was lost; use the file before it was shuffled, or add timeouts."
-        )
-    return jumps
+    leaps = np.append(differs.any(axis=tuple(range(1, differs.ndim))), False)
+    if 2 * leaps.sum() > n:
+        fault = f"after {leaps.sum():,} of {n:,} steps, {following} is not the following observation"
+        remedy = "use the file before it was shuffled, or add timeouts"
+        raise DataError(f"{these.source}: {fault}, so that the order of the steps was lost; {remedy}.")
+    ends = leaps | these.flags(these.names["terminals"], (n,))
+    return np.cumsum(ends) - ends
 
 
-def _values(array: StoredArray) -> Array:
-    """All values of an array; text as text."""
-    values = np.asarray(array[:])
-    return np.char.decode(values.astype("S")) if values.dtype.kind in "SO" else values
+def _by_group(these: Arrays) -> Array | None:
+    is_one = any(name.startswith("observations/") for name in these.arrays)
+    return np.full(these.n_steps, PurePath(these.source).stem) if is_one else None
+
+
+_LEAPS = "There are no timeouts: demonstrations end at terminals, and where {} is not the following observation."
+_TERMINALS = "Demonstrations end at terminals alone: without timeouts, one that was cut short is joined to the next."
+_ROWS: tuple[tuple[tuple[str, ...], Callable[[Arrays], Array | None], str], ...] = (
+    (("lengths",), _by_lengths, "Demonstrations are as long as {} says."),
+    (("offsets",), _by_offsets, ""),
+    (("starts",), _by_starts, "Demonstrations begin at {}."),
+    (("terminals", "cuts"), _by_ends, "Demonstrations end at {}."),
+    (("next",), _by_leaps, _LEAPS),
+    (("terminals",), _by_ends, _TERMINALS),
+    (("actions",), _by_group, "All steps of the file are one demonstration."),  # as ALOHA writes it
+)
+"""What tells demonstrations apart where arrays lie end to end and no array of ids does: the roles of arrays, of which
+the last one must be there, the number of the demonstration of each step, and how it was told."""

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
+
+import pyarrow as pa
 
 from rpil.data.guard import guarded
 from rpil.formats import table as flat
-from rpil.formats.chosen import with_chosen
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, check_names
 from rpil.formats.format import StepTables
 from rpil.formats.guesses import GUESSED_ROWS
-from rpil.formats.made_columns import made
 from rpil.formats.recording import Recording, from_tables
 from rpil.formats.table_facts import Origin
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-
-FRAME = "the frame"
-"""Name of a data frame in messages."""
 
 
 @runtime_checkable
@@ -34,22 +26,15 @@ class Frame(Protocol):
 
 def read_frame(frame: Frame, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording in a data frame with one row for each step; a `DataError` where Arrow has no type for a column."""
-    import pyarrow as pa
-
-    with guarded(FRAME, "a column holds values of mixed types", "convert them"):
+    source = "the frame"
+    with guarded(source, "a column holds values of mixed types", "convert them"):
         # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
         table = frame if isinstance(frame, pa.Table) else pa.table(frame)
-    found = made(from_arrow(table, options, FRAME, "data frame"), options)
-    return replace(with_chosen(from_tables(found), options), options=options)
+    return from_tables(from_arrow(table, options, source, "data frame"), options)
 
 
 def from_arrow(
-    table: pa.Table,
-    options: ColumnOptions,
-    source: str,
-    format_name: str,
-    notes: tuple[str, ...] = (),
-    default_id: str | None = None,
+    table: pa.Table, options: ColumnOptions, source: str, format_name: str, default_id: str | None = None
 ) -> StepTables:
     """The recording in a table with one row for each step, whose columns are found by name; see `find_columns`."""
     table = plain_columns(table)
@@ -59,13 +44,11 @@ def from_arrow(
     kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, default_id, head)
     chosen = table.select([*columns.all, *columns.outcomes])
-    return StepTables([chosen], columns, Origin(source, format_name, notes=notes))
+    return StepTables([chosen], columns, Origin(source, format_name))
 
 
 def plain_columns(table: pa.Table) -> pa.Table:
     """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
-    import pyarrow as pa
-
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     for k, field in enumerate(table.schema):

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
 
 from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id, text_with_time
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
@@ -67,11 +65,10 @@ def find_columns(
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
     first row of `head` numbers with a unit are named; columns `made` of what lies beside the table are found, too."""
     check_names(names, source)
-    if options.columns:
-        raise DataError(f"{source}: only text tables without names take <option>; leave it out.", "columns")
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    found = _Search([*names, *made], {**kinds, **made}, source, options, head).columns(default_id)
+    kinds = {**dict.fromkeys(names, "number"), **kinds, **made}
+    found = _Search([*kinds], kinds, source, options, head).columns(default_id)
     return replace(found, made=(*made, *found.made))
 
 
@@ -80,7 +77,7 @@ class _Search:
     """The search for the columns of one table; every column that is given a role leaves `free`."""
 
     names: Sequence[str]
-    given_kinds: InitVar[Mapping[str, Kind]]
+    kinds: Mapping[str, Kind]
     source: str
     options: ColumnOptions
     head: pa.Table | None
@@ -88,8 +85,7 @@ class _Search:
     excluded_parts: dict[str, bool] = field(default_factory=dict)
     guessed: dict[str, str] = field(default_factory=dict)
 
-    def __post_init__(self, given_kinds: Mapping[str, Kind]) -> None:
-        self.kinds: dict[str, Kind] = {name: given_kinds.get(name, "number") for name in self.names}
+    def __post_init__(self) -> None:
         self.plain = {name: plain_name(name) for name in self.names}
         self.excluded = {*self.matching(self.options.exclude, "exclude")}
         self.ignored = dict.fromkeys(self.excluded, "excluded as asked")
@@ -149,11 +145,10 @@ class _Search:
         return tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
 
     def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
-        """The timestamps that are neither data nor the order, and for pauses a text with a time."""
+        """The timestamps that are neither data nor the order."""
         there = [name for name in ignored if name not in self.excluded]
         named = [name for name in there if self.plain[name] in spellings.TIMESTAMP]
-        texts = text_with_time(self.head, there) if self.options.split_gap or self.options.segment else []
-        return *(name for name in named if self.kinds[name] in ("number", "time", "counter")), *texts
+        return tuple(name for name in named if self.kinds[name] in ("number", "time", "counter"))
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""

@@ -66,7 +66,6 @@ class ColumnOptions:
     task: str | None = None
     session: str | None = None
     outcome: str | None = None
-    columns: Names = ()
     split_gap: float | None = None
     segment: float | None = None
     guess: bool = False

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.json_files import finite
@@ -15,9 +15,6 @@ from rpil.data.names import STEP
 from rpil.data.run import RUN_KEY, run_id
 from rpil.formats import csv, parquet, table
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 EXTENSIONS = (".csv", ".parquet", ".json")
 _BLOCK_STEPS = 1_048_576
@@ -35,8 +32,6 @@ def write_columns(
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(finite(rows), allow_nan=False, indent=1) + "\n", encoding="utf-8")
         return
-    import pyarrow as pa
-
     _WRITERS[path.suffix.lower()](path, iter([pa.table(columns).replace_schema_metadata(dict(said))]))
 
 
@@ -62,8 +57,6 @@ def write_weights(
         Where the path ends in neither .parquet nor .csv, or cannot be written.
     """
     writer = _WRITERS[check_extension(path, _WRITERS, "weights").suffix.lower()]
-    import pyarrow as pa
-
     metadata = {RUN_KEY: run_id(ids, offsets, log_odds)}
     repeated = {"expert_proba": expert_proba, "log_odds": log_odds}
 

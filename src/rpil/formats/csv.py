@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, TypeVar, cast
+from typing import IO, Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
 
 from rpil.data.cells import each_text, from_cell, to_cell
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
@@ -22,20 +23,12 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.damage import parts_in_words, without_damaged
+from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
-from rpil.formats.rows import Rows, TableRows
-from rpil.formats.spool import spool
-from rpil.formats.store import copied_rows, other_columns
+from rpil.formats.rows import copied, end_to_end, other_columns
 from rpil.formats.table_facts import Origin
-from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-_Result = TypeVar("_Result")
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
@@ -44,24 +37,18 @@ _MAX_BLOCK_BYTES = (1 << 31) - 1
 _BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
 
 
-def read(path: Path, options: ColumnOptions) -> StepTables:
-    """Read the columns that hold data, and the numbers of the rows."""
-    return _read({path.name: path}, options, path.name)
-
-
-def read_folder(paths: Sequence[Path], options: ColumnOptions, source: str) -> StepTables:
-    """Read files with the same columns; where no column names the demonstration, each file is one."""
-    return _read(names_in_folder(paths), options, source, FILE)
-
-
-def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
-    """The recording in files by their names."""
-    files, skipped = readable(paths, options)
+def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
+    """Read files with the same columns, one below the other; each is a demonstration where no column is its id, and the
+    `default_id` is `FILE`."""
+    folder = os.path.commonpath([path.absolute().parent for path in paths])
+    named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
+    files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
+    skipped = (parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
             raise other_columns(name, first_name, file.names, first.names)
-    columns = find_text_columns(first, options, default_id)
+    columns = replace(find_text_columns(first, options, default_id), id_written=True)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():
         other = seen.setdefault(without_suffix(name), name)
@@ -70,34 +57,16 @@ def _read(paths: Mapping[str, Path], options: ColumnOptions, source: str, defaul
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
-    return _tables(files, columns, Origin(source, words, notes=notes, skipped=skipped))
-
-
-def readable(paths: Mapping[str, Path], options: ColumnOptions) -> tuple[dict[str, TextTable], tuple[str, ...]]:
-    """The text tables at the paths, by their names, and which lines and files are skipped."""
-    files, damaged = without_damaged(paths, lambda name: find_dialect(paths[name], options), options.skip_bad)
-    lines = [parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped]
-    return files, (*damaged, *lines)
-
-
-def _tables(files: Mapping[str, TextTable], columns: Columns, origin: Origin) -> StepTables:
-    """The recording in text tables, one below the other, by their names."""
-    found = _rows_of(files, columns)
-
-    def tables() -> Iterator[pa.Table]:
-        for name, rows in found.items():
-            for _, table, _ in rows.tables(0, len(rows), _names_in(files[name], columns)):
-                if columns.episode == FILE:
-                    table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-                yield _cleaned(table, columns)
-
-    return StepTables(tables(), replace(columns, id_written=True), origin, {m: len(rows) for m, rows in found.items()})
+    origin, found = Origin(source, words, notes=notes, skipped=(*damaged, *skipped)), _rows_of(files, columns)
+    sizes = {name: len(rows) for name, rows in found.items()}
+    if not options.on_disk:
+        return StepTables(found.values(), columns, origin, sizes)
+    rows = end_to_end([*found.values()], [*found])
+    return StepTables((table for _, table, _ in rows.tables(0, len(rows), columns.all)), columns, origin, sizes, rows)
 
 
 def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
     """The table without spaces around texts, and null for "", but for observations."""
-    import pyarrow as pa
-
     for k, field in enumerate(table.schema):
         if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
@@ -105,27 +74,13 @@ def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
     return table
 
 
-def _names_in(file: TextTable, columns: Columns) -> list[str]:
-    """The columns to read that a file has; on disk without outcomes, because its first block tells their types."""
-    own = {*file.names}
-    return [name for name in (*columns.all, *(() if file.on_disk else columns.outcomes)) if name in own]
-
-
-def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
-    """Write the flat table as text."""
-    write_tables(path, iter([flat.from_demonstrations(demonstrations, truth)]))
-
-
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     """Write tables of one schema one below the other, text so that it is no formula; one is in memory at a time."""
-    import pyarrow as pa
-    from pyarrow import csv
-
     first = next(tables)
     # The shortest text of a float32 would be read as another float64.
     schema = pa.schema([f.with_type(pa.float64()) if pa.types.is_float32(f.type) else f for f in first.schema])
     safe = pa.schema([field.with_name(str(to_cell(field.name))) for field in schema])
-    with replacing(path) as temporary, csv.CSVWriter(temporary, safe) as writer:
+    with replacing(path) as temporary, pa.csv.CSVWriter(temporary, safe) as writer:
         for table in itertools.chain([first], tables):
             writer.write_table(
                 pa.table([each_text(to_cell, column) for column in table.cast(schema).columns], schema=safe)
@@ -140,17 +95,13 @@ def names_in_folder(paths: Sequence[Path]) -> dict[str, Path]:
 
 def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str | None = None) -> Columns:
     """The columns by the first block of the file, which tells their types."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    from pyarrow import csv
-
     if len(file.names) == 1:
         said = f"it has one column, {file.names[0][:40]!r}; write commas, semicolons or tabs between columns"
         raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
 
     def head(text: pa.NativeFile, *options: object) -> pa.Table:
-        with csv.open_csv(text, *options) as reader:
+        with pa.csv.open_csv(text, *options) as reader:
             return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
 
     with guarded(file.path.name, *_FAULT):
@@ -160,47 +111,49 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         # Ids of more digits than numbers have would be one id.
         if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
             first = _parsed(file, head, column_types=dict.fromkeys(long, pa.string()))
-    return find_columns(file.names, kinds, file.path.name, replace(options, columns=()), default_id, first)
+    return find_columns(file.names, kinds, file.path.name, options, default_id, first)
 
 
 class _OtherTypeError(DataError):
     """A value is not of the type of its column."""
 
 
-def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Rows]:
+def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]:
     """The rows of the files, in the first types that fit all values: observations are floats, or what they seem; a
     single action is a whole number, a float or text."""
-    import pyarrow as pa
-
     named = columns.episode, columns.operator, columns.task, columns.session
     texts = dict.fromkeys((name for name in named if name), pa.string())  # else 01 and 1 would be one id
     floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
     kinds = (pa.int64(), pa.float64(), pa.string()) if columns.one_action else (None,)
     own = [dict.fromkeys(columns.actions, kind) if kind else {} for kind in kinds]
-    *tried, last = [{**others, **action, **texts} for others in (floats, {}) for action in own]
-    for types in tried:
-        with suppress(_OtherTypeError):
-            return {name: _read_table(file, columns, types) for name, file in files.items()}
-    try:
-        return {name: _read_table(file, columns, last) for name, file in files.items()}
-    except _OtherTypeError:
-        for file in files.values():
-            file.check()
-        raise
+    fault = None
+    for types in ({**others, **action, **texts} for others in (floats, {}) for action in own):
+        try:
+            return {name: _read_table(name, file, columns, types) for name, file in files.items()}
+        except _OtherTypeError as error:
+            fault = error
+    for file in files.values():
+        file.check()
+    assert fault is not None
+    raise fault
 
 
-def _read_table(file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Rows:
+def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Any:
     """The columns to read; a copy of them on disk."""
-    import pyarrow as pa
-    from pyarrow import csv
 
-    def rows(text: pa.NativeFile, *options: object) -> Rows:
+    def whole(table: pa.Table) -> pa.Table:
+        if columns.episode == FILE:
+            table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
+        return _cleaned(table, columns)
+
+    def rows(text: pa.NativeFile, *options: object) -> Any:
         if not file.on_disk:
-            return TableRows(csv.read_csv(text, *options), file.path.name)
-        with csv.open_csv(text, *options) as reader:
-            return copied_rows(spool((pa.Table.from_batches([batch]) for batch in reader), file.path.name), {})
+            return whole(pa.csv.read_csv(text, *options))
+        with pa.csv.open_csv(text, *options) as reader:
+            return copied((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name, {})
 
-    names = _names_in(file, columns)
+    # On disk without outcomes, because the first block tells their types.
+    names = [one for one in (*columns.all, *(() if file.on_disk else columns.outcomes)) if one in file.names]
     with guarded(file.path.name, *_FAULT):
         found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
         if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
@@ -208,30 +161,28 @@ def _read_table(file: TextTable, columns: Columns, types: Mapping[str, pa.DataTy
         return found
 
 
-def _parsed(file: TextTable, take: Callable[..., _Result], **conversion: object) -> _Result:
+def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> Any:
     """What `take` makes of the bytes and the options for reading, parsing and converting them.
 
     They are read again in larger blocks where a field does not fit in.
     """
-    import pyarrow as pa
-    from pyarrow import csv
 
-    def on_invalid(row: csv.InvalidRow) -> str:
+    def on_invalid(row: pa.csv.InvalidRow) -> str:
         return "skip" if row.text.lstrip().startswith("#") else "error"
 
-    parsing = csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
-    reading = csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
+    parsing = pa.csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
+    reading = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
     reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
     while True:
-        converting = csv.ConvertOptions(decimal_point=file.decimal, **conversion)
+        converting = pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion)
         try:
             with file.without_skipped() if file.skipped else text_bytes(file.path) as text:
                 return take(text, reading, parsing, converting)
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error):
-                said = "a column holds values of another type further on; read it into memory with <option>"
-                raise _OtherTypeError(f"{file.path.name}: {said}.", "no_stream") from error
+                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
+                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
             if "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
                 reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
             else:
@@ -258,8 +209,8 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
 FORMAT = Format(
     name="CSV",
     claims=called(*TEXT_SUFFIXES),
-    read=read,
+    read=lambda path, options: read_files([path], options, path.name),
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
-    write=write,
+    write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

@@ -1,21 +1,202 @@
-"""`Dataset`: demonstrations whose rows are read block by block, anew for every pass, from files or a table."""
+"""The arrays that columns make, and `Dataset`: demonstrations whose rows are read block by block in every pass."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
+from rpil.data.errors import DataError
+from rpil.data.guard import guarded
 from rpil.data.memory import Size, check_memory
-from rpil.formats.layout import Layout
+from rpil.data.names import quoted, short_name
+from rpil.formats import table as flat
+from rpil.formats.columns import Columns
 from rpil.formats.places import Places
-from rpil.formats.rows import Rows, shifted
+from rpil.formats.rows import Rows, files_of, shifted
+from rpil.formats.table import Place
 from rpil.numerics.types import Array
+
+
+class Column(NamedTuple):
+    """A column that is read: the names of the numbers that are, and which they are of all that a row has."""
+
+    name: str
+    parts: tuple[str, ...]
+    mask: Array | None = None  # where not all are read
+
+    def cut(self, values: Array) -> Array:
+        """Of values (N, K) those that are read; all where rows have more or fewer than there should be."""
+        return values if self.mask is None or values.shape[1:] != self.mask.shape else values[:, self.mask]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The arrays that columns make.
+
+    Attributes
+    ----------
+    observations, actions : tuple of Column
+    observation, action : dtype
+    n_parts : int
+        Parts of an action; 0 where actions are discrete, and where a single number may yet be.
+    left_out : mapping of str to str
+        Names of the numbers in lists that are not read, and why.
+    allows_missing : bool
+        Whether numbers may be NaN or infinite.
+    """
+
+    observations: tuple[Column, ...]
+    actions: tuple[Column, ...]
+    observation: np.dtype[np.generic]
+    action: np.dtype[np.generic]
+    n_parts: int
+    left_out: Mapping[str, str]
+    allows_missing: bool
+
+    @classmethod
+    def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
+        """By the types of the columns, and the first lists in them; `joints` name the numbers of a list."""
+        chosen = _Chosen(columns)
+        observations, actions = (chosen.of(table, own, joints) for own in (columns.observations, columns.actions))
+        chosen.check()
+        if not actions or not observations:
+            what = "action" if observations else "observations"
+            raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
+        observation, action = (_stacked(table, own) for own in (observations, actions))
+        first, n_parts = actions[0], sum(len(one.parts) for one in actions)
+        own_type = value_type(table[first.name].type)
+        is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
+        may_be_class = columns.one_action and first.mask is None and not is_list_of_floats
+        if n_parts == 1 and (may_be_class or columns.action_kind == "discrete"):
+            n_parts, action = 0, action if own_type.kind == "f" else own_type
+        return cls(observations, actions, observation, action, n_parts, chosen.left_out, columns.allows_missing)
+
+    def without(self, names: Container[str]) -> Layout:
+        """The same without some columns of observations."""
+        return replace(self, observations=tuple(one for one in self.observations if one.name not in names))
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Of the D numbers of an observation."""
+        return tuple(part for one in self.observations for part in one.parts)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Of the numbers of an action."""
+        return tuple(part for one in self.actions for part in one.parts)
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that are read."""
+        return [one.name for one in (*self.actions, *self.observations)]
+
+    def empty(self, n_steps: int) -> tuple[Array, Array]:
+        """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
+        # As in the files, so that nothing is transposed.
+        order: Literal["F", "C"] = "C" if any(len(one.parts) > 1 for one in self.observations) else "F"
+        shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
+        return np.empty((n_steps, len(self.observation_names)), self.observation, order), np.empty(shape, self.action)
+
+    def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
+        """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
+        with guarded(at(0)):
+            self._fill(observations, table, self.observations, at)
+            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+
+    def _fill(self, out: Array, table: pa.Table, columns: Sequence[Column], at: Place) -> None:
+        start = 0
+        for one in columns:
+            block = flat.column_values(table, one.name, at, self.allows_missing)
+            if block.dtype.kind == "U" and out.dtype.kind != "U":
+                raise flat.no_numbers(block, one.name, at)
+            block, width = block.reshape(len(block), -1), len(one.parts if one.mask is None else one.mask)
+            if block.shape[1] != width:
+                fault = f"holds {block.shape[1]} numbers, not {width} as elsewhere"
+                raise DataError(f"{at(0)}: column {one.name!r} {fault}.")
+            out[:, start : start + len(one.parts)] = one.cut(block)
+            start += len(one.parts)
+
+
+class _Chosen:
+    """The numbers of columns that are read, by what the user says of their names, column by column."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns, self.left_out, self.known = columns, dict[str, str](), list[str]()
+        self.unknown = dict.fromkeys(pattern for found in columns.chosen_parts.values() for pattern in found)
+        self.unknown |= {pattern: None for pattern, is_known in columns.excluded_parts.items() if not is_known}
+
+    def of(self, table: pa.Table, names: Sequence[str], joints: Mapping[str, Sequence[str]]) -> tuple[Column, ...]:
+        """The columns of these `names` of which a number is read."""
+        found, first = [], 0
+        widths = {name: _width(table[name]) for name in names}
+        parts = flat.part_names(widths, joints)
+        self.known += parts
+        for name, width in widths.items():
+            own, chosen = parts[first : first + width], self.columns.chosen_parts.get(name)
+            first += width
+            excluded = {part for part in own if self._is_named(part, name, self.columns.excluded_parts)}
+            named = {part for part in own if chosen is None or self._is_named(part, name, chosen)}
+            read = tuple(part for part in own if part in named and (part not in excluded or width == 1))
+            why = ("not among those named", "excluded as asked")
+            self.left_out |= {part: why[part in excluded] for part in own if part not in read}
+            if read or not own:
+                found.append(Column(name, read, None if len(read) == width else np.isin(own, read)))
+        return tuple(found)
+
+    def _is_named(self, part: str, column: str, patterns: Iterable[str]) -> bool:
+        """Whether one of the `patterns` names a number, with the column's whole name or its short one."""
+        spellings = {part.lower(), f"{column}.{part.removeprefix(short_name(column)).lstrip('.')}".lower()}
+        found = [pattern for pattern in patterns if any(fnmatchcase(text, pattern.lower()) for text in spellings)]
+        for pattern in found:
+            self.unknown.pop(pattern, None)
+        return bool(found)
+
+    def check(self) -> None:
+        """A `DataError` where a name that the user gave is that of no column and of no part."""
+        for pattern in self.unknown:
+            close = get_close_matches(pattern, self.known, 3) or self.known
+            raise DataError(
+                f"{self.columns.source}: no column, nor a number in one, is called {pattern!r}; correct <option>, "
+                f"<option> or <option> (found {quoted(close)}).",
+                ("exclude", "observations", "action"),
+            )
+
+
+def _width(column: pa.ChunkedArray) -> int:
+    """Numbers in a row, by the first that has a value."""
+    if flat.kind_of_type(column.type) != "list":
+        return 1
+    first = next((value for value in column if value.is_valid), None)
+    return 1 if first is None else len(first)
+
+
+def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
+    """The type of NumPy of the values of a column: float32 or float64, int64 for whole numbers, or text."""
+    if flat.kind_of_type(kind) == "text":
+        return np.dtype(np.str_)
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    if flat.kind_of_type(kind) == "list":
+        kind = kind.value_type
+    if pa.types.is_float32(kind):
+        return np.dtype(np.float32)
+    return np.dtype(np.int64 if pa.types.is_integer(kind) or pa.types.is_boolean(kind) else np.float64)
+
+
+def _stacked(table: pa.Table, columns: Sequence[Column]) -> np.dtype[np.generic]:
+    """The type of columns side by side."""
+    kinds = {value_type(table[one.name].type) for one in columns}
+    return np.dtype(np.float32 if kinds == {np.dtype(np.float32)} else np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +301,7 @@ class Dataset(DemonstrationSet):
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
             (block,) = self._shard((m, m + 1))
-            source = (self.rows.files(self.offsets[m : m + 1]) or [self.source])[0]
+            source = (files_of(self.rows, self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):

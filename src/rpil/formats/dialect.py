@@ -13,17 +13,15 @@ from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
-from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.damage import damaged_lines
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.description import damaged_lines
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
@@ -63,8 +61,6 @@ class TextTable:
     @contextmanager
     def without_skipped(self) -> Iterator[pa.NativeFile]:
         """The bytes of the lines that are not skipped, as UTF-8."""
-        import pyarrow as pa
-
         skipped = {*self.skipped}
         with tempfile.TemporaryFile() as copy, self.lines() as lines:
             copy.writelines(line.encode() for number, line in enumerate(lines, 1) if number not in skipped)
@@ -159,8 +155,6 @@ def _numbers_in(values: Sequence[str]) -> set[int]:
 @contextmanager
 def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
     """The bytes of a text table, decompressed."""
-    import pyarrow as pa
-
     with held_bytes(path) as file:
         stream = pa.PythonFile(file)
         yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream
@@ -182,14 +176,9 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     if reader.line_num > 1 and _are_several_rows(lines[start:skip], names, separator, None):
         said = f"a quotation begins and does not end in {lines[start].strip()[-40:]!r}, its names of columns"
         raise DamagedError(f"{path.name}, line {start + 1}: {said}; correct it.")
-    if given := as_list(options.columns):
-        names, skip, n_columns = given, start, len(names)
-        if len(given) != n_columns:
-            said = f"<option> names {len(given)} columns, and the first row has {n_columns}; correct it"
-            raise DataError(f"{path.name}: {said}.", "columns")
-    elif len(names) > 1 and 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
-        said = f"the first row holds numbers, not names; name its {len(names)} columns with <option>"
-        raise DataError(f"{path.name}: {said}, as in a,b,c, or put their names above it.", "columns")
+    if len(names) > 1 and 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
+        said = f"the first row holds numbers, not names; put the names of its {len(names)} columns above it"
+        raise DataError(f"{path.name}: {said}, or give a frame in Python, as pandas.read_csv(FILE, names=[...]).")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     decimal = _decimal(lines[skip:], separator)
     file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines)

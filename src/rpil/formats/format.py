@@ -6,7 +6,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
+
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
@@ -15,13 +17,9 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.layout import Layout
-from rpil.formats.store import ParquetRows
+from rpil.formats.rows import ParquetRows
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 K = TypeVar("K", bound=Id)
 
@@ -40,8 +38,6 @@ class StepTables:
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
     in_place : ParquetRows, optional
         The rows of the tables, if they are in Parquet files and are to stay there.
-    layout : Layout, optional
-        The arrays that the columns make, where more than the first rows tell it.
     """
 
     tables: Iterable[pa.Table]
@@ -49,7 +45,6 @@ class StepTables:
     origin: Origin
     sizes: Mapping[str, int] = field(default_factory=dict)
     in_place: ParquetRows | None = None
-    layout: Layout | None = None
 
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""
@@ -131,8 +126,6 @@ class Format:
         Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
     notes_on_weights : tuple of str
         Sentences on how that tool takes weights.
-    stays : bool
-        Whether rows stay in files of Parquet, if there are such, where the user does not say.
     """
 
     name: str
@@ -150,7 +143,6 @@ class Format:
     shots: Callable[[Path], Sequence[Shot]] | None = None
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
     notes_on_weights: tuple[str, ...] = ()
-    stays: bool = False
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

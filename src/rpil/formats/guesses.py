@@ -1,18 +1,16 @@
-"""Guesses at the columns of demonstration, action and time, by values and words, where no name says them."""
+"""Guesses at the columns of demonstration and action, by values and words, where no name says them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import are_whole
 from rpil.data.names import OPERATOR, is_observation, is_order, plain_name
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from rpil.formats.table import encoded
 
 GUESSED_ROWS = 20_000
 """The first rows, by which the column of the demonstration is guessed."""
@@ -31,12 +29,6 @@ _OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s
 
 OF_PART = re.compile(r"(?:lap|round|attempt|take|rep|repetition|leg|heat|stint)s?(?:_(?:index|ids?|no|num|number|nr))?")
 """Names of the parts of what a driver did, each of which may be a demonstration."""
-
-TIME_OF_DAY = (
-    r"(?P<date>\d{4}[-_]\d\d[-_]\d\d)[-_T ](?P<hour>\d\d)[-_:](?P<minute>\d\d)[-_:](?P<second>\d\d)"
-    r"(?:[-_.](?P<millisecond>\d{3}))?"
-)
-"""A time of day in a text, as in ``center_2021_10_25_16_31_20_658.jpg``."""
 
 
 def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
@@ -72,12 +64,6 @@ def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
     return ""
 
 
-def text_with_time(head: pa.Table | None, names: Iterable[str]) -> list[str]:
-    """The first of the columns in whose first row there is a text with a time of day."""
-    first = {name: column[0].as_py() for name, column in _there(head, names).items() if len(column)}
-    return [name for name, text in first.items() if isinstance(text, str) and re.search(TIME_OF_DAY, text)][:1]
-
-
 def _counts(column: pa.ChunkedArray) -> bool:
     """Whether most numbers of a column are one more than the one before."""
     values = column.to_numpy()
@@ -91,11 +77,8 @@ def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedA
 
 def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
     """How many different values a column has, and how many runs of equal ones; none where they cannot be ids."""
-    import pyarrow as pa
-
-    if column.null_count or pa.types.is_boolean(column.type):
+    has_parts = pa.types.is_floating(column.type) and not are_whole(column.to_numpy())
+    if column.null_count or pa.types.is_boolean(column.type) or has_parts:
         return 0, 0
-    if pa.types.is_floating(column.type) and not are_whole(column.to_numpy()):
-        return 0, 0
-    codes = column.dictionary_encode().unify_dictionaries().combine_chunks().indices.to_numpy()
+    codes = encoded(column)[1]
     return len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
-from collections.abc import Collection, Set
+from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.json
 
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
@@ -21,12 +22,9 @@ from rpil.formats import table as flat
 from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.damage import damaged_lines, parts_in_words
+from rpil.formats.description import damaged_lines, parts_in_words
 from rpil.formats.format import Format, StepTables, keep_one_file
-from rpil.formats.store import has_tables
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
 _PICTURE = r"(?i)\.(jpe?g|png)$"
@@ -48,8 +46,6 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
 
     Where no column tells demonstrations apart, each file of a folder is one.
     """
-    import pyarrow as pa
-
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found = {name: _parsed(file, options) for name, file in files.items()}
@@ -61,7 +57,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    steps = from_arrow(table, options, path.name, name, (), default)
+    steps = from_arrow(table, options, path.name, name, default)
     return replace(steps, origin=replace(steps.origin, skipped=skipped))
 
 
@@ -80,8 +76,6 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
 
     A `DataError` where a line holds no object, or several, or names an empty picture, and the options do not skip it.
     """
-    import pyarrow.compute as pc
-
     table, damaged = _records(file, options)
     is_empty = _names_empty_picture(file.parent, table)
     empty = table[_LINE].filter(is_empty).to_pylist()
@@ -92,9 +86,6 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
 
 def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
     """Whether a text of each row names a picture of 0 bytes in `folder` or in its folder ``images``."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     is_empty = pa.array(np.zeros(len(table), bool))
     for field in table.schema:
         if pa.types.is_string(field.type):
@@ -109,33 +100,27 @@ def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
 
 def _records(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     """A row for each object in the lines of a file, and the lines without an object."""
-    import pyarrow as pa
-
     with guarded(file.name, *_NO_LINES):
         with held_bytes(file) as stream:
-            content, damaged = stream.read(), list[int]()
+            lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()
         with suppress(pa.ArrowInvalid):
-            table = _objects(content)
-            borders = content.count(b"}\n{") + content.count(b"}\r\n{")  # of objects, as these have a comma within
-            if len(table) == content.count(b"\n") + (content[-1:] != b"\n") == borders + 1:
-                return _with_numbers(table, range(1, len(table) + 1)), damaged
-        lines = {number: line for number, line in enumerate(io.BytesIO(content), 1) if line.strip()}
+            if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
+                return _objects(lines), damaged
         damaged = [number for number, line in lines.items() if not _is_object(line)]
         if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
         for number in damaged:
             del lines[number]
-        table = _objects(b"".join(lines.values())) if lines else pa.table({})
-        return _with_numbers(table, lines), damaged
+        return _objects(lines), damaged
 
 
-def _objects(content: bytes) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.json
-
+def _objects(lines: Mapping[int, bytes]) -> pa.Table:
+    """The objects in lines, one in each, by their numbers."""
+    content = b"".join(lines.values())
     size = min(len(content) + 1, _LARGEST_BLOCK)  # a line may be as long as the file
     reading = pa.json.ReadOptions(use_threads=False, block_size=size)
-    return plain_columns(pa.json.read_json(pa.BufferReader(content), reading))
+    table = plain_columns(pa.json.read_json(pa.BufferReader(content), reading)) if lines else pa.table({})
+    return table.append_column(_LINE, pa.array(lines, pa.int64()))
 
 
 def _is_object(line: bytes) -> bool:
@@ -145,18 +130,8 @@ def _is_object(line: bytes) -> bool:
         return False
 
 
-def _with_numbers(table: pa.Table, numbers: Collection[int]) -> pa.Table:
-    """The records with the numbers of their lines."""
-    import pyarrow as pa
-
-    return table.append_column(_LINE, pa.array(numbers, pa.int64()))
-
-
 def _steps(table: pa.Table) -> pa.Table:
     """A row for each step of lines that hold demonstrations, in lists that are as long as the actions of each line."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     lists = [field.name for field in table.schema if pa.types.is_list(field.type)]
     lengths = {name: pc.list_value_length(table[name]).fill_null(0).to_numpy() for name in lists}
     nested = [name for name in lists if table.schema.field(name).type.value_type.num_fields]
@@ -184,8 +159,6 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
 
     Where a line holds steps of several demonstrations, an object for each step is written.
     """
-    import pyarrow as pa
-
     table = _steps(_parsed(path, options)[0])
     line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
     episode = from_arrow(table, options, path.name, "").columns.episode

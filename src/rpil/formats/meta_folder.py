@@ -8,7 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TypeGuard
+
+import pyarrow as pa
+from pyarrow import fs
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError
@@ -18,10 +21,6 @@ from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse,
 from rpil.data.names import quoted
 from rpil.formats.parquet_file import input_file, read_table
 from rpil.formats.table_facts import SIZES, Metadata
-
-if TYPE_CHECKING:
-    from pyarrow import fs
-
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 _NO_FACT = re.compile(r"(?:stats|videos|data|meta)/.*|dataset_.*|tasks?|task_index")
@@ -38,8 +37,6 @@ class MetaFolder:
     @cached_property
     def files(self) -> list[PurePosixPath]:
         """What is in it; a `DataError` where a link leads out of the folder, or to nothing."""
-        from pyarrow import fs
-
         selector = fs.FileSelector(str(self.top / "meta"), recursive=True, allow_not_found=True)
         found = sorted(PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector))
         for place in found if isinstance(self.filesystem, fs.LocalFileSystem) else ():
@@ -107,8 +104,6 @@ class MetaFolder:
 
     def tasks(self) -> dict[str, str] | None:
         """Task by its number; since version 3.0 its text is the index of pandas. None where they are damaged."""
-        import pyarrow as pa
-
         try:
             found = {}
             for row in self.rows("tasks"):
@@ -141,10 +136,10 @@ def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[
     by_place = {str(PurePosixPath(file).relative_to(meta.top)): file for file in files}
     own = [place for place in by_place if not place.startswith("meta/")]
     try:
-        listed = meta.listed(own) if meta.info else []
+        if not meta.info:
+            return files
+        listed = meta.listed(own)
     except DataError:  # the reader names what is damaged, after the data
-        return files
-    if not meta.info:
         return files
     if not own and "codebase_version" in meta.info:
         n = str(meta.info.get("total_episodes", "?"))[:20]
@@ -161,8 +156,6 @@ def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
     Lengths are those of all demonstrations, and empty where `paths` are some of the files only. A `DataError` where
     ``info.json`` or the table of lengths is damaged; a value of ``info.json`` that cannot be used is left out.
     """
-    from pyarrow import fs
-
     data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
     meta = None if data is None else MetaFolder(filesystem, data.parent)
     if data is None or meta is None or not meta.info:

@@ -5,22 +5,20 @@ pyarrow believes a file, so that what its footer declares is compared with its r
 
 from __future__ import annotations
 
+import io
 from collections.abc import Collection, Sequence
 from contextlib import AbstractContextManager
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from pyarrow import fs
 
 from rpil.data.errors import DataError
 from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
-from rpil.formats.parquet_pages import check_pages
-from rpil.formats.rows import BATCH_ROWS
-from rpil.formats.table import kind_of_type
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-    from pyarrow import fs
+from rpil.formats.table import BATCH_ROWS, kind_of_type
 
 _LONGEST_VALUE = 2**20
 """Numbers in a list, and bytes in a text, of a step."""
@@ -41,9 +39,6 @@ def read_table(
 
     Errors of pyarrow are left as they are.
     """
-    import pyarrow.parquet as pq
-    from pyarrow import fs
-
     name = PurePath(path).name
     filesystem = filesystem or fs.LocalFileSystem()
     with input_file(filesystem, path) as stream, pq.ParquetFile(stream) as file:
@@ -58,9 +53,6 @@ def read_table(
 
 def check_table(table: pa.Table, name: str) -> None:
     """A `DataError` where a text or a list of a file called `name` is longer than any of a step."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     table.validate(full=True)  # text from a damaged file need not be Unicode, and lists may end beyond their numbers
     for field, column in zip(table.schema, table.columns, strict=True):
         kind, measure = kind_of_type(field.type), pc.list_value_length
@@ -79,8 +71,6 @@ def check_sizes(
 ) -> list[int]:
     """The bytes that `columns` of the open file at `path` take in memory in each row group; errors are those of
     `bytes_of_groups`, and a `DataError` where lists in a local file hold more than its footer says."""
-    from pyarrow import fs
-
     name = PurePath(path).name
     sizes = bytes_of_groups(file, columns, name)
     lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]
@@ -122,3 +112,67 @@ def _n_parts(kind: pa.DataType) -> int:
     """The parts of a column of nested values, which have a column of their own in the file each; else 1."""
     stored = getattr(kind, "storage_type", kind)
     return sum(_n_parts(stored.field(k).type) for k in range(stored.num_fields)) or 1
+
+
+Fields = dict[tuple[int, ...], int]
+"""The integers in an object of Thrift by the number of the field, with those of the objects that it is in."""
+
+_PAGE_BYTES, _N_VALUES, _N_VALUES_2 = (3,), (5, 1), (8, 1)
+"""Fields of the header of a page: its bytes in the file, and its values in the versions 1 and 2 of pages."""
+
+
+def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection[int], name: str) -> None:
+    """A `DataError` where pages of the `columns`, by number, hold more values than the footer of the file `name` says.
+
+    A value that repeats is stored once, so that a kilobyte may hold a list of 10^9 numbers, and a reader believes the
+    pages, not the footer. Their headers are encoded by Thrift, and pyarrow does not show them. Errors of another type
+    are those of a damaged file.
+    """
+    for number in range(file.num_row_groups):
+        group = file.metadata.row_group(number)
+        for chunk in map(group.column, columns):
+            place, n_values = chunk.data_page_offset, 0
+            end = (chunk.dictionary_page_offset or place) + chunk.total_compressed_size
+            while place < end:
+                header, n_bytes = _header_at(stream, place)
+                n_values += header.get(_N_VALUES, header.get(_N_VALUES_2, 0))
+                place += n_bytes + max(header[_PAGE_BYTES], 0)
+                if n_values > chunk.num_values:
+                    fault = f"pages of {chunk.path_in_schema} hold more values than its footer says"
+                    raise DataError(f"{name}: {fault}; it is damaged, write it again.")
+
+
+def _header_at(stream: pa.NativeFile, place: int) -> tuple[Fields, int]:
+    """The header of the page at a place, and its length."""
+    content = io.BytesIO(stream.read_at(4096, place))
+    try:
+        return _fields(content), content.tell()
+    except IndexError:  # it has long texts
+        content = io.BytesIO(stream.read_at(16 * MIB, place))
+        return _fields(content), content.tell()
+
+
+def _fields(content: io.BytesIO) -> Fields:
+    found: Fields = {}
+    number = 0
+    while head := content.read(1)[0]:
+        kind, number = head & 15, number + (head >> 4) if head >> 4 else _signed(content)
+        if kind in (4, 5, 6):  # integers
+            found[number,] = _signed(content)
+        elif kind == 12:  # an object
+            found |= {(number, *inner): value for inner, value in _fields(content).items()}
+        elif kind in (3, 7, 8):  # a byte, a number of 8 bytes, a text
+            content.seek({3: 1, 7: 8}.get(kind) or _unsigned(content), io.SEEK_CUR)
+    return found
+
+
+def _signed(content: io.BytesIO) -> int:
+    number = _unsigned(content)
+    return number >> 1 ^ -(number & 1)
+
+
+def _unsigned(content: io.BytesIO) -> int:
+    number = shift = 0
+    while (byte := content.read(1)[0]) & 128:
+        number, shift = number | (byte & 127) << shift, shift + 7
+    return number | byte << shift

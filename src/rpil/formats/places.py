@@ -6,45 +6,32 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, repeat
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
-from rpil.formats.rows import Rows, TableRows, read_columns
-from rpil.formats.table import Place, kind_of_type
+from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.rows import Rows, TableRows, files_of, read_columns
+from rpil.formats.table import Place
+from rpil.formats.times import shorter
 from rpil.numerics.types import Array, Int
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
-class UnsortedError(DataError):
-    """Rows on disk would have to move."""
-
-
-@dataclass(frozen=True)
-class Order:
-    """The order of the steps within a demonstration: the column that gives it, None for that of the file; in words."""
-
-    column: str | None = None
-    words: str = _FILE_ORDER
-
-
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where the M demonstrations of a recording are, and what orders their steps."""
+    """Where the M demonstrations of a recording are, and the column that orders their steps, if any; also in words."""
 
     ids: tuple[Id, ...]
     offsets: Int[Array, " _"]
-    order: Order = Order()
+    order: str | None = None
+    order_words: str = _FILE_ORDER
 
     def demonstration_of(self, row: int) -> str:
         """The demonstration of a row, for messages."""
@@ -56,11 +43,11 @@ class Places:
         offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
         begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
         runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return Places(tuple(compress(self.ids, mask)), offsets, self.order), runs
+        return replace(self, ids=tuple(compress(self.ids, mask)), offsets=offsets), runs
 
-    def owners(self, row: int, n_rows: int) -> Array:
-        """The numbers of the demonstrations that own the `n_rows` rows from `row` on."""
-        return np.searchsorted(self.offsets, np.arange(row, row + n_rows), side="right") - 1
+    def owners(self) -> Int[Array, " N"]:
+        """The number of the demonstration of each row."""
+        return np.repeat(np.arange(len(self.ids)), np.diff(self.offsets))
 
     def begins(self, row: int, n_rows: int) -> Array:
         """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
@@ -68,54 +55,67 @@ class Places:
         return np.asarray(self.offsets[first:last] - row)
 
 
-def find_places(rows: Rows, columns: Columns, source: str) -> tuple[Places, Rows]:
+def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOptions) -> tuple[Places, Rows]:
     """The places, and the rows with those of each demonstration together and in order.
 
     A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
     """
     check_any(len(rows), source)
-    numbers, group = dict[Id, int](), np.empty(len(rows), np.int32)
-    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
-        ids, codes = flat.id_codes(part, columns.episode, place)
-        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
-    names_of = _as_written(numbers) if columns.id_written else list(numbers)
+    names_of, group = _ids(rows, columns)
+    if options.split_gap or options.segment:
+        names_of, group = shorter(names_of, group, rows, columns, options)
+        columns = replace(columns, parts=(), id_chosen=True)
     table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
-        tables = rows.tables(row, row + 1, [columns.episode], lambda row: f", demonstration {names_of[group[row]]!r}")
+        tables = rows.tables(
+            row, row + 1, rows.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
+        )
         return next(tables)[2](0)
 
     _check_ids(names_of, group, columns, source)
-    order, values = _find_order(table, columns, group, at)
+    order, words, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
-    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order)
+    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order, words)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]
+    runs = [
+        (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
+    ]
     apart = _apart(runs, source) if len(runs) > len(chosen) else None
     if moved is None:
         return places, rows
     if isinstance(rows, TableRows):
         said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order=replace(order, words=f"{order.words}{said}")), replace(rows, place=moved)
-    ways = "read it into memory with <option>"
+        return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
+    ways = "allow more memory with <option>, which sorts them"
     if apart is not None:
-        raise UnsortedError(
+        raise DataError(
             f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
             f"or {ways}; if they are several demonstrations, give each its own id.",
-            "no_stream",
+            "memory",
         )
     assert values is not None
     row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {order.column!r}"
-    raise UnsortedError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "no_stream")
+    by = f"rows are not in the order of {order!r}"
+    raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
 
 
-def _as_written(ids: Iterable[Id]) -> list[Id]:
-    """Texts as whole numbers, where all are written so and none has over 64 bits."""
-    texts = list(map(str, ids))
-    are_whole = all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts)
-    return list(map(int, texts)) if are_whole else list(texts)
+def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different ids, and the number of that of each row; one id where no column tells demonstrations apart.
+
+    Of text tables all are numbers where all are written as whole numbers of at most 64 bits.
+    """
+    numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
+    if columns.episode in columns.made:
+        return [0], group
+    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
+        ids, codes = flat.id_codes(part, columns.episode, place)
+        group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
+    texts = [str(m) for m in numbers] if columns.id_written else []
+    if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
+        return [int(text) for text in texts], group
+    return [*texts] or [*numbers], group
 
 
 def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:
@@ -135,7 +135,7 @@ def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
     return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
-def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[Order, Array | None]:
+def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
     """By the first of the likely columns that tells the steps of every demonstration apart; its values, to sort by.
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
@@ -144,22 +144,22 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""
     for name in columns.orders:
-        values, said = order_values(table[name]), "values that are missing, or neither numbers nor times"
+        values, said = flat.order_values(table[name]), "values that are missing, or neither numbers nor times"
         if values is not None:
             step, said = values[by_group], "repeated values within a demonstration"
             if np.all(step[1:][same] > step[:-1][same]):
-                return Order(name, f"steps in the order of {name}"), values
+                return name, f"steps in the order of {name}", values
             rows = np.lexsort([values, group])
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
             if not len(twice):
-                return Order(name, f"steps sorted by {name}, because rows of the file are out of order"), values
+                return name, f"steps sorted by {name}, because rows of the file are out of order", values
             if columns.order_given:
                 row = int(rows[twice[0] + 1])
                 raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
         if columns.order_given:
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
-    return Order(words=fault or _FILE_ORDER), None
+    return None, fault or _FILE_ORDER, None
 
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
@@ -184,15 +184,15 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
         raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
 
-def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order, at: Place) -> None:
+def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
     They are one where a column gives the order of its rows, unless they lie together only by a second column, or the
     ids are a guess.
     """
     is_guess = "id" in columns.guessed
-    for name in columns.orders if is_guess and order.column is None else ():
-        values = order_values(table[name])
+    for name in columns.orders if is_guess and order is None else ():
+        values = flat.order_values(table[name])
         if values is not None and len(again := np.flatnonzero((np.diff(values) < 0) & (np.diff(group) == 0))):
             raise DataError(
                 f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
@@ -201,12 +201,12 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
             )
     for name in columns.parts:
         n_ids = len(np.unique(group))
-        codes = table[name].dictionary_encode().unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
+        codes = flat.encoded(table[name])[1]
         pair = group.astype(np.int64) * (len(codes) + 1) + codes
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
         together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order.column is None or together or is_guess):
+        if n_ids < len(pairs) <= len(group) / 2 and (order is None or together or is_guess):
             rows = np.sort(first)
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
@@ -214,14 +214,3 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: Order,
                 f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
                 "id",
             )
-
-
-def order_values(column: pa.ChunkedArray) -> Array | None:
-    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
-    kind = kind_of_type(column.type)
-    if column.null_count or kind not in ("number", "time"):
-        return None
-    values = np.asarray(column.to_numpy())
-    if values.dtype.kind in "mM":
-        values = values.astype(np.int64)
-    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None

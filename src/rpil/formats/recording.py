@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
-from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns
-from rpil.formats.damage import left_out_lines
-from rpil.formats.dataset import Dataset
-from rpil.formats.description import Description, commas
+from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
+from rpil.formats.dataset import Dataset, Layout
+from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
-from rpil.formats.layout import Layout
 from rpil.formats.places import find_places
-from rpil.formats.rows import Rows, TableRows, read_columns
+from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
-from rpil.formats.spool import spool
-from rpil.formats.store import copied_rows
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from rpil.numerics.types import Array, Bool
+from rpil.numerics.types import Array, Bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,13 +122,16 @@ class Recording:
     def times(self) -> Times:
         """What the file says of its own times and lengths."""
         metadata = self.origin.metadata
-        return Times(None if self.clock is None else self.clock.timestamps, metadata.fps, metadata.lengths)
+        seconds = None if self.clock is None else self.clock.ticks * (self.clock.unit or 1.0)
+        return Times(seconds, metadata.fps, metadata.lengths)
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
-        order = self.found.places.order.column
+        order = self.found.places.order
         names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
-        return read_columns(self.rows, names, steps) if names else self.rows.numbers(steps)
+        if names or not self.rows.moved:
+            return read_columns(self.rows, names, steps) if names else None
+        return pa.table({"row": self.rows.numbers(np.arange(steps.start, steps.stop)) + 1})
 
     @cached_property
     def facts(self) -> Facts:
@@ -142,7 +139,7 @@ class Recording:
         with guarded(self.description.source):
             places = self.found.places
             table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
-            return find_facts(table, self.columns, places, self.origin, self.rows.files(places.offsets[:-1]))
+            return find_facts(table, self.columns, places, self.origin, files_of(self.rows, places.offsets[:-1]))
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -170,31 +167,38 @@ class Recording:
         """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
         places, kept = self.found.places.only(mask)
         rows, source = self.rows.chosen(kept), self.origin.source
-        again = scan(rows, self.found.actions.layout.without(self.found.left_out), self.columns, source, places)
+        again = scan(rows, self.found.asked.without(self.found.left_out), self.columns, source, places)
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
-def from_tables(found: StepTables, on_disk: bool = False) -> Recording:
-    """The recording in tables, which in memory may lie in any order; `on_disk` they never are in memory all."""
-    columns, origin, layout, source = found.columns, found.origin, found.layout, found.origin.source
+def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
+    """The recording of the demonstrations in tables that the options choose.
+
+    In memory the tables may lie in any order; on disk they never are in memory all.
+    """
+    columns, origin, source, notes = found.columns, found.origin, found.origin.source, []
+    if options.split_gap:
+        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
+    if options.segment:
+        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
+    if notes:
+        origin = replace(origin.only(()), notes=(*notes, *origin.notes))
     rows: Rows
     if found.in_place is not None:
         rows = found.in_place
-    elif on_disk:
-        rows = copied_rows(spool(found.tables, source), found.sizes)
+    elif options.on_disk:
+        rows = copied(found.tables, source, found.sizes)
     else:
         rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
-    places, rows = find_places(rows, columns, source)
-    if layout is None:
-        head = next(rows.tables(0, int(places.offsets[-1]), columns.data))[1]
-        layout = Layout.of(head, columns, origin.metadata.names)
-    return from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
+    places, rows = find_places(rows, columns, source, options)
+    head = next(rows.tables(0, len(rows), columns.data))[1]
+    layout = Layout.of(head, columns, origin.metadata.names)
+    recording = from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
+    return replace(with_chosen(recording, options), options=options)
 
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
     """The table of demonstrations in memory, of a format that has no table of columns."""
-    import pyarrow as pa
-
     d, names = demonstrations, demonstrations.observation_names
     observation = "observation" if len(names) > 1 else f"observation.{names[0]}"
     columns = Columns("episode", ("action",), (observation,), True)
@@ -220,8 +224,7 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
 
 def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
     """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    there = rows.table.column_names if isinstance(rows, TableRows) else columns.outcomes
-    table = read_columns(rows, [name for name in columns.outcomes if name in there])
+    table = read_columns(rows, [name for name in columns.outcomes if name in rows.schema.names])
     for name in columns.outcomes:
         values = numbers_or_missing(table[name]) if name in table.column_names else None
         is_one = values is not None and values.shape[1] == 1
@@ -234,7 +237,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
     n_steps = int(places.offsets[-1])
     seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
     # Columns of time are read for other things too than the order of the steps.
-    others = (name for name in (*columns.orders, *columns.index) if name != places.order.column)
+    others = (name for name in (*columns.orders, *columns.index) if name != places.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     return Description(
         source=origin.source,
@@ -246,8 +249,8 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         action_kind=found.actions.kind,
         action_reason=found.actions.reason,
         id_column=columns.episode,
-        order_column=places.order.column,
-        order=places.order.words,
+        order_column=places.order,
+        order=places.order_words,
         seconds=n_steps / metadata.fps if metadata.fps else seconds,
         fps=metadata.fps or recorded,
         operator_column=columns.operator,
@@ -256,7 +259,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         tasks=different(found.tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
-        ranges=found.statistics.ranges(layout.names),
+        ranges=found.statistics.ranges(),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *_notes_on(columns.episode, found, metadata.fps, recorded),
@@ -269,12 +272,64 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
 
 def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
     """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
-    places, layout, names = found.places, found.layout, found.layout.names
+    places = found.places
     if 1 < len(places.ids) == places.offsets[-1]:
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    constant = found.statistics.constant({name: names[name] for name, _ in layout.observations})
-    if constant:
+    if constant := found.statistics.constant():
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
+
+
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
+
+
+def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
+    """The recording of the demonstrations that the options choose.
+
+    A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
+    """
+    only, without = _listed(options.only), _listed(options.without)
+    if not (only or without or options.skip_bad):
+        return recording
+    ids, source = recording.ids, recording.description.source
+    mask = np.full(len(ids), not only)
+    mask[[*_numbers(only, ids, source, "only")]] = True
+    mask[[*_numbers(without, ids, source, "without")]] = False
+    if not mask.any():
+        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
+    n_asked = int(mask.sum())
+    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad is True and mask[m]]
+    mask[aside] = False
+    if not mask.any():
+        raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
+    if mask.all():
+        return recording
+    found, names = recording.chosen(mask), tuple(ids[m] for m in aside)
+    asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
+    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *left_out_lines((), names))
+    described = replace(found.description, notes=notes)
+    return replace(found, description=described, ids=ids, set_aside=names)
+
+
+def _listed(wanted: Ids) -> list[Id]:
+    """The ids that a user names, of Python or of NumPy; an empty text names none."""
+    if isinstance(wanted, str) or not isinstance(wanted, Iterable):
+        return [] if wanted is None or wanted == "" else [wanted]
+    return [*wanted]
+
+
+def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
+    """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
+    places = {str(m): k for k, m in enumerate(ids)}
+    for given in map(str, wanted):
+        for name in [given] if given in places else map(str.strip, given.split(",")):
+            ends = _RANGE.fullmatch(name)
+            named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
+            check_ids(named, places, source, "<option>", option)
+            low, high = named[0], named[-1]
+            if low == high:
+                yield places[low]
+            else:
+                yield from (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))

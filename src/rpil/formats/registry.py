@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import partial
+from glob import has_magic
 from importlib import import_module
 from pathlib import Path
 
@@ -20,13 +21,9 @@ from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding
 from rpil.data.memory import TooLargeError
 from rpil.formats import table_folder
-from rpil.formats.chosen import with_chosen
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, kept_of
-from rpil.formats.made_columns import made
-from rpil.formats.places import UnsortedError
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.store import find_files, may_be_many_files
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
@@ -59,9 +56,7 @@ FORMATS: Iterable[Format] = Formats(
     "csv",
     "lerobot.folder",
     "zarr",
-    "npz",
-    "hdf5_file",
-    "array_folder",
+    "array_files",
     "json_lines",
     "table_folder",
 )
@@ -76,7 +71,7 @@ def find_format(path: StrPath) -> Format | None:
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if may_be_many_files(path) else None
+        return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
     check_folder(check_exists(place))
     return next((one for one in FORMATS if _claims(one, place)), None)
 
@@ -93,27 +88,21 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
-            stays = self.format.stays and bool(find_files(self.path)[1])
-            with suppress(UnsortedError if stays else TooLargeError):
-                return self.read(options, on_disk=stays)
-            return self.read(options, on_disk=not stays)
+            with suppress(TooLargeError):
+                return self.read(options, on_disk=False)
+            return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):
-            recording = with_chosen(self._recording(replace(options, on_disk=on_disk)), options)
+            place, options = Path(self.path), replace(options, on_disk=on_disk)
+            if place.is_file():
+                check_readable(place)
+            tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
+            recording = from_tables(tables, options)
             return replace(
                 recording,
                 description=replace(recording.description, source=self.name or recording.description.source),
-                options=options,
                 write_some=lambda ids, new: self.keep(new, ids, options, recording.ids),
-                find_defects=self.format.find_defects and partial(self.format.find_defects, Path(self.path)),
+                find_defects=self.format.find_defects and partial(self.format.find_defects, place),
             )
-
-    def _recording(self, options: ColumnOptions) -> Recording:
-        """The recording in all that is at the path."""
-        place = Path(self.path)
-        if place.is_file():
-            check_readable(place)
-        tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
-        return from_tables(made(tables, options), options.on_disk)
 
     def keep(
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()

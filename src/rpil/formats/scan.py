@@ -5,119 +5,89 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import MAX_CLASSES, ActionKind, action_kind, are_whole, as_actions
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
+from rpil.formats.dataset import Column, Layout, value_type
 from rpil.formats.description import commas
-from rpil.formats.layout import Layout, value_type
 from rpil.formats.places import Places
 from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.formats.table_facts import pairs_of
 from rpil.numerics.types import Array
 
-if TYPE_CHECKING:
-    import pyarrow as pa
 
-
-@dataclass(eq=False)
-class ScannedActions:
-    """The distinct actions of one column of numbers or texts, collected table by table.
-
-    Attributes
-    ----------
-    classes : (K,) array
-        The distinct actions, in order; empty where they are continuous.
-    fault : DataError, optional
-        The first value that cannot be an action.
-    kind, reason : str
-        "discrete", "continuous" or, where they cannot be what is wanted, "refused"; and why.
-    """
+class FoundActions(NamedTuple):
+    """What actions are: "discrete", "continuous" or, where they cannot be what is wanted, "refused", and why; their
+    `layout`, the different ones in order, if they are discrete, and the `fault` of the first that cannot be one."""
 
     layout: Layout
-    wanted: ActionKind
-    classes: Array = field(default_factory=lambda: np.empty(0))
+    kind: str
+    reason: str
+    classes: Array = np.empty(0)
     fault: DataError | None = None
-    kind: str = "continuous"
-    reason: str = ""
-    _texts: dict[str, None] = field(default_factory=dict)
-    _n_steps: int = 0
-    _whole: bool = True
 
-    @property
-    def _is_text(self) -> bool:
-        return self.layout.action.kind == "U"
 
-    def add(self, table: pa.Table, at: Place) -> None:
-        """Add the actions of a table; values that cannot be actions are left out, and the first is the `fault`."""
-        layout = self.layout
-        if layout.n_parts:
-            texts = (name for name, _ in layout.actions if value_type(table[name].type).kind == "U")
-            self._texts |= dict.fromkeys(texts)
-            return
-        self._n_steps += len(table)
-        name = layout.actions[0][0]
-        mask = layout.masks.get(name)
-        for values in self._values(table, name, at):
-            is_cut = mask is not None and values.shape[1:] == mask.shape
-            self._add(values[:, mask] if is_cut else values, at)
+def find_actions(rows: Rows, layout: Layout, wanted: ActionKind, source: str, places: Places) -> FoundActions:
+    """What the actions of all rows are."""
+    if layout.n_parts:
+        return _of_parts(rows, layout, wanted, source)
+    is_text = layout.action.kind == "U"
+    classes, is_whole, fault = np.empty(0), True, None
+    for values, at, wrong in _single_actions(rows, layout, places):
+        fault = fault or wrong
+        is_whole = is_whole and (values.dtype.kind != "f" or are_whole(values))
+        if is_whole and (is_text or wanted == "discrete" or len(classes) <= MAX_CLASSES):
+            own = np.unique(as_actions(values, at(0), "discrete"))
+            classes = np.union1d(classes, own) if len(classes) else own
+    try:
+        kind, reason = action_kind(len(classes), len(rows), is_text, is_whole, wanted, "")
+    except DataError as error:
+        said = str(error).removeprefix(": ").rstrip(".")
+        return FoundActions(layout, "refused", said, classes, fault or DataError(f"{source}{error}"))
+    if kind == "discrete":
+        return FoundActions(replace(layout, action=classes.dtype), kind, reason, classes, fault)
+    action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
+    return FoundActions(replace(layout, action=action, n_parts=1), kind, reason, fault=fault)
 
-    def _values(self, table: pa.Table, name: str, at: Place) -> Iterator[Array]:
-        """The values of a column; where some cannot be actions, those that are not missing."""
+
+def _single_actions(rows: Rows, layout: Layout, places: Places) -> Iterator[tuple[Array, Place, DataError | None]]:
+    """The actions of one column, table by table, but for those that are missing, and the first error in a table."""
+    (one,) = layout.actions
+    for _, table, at in rows.tables(0, len(rows), [one.name], places.demonstration_of):
+        fault = None
         try:
-            yield flat.column_values(table, name, at, self.layout.allows_missing)
+            values = flat.column_values(table, one.name, at, layout.allows_missing)
         except DataError as error:
-            self.fault = self.fault or error
-            if table[name].null_count < len(table):
-                yield flat.column_values(table.select([name]).drop_null(), name, at)
-
-    def _add(self, values: Array, at: Place) -> None:
-        values = values.reshape(-1)
+            fault, table = error, table.drop_null()
+            values = flat.column_values(table, one.name, at) if len(table) else np.empty(0)
+        values = one.cut(values).reshape(-1)
         if values.dtype.kind == "f":
             finite = np.isfinite(values)
             if not finite.all():
-                fault = f"{at(int(np.argmin(finite)))}: an action is not finite"
-                self.fault = self.fault or DataError(f"{fault}; repair it, or read with <option>.", "skip_bad")
+                said = f"{at(int(np.argmin(finite)))}: an action is not finite; repair it, or read with <option>."
+                fault = fault or DataError(said, "skip_bad")
             values = values[~np.isnan(values)]
-            self._whole = self._whole and are_whole(values)
-        if self._whole and (self._is_text or self.wanted == "discrete" or len(self.classes) <= MAX_CLASSES):
-            classes = np.unique(as_actions(values, at(0), "discrete"))
-            self.classes = np.union1d(self.classes, classes) if len(self.classes) else classes
+        yield values, at, fault
 
-    def finish(self, source: str) -> Layout:
-        """Decide what the actions are; the layout with their type."""
-        layout = self.layout
-        if layout.n_parts:
-            self._refuse_classes_among(source)
-            return layout
-        try:
-            count = len(self.classes), self._n_steps, self._is_text, self._whole, self.wanted
-            self.kind, self.reason = action_kind(*count, "")
-        except DataError as error:
-            self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
-            self.fault = self.fault or DataError(f"{source}{error}")
-            return layout
-        if self.kind == "discrete":
-            return replace(layout, action=self.classes.dtype)
-        self.classes = np.empty(0)
-        return replace(layout, action=np.dtype(np.float32 if layout.action == np.float32 else np.float64), n_parts=1)
 
-    def _refuse_classes_among(self, source: str) -> None:
-        """Set the `fault` where an action of several numbers or texts is not of numbers alone, or is to be discrete."""
-        layout = self.layout
-        self.reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
-        if layout.n_parts == 1 or not (self._texts or self.wanted == "discrete"):
-            return
-        texts = [part for name in self._texts for part in layout.names[name]]
-        numbers = [part for part in layout.action_names if part not in texts]
-        parts = ", ".join(f"{commas(own)} ({kind})" for own, kind in ((texts, "text"), (numbers, "numbers")) if own)
-        self.kind, self.reason = "refused", f"the action has several parts: {parts}"
-        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
+def _of_parts(rows: Rows, layout: Layout, wanted: ActionKind, source: str) -> FoundActions:
+    """The actions of several numbers or texts, which are refused where not all are numbers, or are to be discrete."""
+    kinds = {part: value_type(rows.schema.field(one.name).type).kind for one in layout.actions for part in one.parts}
+    texts = [part for part, kind in kinds.items() if kind == "U"]
+    if layout.n_parts == 1 or not (texts or wanted == "discrete"):
+        reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"
+        return FoundActions(layout, "continuous", reason)
+    own = (texts, "text"), ([part for part in kinds if part not in texts], "numbers")
+    reason = f"the action has several parts: {', '.join(f'{commas(names)} ({what})' for names, what in own if names)}"
+    fault = DataError(f"{source}: {reason}; name the part to judge with <option>.", "action")
+    return FoundActions(layout, "refused", reason, fault=fault)
 
 
 _FEW_STEPS = 10  # changes of the action, to see that a column repeats the last one
@@ -132,8 +102,9 @@ class ScannedColumns:
 
     Attributes
     ----------
-    columns, actions : sequence of str
-        All columns of data, and those of the actions.
+    columns : dict of str to Column
+        All columns of data.
+    actions : sequence of str
     repeats : set of str
         Columns of observations, as wide as the action, that repeat the action of the step before.
     clocks : dict of str to float
@@ -146,9 +117,8 @@ class ScannedColumns:
         Numbers of the demonstrations in which a value is missing or infinite.
     """
 
-    columns: Sequence[str]
-    actions: Sequence[str] = ()
-    masks: Mapping[str, Array] = field(default_factory=dict)
+    columns: dict[str, Column]
+    actions: Sequence[str]
     repeats: set[str] = field(default_factory=set)
     clocks: dict[str, float] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)
@@ -169,15 +139,14 @@ class ScannedColumns:
         same[begins] = False
         owners = self._n_begun - 1 + np.cumsum(~same)
         read = {}
-        for name in self.columns:
-            values, mask, before = flat.numbers_or_missing(table[name]), self.masks.get(name), self.low.get(name)
-            if values is not None and mask is not None and values.shape[1] == len(mask):
-                values = values[:, mask]
+        for name, column in self.columns.items():
+            values, before = flat.numbers_or_missing(table[name]), self.low.get(name)
+            values = None if values is None else column.cut(values)
             n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
             if n_missing:
                 self.missing[name] = self.missing.get(name, 0) + n_missing
             if values is None or (before is not None and len(before) != values.shape[1]):
-                faulty = flat.faulty_rows(table[name], None if before is None else len(before), mask)
+                faulty = flat.faulty_rows(table[name], None if before is None else len(before), column.mask)
                 self.faulty.update(owners[faulty].tolist())
                 self.clocks.pop(name, None)
             elif values.size:
@@ -209,7 +178,7 @@ class ScannedColumns:
         found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
         if len(found) == n_observations:
             return {}
-        self.columns = [name for name in self.columns if name not in found]
+        self.columns = {name: one for name, one in self.columns.items() if name not in found}
         self.missing = {name: n for name, n in self.missing.items() if name not in found}
         return found
 
@@ -238,16 +207,16 @@ class ScannedColumns:
             if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                 del self.clocks[name]
 
-    def ranges(self, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[float, float]]:
-        """Smallest and largest of the numbers that are there; `names` are those of the numbers of each column."""
-        found = ((names[m], self.low[m].tolist(), self.high[m].tolist()) for m in self.columns if m in self.low)
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest of the numbers that are there."""
+        there = ((one.parts, name) for name, one in self.columns.items() if name in self.low)
+        found = ((parts, self.low[name].tolist(), self.high[name].tolist()) for parts, name in there)
         return {name: (a, b) for parts in found for name, a, b in zip(*parts, strict=True) if a == a}
 
-    def constant(self, names: Mapping[str, Sequence[str]]) -> list[str]:
-        """Names of the numbers that differ between demonstrations, and never within one."""
-        if not self._goes_on:
-            return []
-        found = ((names[m], (self._within[m] & ~self._always[m]).tolist()) for m in names if m in self._within)
+    def constant(self) -> list[str]:
+        """Names of the numbers of observations that differ between demonstrations, and never within one."""
+        own = [m for m in self.columns if self._goes_on and m in self._within and m not in self.actions]
+        found = ((self.columns[m].parts, (self._within[m] & ~self._always[m]).tolist()) for m in own)
         return [name for parts in found for name, is_constant in zip(*parts, strict=True) if is_constant]
 
 
@@ -257,7 +226,9 @@ class Scan:
 
     places: Places
     layout: Layout
-    actions: ScannedActions
+    asked: Layout
+    """That of all columns, before anything was found."""
+    actions: FoundActions
     statistics: ScannedColumns
     operators: list[tuple[str, object]]
     tasks: list[tuple[str, object]]
@@ -267,26 +238,23 @@ class Scan:
     @property
     def action_range(self) -> tuple[Array, Array]:
         """Smallest and largest continuous actions, (A,) each."""
-        names, columns = [name for name, _ in self.layout.actions], self.statistics
+        names, columns = self.statistics.actions, self.statistics
         low, high = ([ends.get(name, np.full(1, np.nan)) for name in names] for ends in (columns.low, columns.high))
         return np.concatenate(low, dtype=float), np.concatenate(high, dtype=float)
 
 
 def scan(rows: Rows, layout: Layout, columns: Columns, source: str, places: Places) -> Scan:
     """Read all rows once."""
-    actions = ScannedActions(layout, columns.action_kind)
-    statistics = ScannedColumns(layout.columns, [name for name, _ in layout.actions], layout.masks)
+    actions = find_actions(rows, layout, columns.action_kind, source, places)
+    given = {one.name: one for one in (*layout.actions, *layout.observations)}
+    statistics = ScannedColumns(given, [one.name for one in layout.actions])
     if not columns.observations_given:
-        statistics.repeats = {name for name, width in layout.observations if width == max(layout.n_parts, 1)}
+        widths = {one.name: len(one.parts) for one in layout.observations}
+        statistics.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
         if np.diff(places.offsets).max(initial=1) > 2:  # any two numbers differ by a constant
-            statistics.clocks = dict.fromkeys((name for name, width in layout.observations if width == 1), inf)
-    pairs: dict[str, dict[tuple[str, object], None]] = {name: {} for name in (columns.operator, columns.task) if name}
-    names = list(dict.fromkeys([*layout.columns, *pairs]))
-    for row, table, at in rows.tables(0, len(rows), names, places.demonstration_of):
-        actions.add(table, at)
+            statistics.clocks = dict.fromkeys((name for name, width in widths.items() if width == 1), inf)
+    for row, table, _ in rows.tables(0, len(rows), layout.columns):
         statistics.add(table, places.begins(row, len(table)))
-        for name in pairs:
-            pairs[name] |= dict.fromkeys(pairs_of(table, name, places.ids, places.owners(row, len(table))))
-    operators, tasks = (list(pairs.get(name or "", ())) for name in (columns.operator, columns.task))
+    operators, tasks = (pairs_of(rows, name, places) for name in (columns.operator, columns.task))
     left_out = statistics.leave_out(len(layout.observations))
-    return Scan(places, actions.finish(source).without(left_out), actions, statistics, operators, tasks, left_out)
+    return Scan(places, actions.layout.without(left_out), layout, actions, statistics, operators, tasks, left_out)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
@@ -16,15 +18,15 @@ from rpil.data.names import EPISODE, STEP, action_columns, short_name
 from rpil.formats.columns import Kind
 from rpil.numerics.types import Array
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
 
 _WRITTEN = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
 _WRITTEN_LIST = re.compile(rf"\[.*\]|\(?{_WRITTEN}(?:(?:\s*[,;]\s*|\s+){_WRITTEN})+\)?", re.IGNORECASE | re.DOTALL)
 """Numbers in one text, as "0.1, 0.2"; where all are whole, as in "1 0", it may be a class."""
+
+BATCH_ROWS = 65_536
+"""Maximum rows per batch."""
 
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
@@ -39,8 +41,6 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
 
 def kind_of_type(kind: pa.DataType) -> Kind:
     """The kind of a column by its type."""
-    import pyarrow as pa
-
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     if pa.types.is_null(kind):
@@ -74,8 +74,6 @@ _COUNTED_ROWS = 30
 
 def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
     """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
-    import pyarrow as pa
-
     columns = step_columns(demonstrations.ids, demonstrations.offsets)
     for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
         columns[f"observation.{name}"] = column
@@ -108,8 +106,6 @@ def no_numbers(texts: Array, name: str, at: Place) -> DataError:
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
     """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
-    import pyarrow as pa
-
     check_any(len(tables), source)
     try:
         return pa.concat_tables(tables, promote_options="permissive")
@@ -146,8 +142,6 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
 
     A `DataError` on missing values, unless they are allowed as NaN, lists of unequal length, or values of another type.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
         if column.null_count:
@@ -181,15 +175,19 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
     raise DataError(f"{at(0)}: column {name!r} holds {column.type} where numbers or text are due; convert or drop it.")
 
 
+def encoded(column: pa.ChunkedArray) -> tuple[list[Any], Array]:
+    """The different values in a column, and the number (N,) of that of each row, -1 where it has none."""
+    whole = column.dictionary_encode().unify_dictionaries().combine_chunks()
+    return whole.dictionary.to_pylist(), whole.indices.fill_null(-1).to_numpy()
+
+
 def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[str], Array]:
     """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once.
 
     A `DataError` where a text is missing, too long or not Unicode.
     """
-    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
-    rows = encoded.indices.to_numpy()
     try:
-        texts = encoded.dictionary.to_pylist()
+        texts, rows = encoded(column)
     except UnicodeDecodeError as error:
         raise DataError(f"{at(0)}: column {name!r} holds text that is not Unicode; write it again.") from error
     for k, text in enumerate(texts):
@@ -205,9 +203,6 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     Text is never an array of NumPy, which drops trailing NULs and takes the longest id's memory for every row. A
     `DataError` where ids are missing, or neither whole numbers nor text.
     """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     column = table[name]
     if column.null_count:
         row = pc.index(pc.is_null(column), True).as_py()
@@ -224,15 +219,11 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     if kind == "text":
         texts, rows = encoded_texts(column, name, at)
         return list(texts), rows
-    encoded = column.dictionary_encode().unify_dictionaries().combine_chunks()
-    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
+    return encoded(column)
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     kind, n_rows, width = kind_of_type(column.type), len(column), 1
     if kind == "list":
         widths = pc.list_value_length(column)
@@ -243,6 +234,17 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
         return None
     floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
     return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
+
+
+def order_values(column: pa.ChunkedArray) -> Array | None:
+    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
+    kind = kind_of_type(column.type)
+    if column.null_count or kind not in ("number", "time"):
+        return None
+    values = np.asarray(column.to_numpy())
+    if values.dtype.kind in "mM":
+        values = values.astype(np.int64)
+    return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
 
 
 def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) -> Array:
@@ -261,12 +263,8 @@ def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) 
 
 
 def _is_list(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_numeric(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))

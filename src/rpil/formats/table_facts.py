@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
@@ -17,12 +17,10 @@ from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.places import Places
-from rpil.formats.table import numbers_or_missing
+from rpil.formats.rows import Rows, read_columns
+from rpil.formats.table import encoded, numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MAX_NAMES = 20
 """Tasks and operators of a description, at most."""
@@ -48,22 +46,22 @@ class Metadata:
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
         """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
-        found = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
-        unusable = f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}."
-        n, are = self.n_cameras, "are" if self.n_cameras > 1 else "is"
-        unseen = f"{counted(n, 'camera')} {are} not used: what only pictures show is not known here."
-        strays = f"Left out, because meta does not list them: {quoted(self.strays, 5)}."
+        counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
-        facts = [f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1]
-        more = (
-            f"meta has of each demonstration {', '.join(facts[:8])}: name one with --operator, --session or --outcome."
+        facts = ", ".join([f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1][:8])
+        unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
+        found = (
+            self.unusable and f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}.",
+            self.strays and f"Left out, because meta does not list them: {quoted(self.strays, 5)}.",
+            self.n_cameras and f"{unseen}: what only pictures show is not known here.",
+            facts and f"meta has of each demonstration {facts}: name one with --operator, --session or --outcome.",
+            *(
+                f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
+                for name, (n, what) in counts.items()
+                if self.sizes.get(name, n) != n
+            ),
         )
-        said = (unusable, bool(self.unusable)), (strays, bool(self.strays)), (unseen, n > 0), (more, bool(facts))
-        return tuple(text for text, holds in said if holds) + tuple(
-            f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
-            for name, (n, what) in found.items()
-            if self.sizes.get(name, n) != n
-        )
+        return tuple(str(text) for text in found if text)
 
 
 @dataclass(frozen=True)
@@ -103,17 +101,15 @@ def find_facts(table: pa.Table, columns: Columns, places: Places, origin: Origin
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    order, order_source = _order(table, columns, places, origin) if files else (None, "")
+    order, order_source = None, ""
+    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int)
+    if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
+        order, order_source = np.array(places.ids, dtype=float), columns.episode
+    elif files:
+        order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
     sessions = () if columns.session is None else _sessions(table, columns.session, places, origin.source, files)
     outcome = None if columns.outcome is None else _outcome(table, columns, places.offsets, origin.source)
     return Facts(order, order_source, sessions, outcome, columns.outcome or "")
-
-
-def _order(table: pa.Table, columns: Columns, places: Places, origin: Origin) -> tuple[Float[Array, " M"] | None, str]:
-    """The place of each demonstration, and what states it: LeRobot's index, or wall-clock times."""
-    if origin.metadata.version and plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int):
-        return np.array(places.ids, dtype=float), columns.episode
-    return start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
 
 
 def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Sequence[str]) -> tuple[str, ...]:
@@ -122,8 +118,7 @@ def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Se
         if not files:
             raise DataError(f"{source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(files)
-    encoded = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-    codes = encoded.indices.fill_null(-1).to_numpy()
+    values, codes = encoded(table[name])
     low, high = (extreme.reduceat(codes, places.offsets[:-1]) for extreme in (np.minimum, np.maximum))
     wrong = np.flatnonzero((low < 0) | (low != high))
     if len(wrong):
@@ -131,37 +126,30 @@ def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Se
         raise DataError(
             f"{source}, demonstration {places.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
         )
-    names = [str(value) for value in encoded.dictionary.to_pylist()]
-    return tuple(names[code] for code in low.tolist())
+    return tuple(str(values[code]) for code in low.tolist())
 
 
 def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration, with NaN where it is not known."""
     wanted = str(columns.outcome)
     name = wanted.removeprefix("-")
+    others = quoted([*(other for other in columns.outcomes if other != name), LENGTH])
+    ways = f"name another column with <option> ({others} may do)"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])
         if values is None or values.shape[1] != 1:
-            raise DataError(
-                f"{source}: column {name!r} is not of one number for each step; {_others(columns)}.", "outcome"
-            )
+            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.", "outcome")
         found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
     if found is None:
         raise DataError(
             f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {_others(columns)}.",
+            f"so that nothing says which value is the outcome; {ways}.",
             "outcome",
         )
     return (
         found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
     )  # a flag stays one
-
-
-def _others(columns: Columns) -> str:
-    name = (columns.outcome or "").removeprefix("-")
-    others = [other for other in columns.outcomes if other != name]
-    return f"name another column with <option> ({quoted([*others, LENGTH])} may do)"
 
 
 def file_names(paths: Iterable[str]) -> list[str]:
@@ -171,13 +159,15 @@ def file_names(paths: Iterable[str]) -> list[str]:
     return short if len(set(short)) == len(set(whole)) else whole
 
 
-def pairs_of(table: pa.Table, name: str, ids: Sequence[Id], group: Array) -> list[tuple[str, object]]:
-    """The different pairs of id, as text, and value, in the order of the file."""
-    column = table[name].dictionary_encode().unify_dictionaries().combine_chunks()
-    values, codes = column.dictionary.to_pylist(), column.indices.fill_null(-1).to_numpy()
-    _, first = np.unique(group.astype(np.int64) * (len(values) + 1) + codes, return_index=True)
+def pairs_of(rows: Rows, name: str | None, places: Places) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
+    if name is None:
+        return []
+    values, codes = encoded(read_columns(rows, [name])[name])
+    _, first = np.unique(places.owners() * (len(values) + 1) + codes, return_index=True)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
-    return [(str(ids[group[row]]), values[codes[row]]) for row in np.sort(first).tolist()]
+    owners = np.searchsorted(places.offsets, np.sort(first), side="right") - 1
+    return [(str(places.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
 
 
 def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:

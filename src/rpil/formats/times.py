@@ -1,21 +1,22 @@
-"""What a recording says about its own times: timestamps, the frame rate, and how many frames there should be."""
+"""Times of a recording: its timestamps, frame rate and numbers of frames, and demonstrations that end at pauses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id
+from rpil.data.errors import DataError
+from rpil.data.json_files import Parsed
 from rpil.data.names import TIMESTAMP, plain_name
-from rpil.formats.columns import Columns
-from rpil.formats.places import order_values
-from rpil.numerics.types import Array, Float
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from rpil.formats import table as flat
+from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.rows import Rows, read_columns
+from rpil.numerics.types import Array, Float, Int
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
 _SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
@@ -50,25 +51,17 @@ class Clock:
     ticks: Float[Array, " N"]
     """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
     unit: float | None
-    """Seconds in a tick, None where neither type, name nor size says it."""
-
-    @property
-    def timestamps(self) -> Float[Array, " N"]:
-        """In seconds; a column of which only the name says that it is time is taken to hold them."""
-        return self.ticks * (self.unit or 1.0)
+    """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
 
     def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
         """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
-        lengths, step = self._lengths(offsets), usual_step(np.diff(self.ticks))
+        lengths, step = self.lengths(offsets), usual_step(np.diff(self.ticks))
         if self.unit is None or step is None or not np.all(lengths >= 0):
             return None, None
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
 
-    def is_plausible(self, offsets: Array) -> bool:
-        """Whether time passes, and no demonstration ends before it begins."""
-        return bool((np.diff(self.ticks) > 0).any()) and not (self._lengths(offsets) < 0).any()
-
-    def _lengths(self, offsets: Array) -> Array:
+    def lengths(self, offsets: Array) -> Float[Array, " M"]:
+        """Of the demonstrations, in ticks."""
         return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
 
 
@@ -92,22 +85,21 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
     found: list[Clock] = []
     for name in clock_columns(columns):
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
-        values = order_values(table[name].filter(~missing))
+        values = flat.order_values(table[name].filter(~missing))
         if values is None or not len(values):
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
         clock = Clock(ticks, unit_of(name, table[name].type, values))
         is_named = plain_name(name) in TIMESTAMP
-        if is_named or (clock.unit is not None and clock.is_plausible(offsets)):
+        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(offsets) < 0).any()
+        if is_named or (clock.unit is not None and passes):
             found.append(clock)
     return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
 
 
 def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
-    import pyarrow as pa
-
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
         return _SECONDS[kind.unit]
     words = plain_name(name).split("_")
@@ -137,13 +129,71 @@ def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple
 
 def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
     """Seconds since 1970; None where a value is missing or is no wall-clock time."""
-    import pyarrow as pa
-
     if pa.types.is_date(column.type):
         column = column.cast(pa.timestamp("s"))
-    values = order_values(column)
+    values = flat.order_values(column)
     if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
         return None
     seconds = values * (unit_of(name, column.type, values) or 1.0)
     low, high = _WALL_CLOCK
     return seconds if low < seconds.min() and seconds.max() < high else None
+
+
+def with_facts(
+    tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
+) -> Iterator[pa.Table]:
+    """The tables with a column for each of the `facts`, which have a value for each id."""
+    for table in tables:
+        ids, rows = flat.encoded(table[episode])
+        for name, by_id in facts.items():
+            table = table.append_column(name, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
+        yield table
+
+
+def shorter(
+    names: Sequence[Id], group: Int[Array, " N"], rows: Rows, columns: Columns, options: ColumnOptions
+) -> tuple[list[Id], Int[Array, " N"]]:
+    """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
+    of each row, as `group` is.
+
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
+    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
+    "P01 [10, 20) s".
+    """
+    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
+    if gap := options.split_gap:
+        steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
+        starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
+        for k in group[starts].tolist():
+            labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
+            counts[k] += 1
+        names, group = _numbered(labels, np.cumsum(starts) - 1)
+    if length := options.segment:
+        if np.isnan(seconds).any():
+            raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
+        first = seconds[np.unique(group, return_index=True)[1]]
+        parts = np.stack([group, np.floor((seconds - first[group]) / length)])
+        pairs, places = np.unique(parts, axis=1, return_inverse=True)
+        ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
+        names, group = _numbered([f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1))
+    return [*names], group
+
+
+def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different labels, and the number of that of each row, where `rows` has the place of its label."""
+    numbers: dict[Id, int] = {}
+    codes = [numbers.setdefault(label, len(numbers)) for label in labels]
+    return [*numbers], np.array(codes, np.int32)[rows]
+
+
+def _seconds(rows: Rows, columns: Columns) -> Float[Array, " N"]:
+    """The first column of time whose unit is known in seconds; NaN where it has no value."""
+    table = read_columns(rows, [*columns.orders, *columns.times])
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = flat.order_values(column.drop_null())
+        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
+            if flat.kind_of_type(column.type) == "time":
+                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

@@ -28,7 +28,7 @@ def source(tmp_path, monkeypatch):
 
 
 def test_an_audit_adds_verdicts_and_scores(source, tmp_path):
-    result = ok("audit", source, "--annotate", tmp_path / "new", "--json")
+    result = ok("audit", source, "--annotate", tmp_path / "new", "--format", "json")
     printed = {one["id"]: one for one in json.loads(result.stdout)["demonstrations"]}
     assert all_files(tmp_path / "new") == all_files(source)
     others = [str(name) for name in all_files(source) if str(name) != EPISODES]
@@ -42,7 +42,7 @@ def test_an_audit_adds_verdicts_and_scores(source, tmp_path):
         assert row["rpil/verdict"] == printed[row["episode_index"]]["verdict"]
         assert row["rpil/score"] == printed[row["episode_index"]]["log_odds"]
         assert row["rpil/rejected_by"] == printed[row["episode_index"]]["rejected_by"]
-    again = json.loads(ok("audit", tmp_path / "new", "--json").stdout)["demonstrations"]
+    again = json.loads(ok("audit", tmp_path / "new", "--format", "json").stdout)["demonstrations"]
     assert {one["id"]: one["log_odds"] for one in again} == {m: one["log_odds"] for m, one in printed.items()}
 
 

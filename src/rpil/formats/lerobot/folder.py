@@ -21,14 +21,20 @@ from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Defect, Format, Shot, write_list
-from rpil.formats.lerobot import stats
-from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, CheckedFolder
+from rpil.formats.lerobot.checked_folder import (
+    EPISODES_STATS,
+    INFO,
+    PATHS,
+    STATS,
+    ByFeature,
+    CheckedFolder,
+    joined_stats,
+    stats_of_data,
+)
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
 from rpil.formats.lerobot.kept import Kept, annotate
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, chunk_size
-
-read = table_folder.read
 
 WEIGHTS = (
     "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
@@ -128,15 +134,15 @@ def _write(kept: Kept) -> None:
         _write_statistics(kept, by_episode, gone)
 
 
-def _write_statistics(kept: Kept, by_episode: Sequence[stats.ByFeature], gone: Sequence[str]) -> None:
+def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequence[str]) -> None:
     """Write the statistics of all features that the file of statistics has, by the new data, or else by episode."""
     place = kept.new / STATS
     if not place.is_file():
         return
     old = {name: one for name, one in read_json(place).items() if name not in gone}
-    found = stats.of_data(kept.new / "data", old)
+    found = stats_of_data(kept.new / "data", old)
     common = set.intersection(*map(set, by_episode)) if by_episode else set()
-    found |= {name: stats.joined([own[name] for own in by_episode]) for name in old if name in common - found.keys()}
+    found |= {name: joined_stats([own[name] for own in by_episode]) for name in old if name in common - found.keys()}
     left = [name for name in old if name not in found]
     if left:
         message = f"{kept.old.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
@@ -176,18 +182,18 @@ def _conversion(path: Path, version: str, root: Path) -> list[str]:
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
+    needs = []
     if version != "v2.1":
         needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
-    is_ready = version == "v2.1" and (path / EPISODES_STATS).is_file()
-    return [*([] if is_ready else needs), f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+    elif not (path / EPISODES_STATS).is_file():
+        needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
+    return [*needs, f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 FORMAT = Format(
     name="LeRobot",
     claims=claims,
-    read=read,
-    stays=True,
+    read=table_folder.read,
     keep=keep,
     keep_list=keep_list,
     has_own_ids=True,

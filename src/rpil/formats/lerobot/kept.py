@@ -8,9 +8,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
@@ -19,20 +20,14 @@ from rpil.data.folders import check_inside, copy_folder
 from rpil.data.json_files import Parsed
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Shot
-from rpil.formats.lerobot import stats, video
-from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, CheckedFolder
+from rpil.formats.lerobot import video
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, PATHS, ByFeature, CheckedFolder, shifted_stats
 from rpil.formats.meta_folder import fill
 from rpil.formats.parquet import keep_rows
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-
-Videos = Mapping[str, Mapping[int, Shot]]
-"""Where each camera saw each episode."""
 
 
 @dataclass
@@ -94,13 +89,12 @@ class Kept:
         table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
         return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
-    def write_episodes(self, videos: Videos, gone: Sequence[str]) -> list[stats.ByFeature]:
+    def write_episodes(self, videos: Mapping[str, Mapping[int, Shot]], gone: Sequence[str]) -> list[ByFeature]:
         """Write what is said of the kept episodes, with their new numbers and places, and their videos.
 
-        `gone` are the cameras that are left out. Returned are the statistics of each episode, if there are any.
+        `videos` say where each camera saw each episode; `gone` are the cameras that are left out. Returned are the
+        statistics of each episode, if there are any.
         """
-        import pyarrow as pa
-
         rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
         start, found = 0, []
         for m, new in self.numbers.items():
@@ -114,7 +108,7 @@ class Kept:
                 own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
                 for feature, number in (("episode_index", new), ("index", start)):  # which are counted again
                     if feature in own:
-                        own[feature] = stats.shifted(own[feature], number - np.ravel(own[feature]["min"])[0].item())
+                        own[feature] = shifted_stats(own[feature], number - np.ravel(own[feature]["min"])[0].item())
                 found.append(own)
             start += n
         for camera, shots in videos.items():
@@ -123,7 +117,11 @@ class Kept:
         if self.old.schema is not None:
             of_gone = tuple(f"{what}/{camera}/" for camera in gone for what in ("videos", "stats"))
             left = [field for field in self.old.schema if not field.name.startswith(of_gone)]
-            _write_table(self.new / _EPISODES, rows.values(), found, pa.schema(left, self.old.schema.metadata))
+            for row, own in zip(rows.values(), found, strict=True):
+                row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
+            (self.new / _EPISODES).parent.mkdir(parents=True)
+            table = pa.Table.from_pylist([*rows.values()], pa.schema(left, self.old.schema.metadata))
+            pq.write_table(table, self.new / _EPISODES)
         else:
             _write_lines(self.new / "meta" / "episodes.jsonl", rows.values())
             if found:
@@ -157,23 +155,8 @@ class Kept:
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
     """The table with other values of the same type in one of its columns."""
-    import pyarrow as pa
-
     field = table.schema.field(name)
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
-
-
-def _write_table(
-    place: Path, rows: Iterable[dict[str, Parsed]], found: Sequence[stats.ByFeature], schema: pa.Schema
-) -> None:
-    """Write the table of version 3.0, with the statistics of each episode."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    for row, own in zip(rows, found, strict=True):
-        row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
-    place.parent.mkdir(parents=True)
-    pq.write_table(pa.Table.from_pylist([*rows], schema), place)
 
 
 def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
@@ -183,9 +166,6 @@ def _write_lines(place: Path, rows: Iterable[Mapping[str, Parsed]]) -> None:
 def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
     """Copy the data, the videos and ``meta``, and add `columns`, by name, with a value for each episode's number as
     text; null where there is none. Columns of these names that are there already are replaced."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     for entry in (path / "videos").rglob("*"):
         check_inside(entry, path)
     with new_folder(output) as new:

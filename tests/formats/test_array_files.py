@@ -25,6 +25,7 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
         expected = np.hstack([file["observations/qpos"][:], file["observations/qvel"][:]])
         np.testing.assert_array_equal(demonstrations.observations[-30:], expected)
         np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
+    assert about.format == "HDF5, a file for each demonstration"
     assert set(about.ignored) == {"observations/images/top"}
     assert "simulation" in about.notes[0]
 
@@ -54,7 +55,8 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
     assert recording.facts.outcome.tolist() == [1.0, 1.0, 0.0]
     said = recording.describe()
     assert said.observations == ("state.0", "state.1")
-    assert {"obs_rgb", "success"} <= {*said.ignored}
+    assert said.format == "NPZ, a file for each demonstration"
+    assert {*said.ignored} == {"obs_rgb", "success"}  # and not the seed beside them
     assert "The last value of obs_state, which comes after the last action, is left out." in said.notes
 
 
@@ -93,7 +95,7 @@ def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
         rpil.read(folder)
     (folder / "2" / "meta.json").write_text(json.dumps({"instruction": "put"}))
     shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
-    with pytest.raises(DataError, match="it holds 2 NPZ files"):
+    with pytest.raises(DataError, match="another file here is of the same demonstration by its name; move one"):
         rpil.read(folder)
 
 
@@ -124,5 +126,28 @@ def test_a_reward_of_each_step_is_one_also_where_there_is_one_step(tmp_path):
 def test_two_files_of_one_name_are_refused(tmp_path):
     folder = aloha(tmp_path / "cube")
     shutil.copy(folder / "episode_1.hdf5", folder / "episode_1.h5")
-    with pytest.raises(DataError, match=r"episode_1.h5: another file of the folder has this name"):
+    with pytest.raises(DataError, match=r"episode_1\.(h5|hdf5): another file here is of the same demonstration"):
         formats.read(folder)
+
+
+def test_one_id_names_one_demonstration(folder):
+    np.savez(folder / "1" / "trajectory.npz", actions=np.ones((3, 2)), obs_state=np.ones((3, 2)), episode_ids=[7, 7, 7])
+    assert rpil.read(folder).lengths.tolist()[1] == 3
+
+
+@pytest.mark.parametrize("kept", [[0], [2], [1, 2]])
+def test_the_observation_after_the_last_action_is_kept_with_the_last_demonstration(tmp_path, kept):
+    ids, seen = np.array([0, 0, 1, 1, 2]), np.arange(6.0)[:, None]
+    np.savez(tmp_path / "a.npz", actions=np.ones((5, 1)), observations=seen, episode_ids=ids)
+    rpil.open(tmp_path / "a.npz").keep(kept, tmp_path / "b.npz")
+    with np.load(tmp_path / "b.npz") as found:
+        np.testing.assert_array_equal(found["observations"], seen[np.isin([*ids, 2], kept)])
+
+
+def test_what_lies_beside_counts_by_its_name_and_type(folder):
+    for k in range(3):
+        beside = {"instruction": "put", "task_id": 3, "note": "windy", "success": "yes"}
+        (folder / str(k) / "meta.json").write_text(json.dumps(beside))
+    recording = rpil.open(folder)
+    assert {*recording.tasks.values()} == {"put"}
+    assert {*recording.describe().ignored} == {"obs_rgb", "success"}

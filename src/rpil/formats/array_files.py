@@ -1,0 +1,226 @@
+"""Files of named arrays, NPZ and HDF5, by the table of layouts; also a folder with one for each demonstration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.files import replacing
+from rpil.data.folders import is_hidden
+from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
+from rpil.data.json_files import read_json
+from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
+from rpil.data.npy import Npz, opened_npz, write_npz
+from rpil.formats.array_layout import ROLES, Arrays
+from rpil.formats.columns import ColumnOptions, as_list
+from rpil.formats.description import commas, without_damaged
+from rpil.formats.format import Format, StepTables, kept_of
+from rpil.formats.hdf5 import keep_groups, opened_hdf5
+from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
+from rpil.formats.table_facts import Metadata
+from rpil.formats.table_folder import has_tables
+from rpil.numerics.types import Array
+
+_NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
+_STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
+_OF_NUMBERS = ROLES["names"]
+
+
+def claims(path: Path) -> bool:
+    """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
+    if path.is_dir():
+        return not has_tables(path) and bool(_files(path))
+    return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
+
+
+def _is_hdf5(path: Path) -> bool:
+    if path.suffix.lower() in (*_NPZ, *_HDF5):
+        return path.suffix.lower() in _HDF5
+    with held_bytes(path) as file:
+        return file.read(len(_SIGNATURE)) == _SIGNATURE
+
+
+@contextmanager
+def _opened(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Iterator[Arrays]:
+    """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
+    if _is_hdf5(path):
+        with opened_hdf5(path, options) as (_, arrays):
+            yield arrays
+    else:
+        with opened_npz(path, where) as stored:
+            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, options)
+
+
+def _array(stored: Npz, name: str) -> StoredArray:
+    """An array of NPZ, which is read as a whole; it has no rows where it is of another version, or no array."""
+    try:
+        return read_once(*stored.declared(name), partial(stored.read_one, name))
+    except ValueError:
+        return Closed((), np.dtype(object), partial(stored.read_one, name))
+
+
+def read(path: Path, options: ColumnOptions) -> StepTables:
+    """Read the arrays of a file, or the demonstration in each file of a folder, opened again for its values."""
+    if path.is_file():
+        with _opened(path, options) as arrays:
+            kind, (within, groups) = "HDF5" if _is_hdf5(path) else "NPZ", arrays.groups()
+            return _read_groups(arrays, within, groups, kind) if groups else arrays.read(kind)
+    files = _files(path)
+    found, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
+    notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
+    parts, kind = [part for part, _ in found.values()], "HDF5" if _is_hdf5(next(iter(files.values()))) else "NPZ"
+    tables = from_parts(parts, _FILE_NAME, path.name, f"{kind}, a file for each demonstration", options, notes=notes)
+    return replace(tables, origin=replace(tables.origin, skipped=tuple(files[name].name for name in damaged)))
+
+
+def _files(path: Path) -> dict[str, Path]:
+    """The files in a folder by their names without the extension, with the numbers in names in order.
+
+    HDF5 files come first. NPZ files may lie in a folder each, by whose name they are called.
+    """
+    for pattern, suffixes in (("*", _HDF5), ("*", _NPZ), ("*/*", _NPZ)):
+        files = [file for file in path.glob(pattern) if file.suffix.lower() in suffixes and file.is_file()]
+        files = [file for file in files if not any(map(is_hidden, file.relative_to(path).parts))]
+        found = {file.stem if pattern == "*" else file.parent.name: file for file in files}
+        for again in {*files} - {*found.values()}:
+            raise DataError(f"{again}: another file here is of the same demonstration by its name; move one of them.")
+        if found:
+            return {name: found[name] for name in sorted(found, key=natural_key)}
+    return {}
+
+
+def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
+    """The demonstration in one file, with what a text beside it says of its task and outcome, and notes.
+
+    Numbers that may be an outcome are facts about it. A `DataError` where there are no actions, or several
+    demonstrations.
+    """
+    found, beside = {}, file.parent / "meta.json"
+    if file.parent != top and beside.is_file():
+        with guarded(beside, "no JSON, or damaged", "write it again"):
+            found = read_json(beside)
+    said = found.items() if isinstance(found, dict) else ()
+    tasks = {m: value for m, value in said if TASK.fullmatch(plain_name(m)) and isinstance(value, str)}
+    ends = {m: float(value) for m, value in said if may_be_outcome(m) and isinstance(value, int | float)}
+    with _opened(file, where=f"{file.parent.name}/{file.name}") as these:
+        arrays, n, fault = these.arrays, these.n_steps, "in a folder each file is one demonstration, and here"
+        if not these.names["actions"]:
+            remedy = f"give the path of the file itself, call the array {ROLES['actions'][0]!r}, or take the file out"
+            raise DataError(f"{these.source}: {fault} no array holds its actions; {remedy} of the folder.")
+        several = [m for m in ("terminals", "timeouts") if m in arrays and these.flags([m], (n,))[:-1].any()]
+        several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
+        if several:
+            raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
+        numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
+        facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
+        own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
+        closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
+        return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
+
+
+def _read_groups(these: Arrays, within: str, groups: Mapping[str, Tree], kind: str) -> StepTables:
+    """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
+    first, notes, options, ignored = next(iter(groups.values())), these.notes, these.options, {}
+    if "states" in first and not options.observations and not any(map(is_observation, first)):
+        notes = (*notes, _STATES)
+        if _begins_with_time(first["states"]):
+            options = replace(options, exclude=(*as_list(options.exclude), "states.0"))
+            ignored = {"states.0": "simulation time"}
+    names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
+    if without := commas([name for name in names if name not in groups]):
+        notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
+    rate, task, parts, lengths = these.said(within, "rate"), these.said(within, "task"), [], dict[Id, int]()
+    for name, tree in groups.items():
+        words, stated = these.said(within + name, "task") or task, these.attributes(within + name).get("num_samples")
+        about = {"task": words} if isinstance(words, str) else {}
+        parts.append(Part(Arrays(tree, "").n_steps, tree, {_GROUP_NAME: name, **about}))
+        lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
+    fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
+    name = f"{kind} of robomimic's layout" if within else f"{kind}, a group for each demonstration"
+    metadata = Metadata(fps=fps, lengths=lengths)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes).with_ignored(ignored)
+
+
+def _begins_with_time(states: StoredArray) -> bool:
+    """Whether the first of the numbers of a state is the time of the simulator: it rises by the same at every step."""
+    if len(states.shape) != 2 or states.shape[1] < 2 or states.dtype.kind != "f" or states.shape[0] < _STEPS_OF_TIME:
+        return False
+    steps = np.diff(np.asarray(states[:_STEPS_OF_TIME])[:, 0])
+    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0))
+
+
+def _rows(file: Path, name: str, rows: slice) -> object:
+    """Some rows of an array in a file."""
+    with _opened(file) as found:
+        if name not in found.arrays:
+            raise DataError(f"{found.source}: it has changed while it was read; read it again.")
+        return found.arrays[name][rows]
+
+
+def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
+    """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
+    arrays = {
+        "observations": demonstrations.observations,
+        "actions": demonstrations.actions,
+        "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
+        **dict.fromkeys(_OF_NUMBERS, np.array(demonstrations.observation_names)),
+    }
+    with replacing(path) as temporary:
+        write_npz(temporary, {**truth, **arrays})
+
+
+def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+    """Write the demonstrations called `ids`, with all that the file says of them.
+
+    In NPZ an array with one value for each step or demonstration is cut, any other is written whole. Where no array
+    marks the demonstrations that were cut short, timeouts tell those apart that are kept.
+    """
+    if _is_hdf5(path):
+        keep_groups(path, output, ids)
+        return
+    with opened_npz(path) as stored:
+        arrays = stored.read(stored.names)
+    these = Arrays(arrays, path.name, options)
+    cut = these.cut()
+    there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
+    kept = kept_of(there, ids, path)
+    rows, whole = np.isin(cut.ids, kept), np.isin(there, kept)
+    masks = {n: rows, n + 1: np.append(rows, rows[-1])}  # one more comes after the last action
+    masks = masks if cut.by_marks else {len(there): whole, **masks}
+    own = {name: masks.get(len(array) if array.shape else -1) for name, array in arrays.items()}
+    kept_arrays = {
+        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in _OF_NUMBERS
+    }
+    if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
+        is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
+        timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
+        kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
+    with replacing(output) as temporary:
+        write_npz(temporary, {**arrays, **kept_arrays})
+
+
+def unkept(path: Path, options: ColumnOptions) -> str:
+    """What `keep` writes no new file of, in words; empty where it writes one."""
+    if path.is_dir():
+        return "file of arrays for each demonstration"
+    with _opened(path, options) as arrays:
+        has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
+        if is_hdf5 and has_groups and options.id:
+            return "groups by other ids than their names"
+        is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
+        return "" if is_kept else "arrays of this layout"
+
+
+FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5), write=write)
