@@ -10,7 +10,6 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import rpil
 from rpil.formats.rows import TableRows
@@ -20,17 +19,17 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2849, 26),
-    "data": (3200, 35),
-    "estimators": (2281, 18),
+    "cli": (2835, 26),
+    "data": (3198, 35),
+    "estimators": (2297, 18),
     "faults": (2254, 79),
-    "formats": (8248, 75),
-    "inference": (2571, 89),
+    "formats": (7178, 73),
+    "inference": (2073, 89),
     "mixture": (797, 20),
     "numerics": (551, 14),
     "policies": (1344, 49),
-    "results": (3170, 51),
-    "scale": (704, 21),
+    "results": (3181, 54),
+    "scale": (698, 21),
     "simulation": (428, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
@@ -57,7 +56,7 @@ LINES_AFTER, PAGE_LINES_AFTER, TEST_LINES_AFTER = 27_100, 2_050, 30_500
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 749, 100
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 700, 94
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 PASSES = {"episode": 1, "step": 2, "observation.x": 2, "action": 3}
@@ -69,7 +68,6 @@ def test_rooms_keep_to_their_budgets():
     assert {room: size for room, size in sizes.items() if any(np.greater(size, BUDGETS[room]))} == {}
 
 
-@pytest.mark.xfail(strict=True, reason="not all features that were given up are gone yet")
 def test_the_first_half_of_the_cut_is_done():
     sizes = {room: TOOL["size_of"](ROOT / room).lines for room in AFTER_THE_FIRST_HALF}
     assert sum(sizes.values()) <= sum(AFTER_THE_FIRST_HALF.values()), sizes

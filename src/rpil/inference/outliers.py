@@ -75,7 +75,9 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
 
 def lower_part(scores: Scores, settings: OutlierSettings) -> Bool[Array, " M"]:
     """Those far below the middle, or of a lower group that lies apart; nobody where these are too few, or all."""
-    far = (deviations(scores.score) < -settings.min_gap) & (scores.groups.log_bayes_factor > 0)
+    away = scores.score - np.median(scores.score)
+    deviation = 1.4826 * float(np.median(np.abs(away)))  # of a normal distribution
+    far = (away < -settings.min_gap * deviation) & (scores.groups.log_bayes_factor > 0)
     lower = far | ((scores.log_odds <= -logit(settings.min_proba)) & is_apart(scores, settings))
     return np.asarray(lower & (settings.min_group <= lower.sum() < len(lower)))
 
@@ -95,12 +97,6 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
 
 def _without(claims: Claims) -> Finding:
     return "no outliers" if claims.lower.any() else claims.finding
-
-
-def deviations(score: Float[Array, " M"]) -> Float[Array, " M"]:
-    """Distances from the median in robust standard deviations."""
-    away = score - np.median(score)
-    return np.asarray(away / max(1.4826 * float(np.median(np.abs(away))), np.finfo(float).tiny))
 
 
 def own_gain(scoring: Scoring, group: Bool[Array, " M"], ridge: float) -> float:
