@@ -103,8 +103,6 @@ def test_outliers_of_operators_are_counted(capsys):
     text = "\n".join(printed(KINDS["operators"], capsys))
     assert "Outliers by operator: operator 0 4 of 4, operator 1 4 of 4, operator 2 4 of 4." in text
     assert "To judge within each operator: --session operator" in text
-    doubted = dataclasses.replace(KINDS["operators"], doubts=("Of one operator: --session operator.",))
-    assert "To judge within" not in "\n".join(printed(doubted, capsys))
 
 
 def test_no_fault_is_a_sentence_and_one_is_one(capsys):

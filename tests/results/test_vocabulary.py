@@ -11,7 +11,7 @@ from rpil.results.vocabulary import SIDES, VOCABULARIES, in_numbers
 @pytest.mark.parametrize("anchor", VOCABULARIES)
 def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
     words = VOCABULARIES[anchor]
-    assert words.probability == f"P({'like the rest' if anchor == 'none' else words.upper})"
+    assert words.probability == f"P({'usual' if anchor == 'none' else words.upper})"
     assert words.explanation.startswith(f"{words.probability} is the probability")
     assert words.explanation.endswith(".")
     assert words.explanation.count(". ") == 0

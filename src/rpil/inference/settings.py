@@ -69,15 +69,18 @@ class OutlierSettings:
     """Demonstrations that differ from most others (`rpil.inference.outliers`)."""
 
     min_gap: float = 4.0
-    """Robust standard deviations below the median from which a demonstration is far below it."""
+    """Robust standard deviations below the median from which a demonstration is far below it. benchmarks/ablations.py
+    ("min_gap 3", "nobody far below")."""
     min_p_two: float = 0.99
     """The least P(two groups) at which members of the lower group are named."""
     min_distance: float = 3.0
-    """Distance of the means of two groups, in deviations of the wider one, from which the lower one lies apart."""
+    """Distance of the means of two groups, in deviations of the wider one, from which the lower one lies apart.
+    benchmarks/ablations.py ("min_distance 2")."""
     min_proba: float = 0.9
     """1 - P of the upper group from which a demonstration is of the lower one."""
     max_own_gain: float = 0.45
-    """Gain of the lower part by its own policy, relative to that of the others by theirs, up to which it is noise."""
+    """Gain of the lower part by its own policy, relative to that of the others by theirs, up to which it is noise.
+    benchmarks/ablations.py ("max_own_gain .3", "max_own_gain .7")."""
     max_share: float = 1 / 3
     """Share of the demonstrations in a group apart, at most."""
     min_group: int = 2
@@ -192,9 +195,8 @@ class JudgeSettings:
     reliability_nodes: int = 21
     """Values of the reliability on the grid over which it is summed."""
     stay: float = 0.95
-    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average.
-    benchmarks/windows.py ("stay .8", "stay .99")."""
+    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average."""
     p_stretches: float = 0.5
-    """Prior probability that the bad steps of a demonstration come in stretches. benchmarks/windows.py ("alone")."""
+    """Prior probability that the bad steps of a demonstration come in stretches."""
     max_log_ratio: float = 50.0
     """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""
