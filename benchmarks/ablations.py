@@ -72,12 +72,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, metavar="DIR", default=Path(), help="folder of NPZ files; default: this")
     parser.add_argument("--json", type=output, metavar="OUT", help="where finished variants are kept")
     parser.add_argument("--match", action="append", metavar="NAME", help="only variants whose name begins with it")
+    parser.add_argument("--families", default=",".join(FAMILIES), metavar="KINDS", help=f"of {', '.join(FAMILIES)}")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="one small world, few variants: checks the script")
     options = parser.parse_args(arguments)
     jobs = [Job("paper", "quick", partial(of_paper, "MountainCar-v0", "corrupted", 0))]
     if not options.quick:
-        jobs = jobs_of(options.data)
+        jobs = [job for job in jobs_of(options.data) if job.kind in options.families.split(",")]
     origin = provenance(f"0, {DRAWS} draws of labels", asked(parser, options))
     found: Row = {"provenance": origin, "unfinished": True, "rules": {}}
     if options.json and options.json.exists():
