@@ -107,18 +107,19 @@ def test_words_of_answers_stand_above_those_that_stay():
 
 
 @pytest.mark.parametrize(
-    ("count", "follows", "doubts"),
+    ("count", "contrast", "follows", "doubts"),
     [
-        (1, False, (ONE_ANSWER,)),
-        (2, False, ()),
-        (7, False, ()),
-        (8, False, (NOTHING_FOLLOWED,)),
-        (8, True, ()),
+        (1, False, False, (ONE_ANSWER,)),
+        (2, True, False, ()),
+        (7, True, False, ()),
+        (8, True, False, (NOTHING_FOLLOWED,)),
+        (8, False, False, ()),
+        (8, True, True, ()),
     ],
 )
-def test_doubts_of_answers(count, follows, doubts):
+def test_doubts_of_answers(count, contrast, follows, doubts):
     none = np.zeros(4, dtype=int)
-    assert doubts_of_answers(Answered(np.zeros(4), none, none[:0], count, follows)) == doubts
+    assert doubts_of_answers(Answered(np.zeros(4), none, none[:0], count, follows), contrast) == doubts
 
 
 def asking(ratio=(), **changes):

@@ -22,11 +22,11 @@ LENGTHS, PROBA = [3, 1, 4, 2, 5, 1], np.array([0.9, 0.8, 0.3, 0.2, 0.6, 0.4])
 CONTRAST = answers_of([1, 0, 0, -1, 0, 0])
 
 
-def judged(part=(1, 1, 0.5, -1, -0.5, 0), answers=None, **changes):
+def judged(part=(1, 1, 0.5, -1, -0.5, 0), answers=None, verdicts=("open",) * 6, **changes):
     """Six demonstrations, of parts that a learner trusts or not."""
     known = answers_of(m=6) if answers is None else answers
     fields = {"expert_proba": PROBA, "part": np.array(part, dtype=float), "lengths": LENGTHS, "answers": known}
-    return make_audit(("open",) * 6, **({"anchor": "answers" if known.count else "none"} | fields | changes))
+    return make_audit(verdicts, **({"anchor": "answers" if known.count else "none"} | fields | changes))
 
 
 def weights(labels=(), pairs=(), outcome=None, tied=(), part=(1, 1, 1, -1, -1, -1), **changes):
@@ -62,8 +62,6 @@ FLAGS = [np.nan, np.nan, 1, np.nan, np.nan, 0]
         ({"pairs": [(0, 3), (1, 4)]}, BETTER),
         ({"pairs": [(3, 0), (4, 1)]}, OTHER),
         ({"labels": [0, 1], "outcome": FLAGS}, BETTER),
-        ({"outcome": FLAGS}, BETTER),  # of flags the failures speak, as successes may be luck
-        ({"outcome": [0, 1, np.nan, np.nan, np.nan, np.nan]}, OTHER),
         ({"labels": [-1, 0, 0, 1], "part": [1, 0.5, 0.5, -0.5, -0.5, -1]}, OTHER),
         ({"labels": [1, 0, 0, -1], "part": [1, 0, 0, -1, -1, -1]}, [1, 0, 0, 0, 0, 0]),
     ],
@@ -78,15 +76,28 @@ def test_contrasting_answers_that_agree_with_the_parts_say_which_one_is_good(ans
         {"labels": [1, -1]},  # both are of one part
         {"labels": [0, -1, 0, 1, -1]},
         {"labels": [1, 0, 0, -1], "pairs": [(4, 2)]},
-        {"labels": [1, 0, 0, -1], "outcome": [np.nan, 0, np.nan, np.nan, 1, 1]},
         {"labels": [1, 0, 0, -1], "part": [0] * 6},
-        {"labels": [1, 1]},  # no contrast
-        {"outcome": [0, 0, np.nan, np.nan, np.nan, np.nan]},
-        {"labels": [1], "tied": [(3, 4)]},
+        {"outcome": FLAGS},
+        {"labels": [1, 0, 0, -1], "within": "tasks"},  # each task has parts of its own
     ],
 )
-def test_answers_that_divide_otherwise_or_not_at_all_weigh_by_p_good(answers):
-    assert weights(**answers) == PROBA.tolist()
+def test_answers_that_predict_others_in_another_way_weigh_by_p_good(answers):
+    assert weights(**answers, verdicts=("open", "open", "good", "open", "open", "open")) == PROBA.tolist()
+    assert set(weights(**answers)) == {0.0, 1.0} or answers.get("part")  # nothing follows
+
+
+@pytest.mark.parametrize(
+    ("answers", "expected"),
+    [
+        ({"labels": [1, 1]}, BETTER),
+        ({"labels": [1], "tied": [(3, 4)]}, BETTER),
+        ({"outcome": [0, 0, np.nan, np.nan, np.nan, np.nan]}, [0, 0, 1, 0, 0, 0]),
+        ({"outcome": [0, 1, 1, 1, 1, 1]}, [0, 1, 1, 0, 0, 0]),  # flags do not turn the parts
+        ({"labels": [-1, -1, -1], "part": [1, 1, 1, -1, -1, -1]}, PROBA.tolist()),  # nobody else is trusted
+    ],
+)
+def test_answers_without_a_contrast_change_their_own_demonstrations(answers, expected):
+    assert weights(**answers) == expected
 
 
 def test_the_label_of_a_copy_decides_whatever_its_part():
@@ -168,8 +179,8 @@ def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parte
     assert of_each(turned) == (1 - first).tolist()
     confirmed = parted.answered({"d0": "good", "d10": "bad"})
     assert of_each(confirmed) == first.tolist()
-    otherwise = parted.answered({"d0": "good", "d1": "bad"})
-    assert of_each(otherwise) == otherwise.expert_proba.tolist()
+    otherwise = parted.answered({"d0": "good", "d1": "bad"})  # by which nothing else is good or bad
+    assert of_each(otherwise) == [1.0, 0.0, *first[2:]]
 
 
 def with_interventions(flags):

@@ -31,7 +31,7 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.results.evidence import by_final_policy, by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged, whom_it_trusts
+from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
 
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
@@ -43,6 +43,9 @@ if TYPE_CHECKING:
     from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
+
+MAX_COLUMNS = 200
+"""Observations of a user's policy, above which the parts that a learner trusts are found by projections of them."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +91,6 @@ class FitOptions:
             raise DataError("A named adversary knows no demonstrators and no policy of the user; leave out one.")
         if not self.judges and (len(task.answers.compared) or np.isfinite(task.answers.outcome).any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
-        if not self.judges and (task.answers.labels < 0).all():
-            raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
 
     def n_sampled_steps(self, task: Task) -> int:
         """Steps of the sample that the judge reads of large data."""
@@ -117,8 +118,10 @@ class FitOptions:
         """The data of the judge, with features of a linear policy where the policy is the user's."""
         if self.policy is None:
             return posed.data
-        seen = posed.demonstrations.observations
-        settings = self.settings.selection.maps
+        seen, settings = posed.demonstrations.observations, self.settings.selection.maps
+        if seen.shape[1] > MAX_COLUMNS:  # as of pictures
+            rng = np.random.default_rng(0)
+            seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
         features = FeatureMap.fit("folded", seen, offsets=posed.demonstrations.offsets, settings=settings)
         return replace(posed.data, features=features.design(seen))
 
@@ -219,7 +222,12 @@ class FullFit:
 
     def run(self) -> FitResult:
         """Pose, decide, and fit the final policy, if it is kept."""
-        posed, options = self.pose(), self.options
+        options = self.options
+        if self.keeps_policy and (self.task.answers.labels < 0).all():
+            raise DataError(
+                f"{self.task.source.source}: all demonstrations are labelled bad; leave one that may be good."
+            )
+        posed = self.pose()
         decided = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
         if self.task.taken_over is not None:
             audit = replace(decided.audit, taken_over=self.task.taken_over)
@@ -248,7 +256,6 @@ class FullFit:
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
         notes = (
             *audit.notes,
-            whom_it_trusts(audit),
             *parts_not_judged(posed.data),
             "" if copies is None else copies.sentence,
         )

@@ -205,7 +205,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         if options.policy is None
         else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
         p_two_groups=None if result.judgement is None else result.judgement.scores.groups.p_two,
-        expert_share=prior if isinstance(prior, float) else None,
+        expert_share=prior if isinstance(prior, float) and not options.judges else None,
         demonstrators=task.demonstrators.note,
     )
     if not result.converged:

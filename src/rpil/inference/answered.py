@@ -61,10 +61,11 @@ def contradicting(answers: Answers, expected: Float[Array, " R"], settings: Answ
     """The demonstrations whose labels the other answers make improbable; labels are the first of the R answers, and
     the others expect each with the probability `expected`.
 
-    A wrong label makes right ones improbable, too: only the most improbable are named, as many as leave each
-    `min_other_answers` answers that it contradicts.
+    Without a contrast none does. A wrong label makes right ones improbable, too: only the most improbable are named, as
+    many as leave each `min_other_answers` answers that it contradicts.
     """
-    labelled, most = np.flatnonzero(answers.labels), answers.count // (settings.min_other_answers + 1)
+    labelled = np.flatnonzero(answers.labels)
+    most = answers.count // (settings.min_other_answers + 1) if answers.contrast else 0
     expected = expected[: len(labelled)]
     least = np.argsort(expected, kind="stable")[:most]
     return np.sort(labelled[least[expected[least] < settings.max_contradicted_proba]])

@@ -122,7 +122,7 @@ class ChannelSettings:
     min_proba="(0.5, 1)",
     error="(0, 0.5)",
     max_contradicted_proba="(0, 1)",
-    luck="[0, 1)",
+    luck="[0, 0.95]",
     weak_precision="(0, inf)",
     asked_places="[0, 1]",
     max_folds="[2, inf)",

@@ -91,7 +91,7 @@ def with_answers(audit: A, known: Answers) -> A:
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found),
+        doubts=doubts_of_answers(found, is_decided),
         notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
@@ -158,12 +158,11 @@ def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"]
     return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
 
-def doubts_of_answers(found: Answered) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered, contrast: bool) -> tuple[str, ...]:
     """What speaks against verdicts by these answers."""
     if found.count == 1:
         return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
-    nothing = found.count >= MIN_OF_NOTHING and not found.follows
-    return (NOTHING_FOLLOWED,) * nothing
+    return (NOTHING_FOLLOWED,) * (found.count >= MIN_OF_NOTHING and contrast and not found.follows)
 
 
 def sentence_of(audit: Judged, known: Answers) -> str:

@@ -31,7 +31,7 @@ ACTING = {"outliers": "differently from the rest", "mixture": "like the adversar
 def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
     """Those without a label to look at first: the `faulty` ones, then the first in the order of looking."""
     at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
-    known = {*np.flatnonzero(audit.answers.labels).tolist()}
+    known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said).tolist()}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
     return [*first][: n_first(len(audit.ids))]
 
@@ -54,7 +54,8 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
     lists = ([named(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
     names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True) if most}
     if audit.finding == "answered":
-        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in counts.items() if size)
+        sizes = ((one, size) for one, size in counts.items() if size and one != "outlier")
+        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in sizes)
         return f"By your answers: {', '.join(said)}."
     if audit.finding in ACTING and below:
         n = counts[below[0]]
@@ -62,13 +63,14 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
         return f"{some}: {names[below[0]]}." if names else f"{some}."
     sentence = FINDINGS[audit.finding]
     if audit.finding == "a group apart" and audit.groups:
-        own = [named(audit.ids[m]) for m in ranked if audit.ids[m] in {*audit.groups["B"]}]
-        who = f"{len(own):,} of {len(audit.ids):,} act alike, and differ from the rest"
+        alike, n = {*audit.groups["B"]}, sum(map(len, audit.groups.values()))  # of one task
+        own = [named(audit.ids[m]) for m in ranked if audit.ids[m] in alike]
+        who = f"{len(own):,} of {n:,} act alike, and differ from the rest"
         members = f" ({listed(own, most, ', ')})" if most else ""
         return f"{who}{members}; {sentence.partition('; ')[2]}"
     if audit.finding == "two groups" and audit.groups:
-        sizes = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
-        return f"Two groups act differently: {sizes}{sentence.removeprefix('Two groups act differently')}"
+        both = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
+        return f"Two groups act differently: {both}{sentence.removeprefix('Two groups act differently')}"
     if audit.finding != "nothing could be learned":
         return sentence
     return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"

@@ -47,7 +47,7 @@ class Audit(AuditResult):
     expert_proba : (M,) array
         The probability that `vocabulary` names and explains, which claims no more than the verdicts:
         ``sigmoid(log_odds)`` where a demonstration has a verdict other than open or an adversary was named; where it
-        is open, this within .1 and .9 (``settings.min_proba``); and 0.5 where the finding gives no verdicts.
+        is open, this within the limits of verdicts (``settings.min_proba``); 0.5 where the finding gives none.
     reliability : (M,) array
         Share of the steps of the demonstration that are like those of the trusted: posterior mean.
     reliability_interval : (M, 2) array
@@ -60,7 +60,7 @@ class Audit(AuditResult):
         Weight of each step for training a policy (`rpil.results.step_weights`): of `rpil.audit` 1 until two answers
         contrast, then P(good) of its demonstration, scaled to a mean of 1 over all steps; of `RPIL` the learner's own.
     prior : Interval
-        Share of the demonstrations with the upper verdict of `vocabulary`.
+        Share of the demonstrations of the upper group of the scores, or of the good ones or experts.
     identifiable : bool
         False where two groups of demonstrations have policies of their own, and fewer than two answers say which one is
         good.
@@ -79,7 +79,7 @@ class Audit(AuditResult):
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     doubts : tuple of str
-        Reasons not to call any demonstration an outlier, one sentence each.
+        What speaks against verdicts by the answers, one sentence each.
     notes : tuple of str
         What else a user should know: parts that are not judged, sessions, copies, how two groups differ.
     columns : (M, D) array

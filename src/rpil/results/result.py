@@ -89,7 +89,8 @@ class AuditResult(Judged):
     def has_proba(self, index: int) -> bool:
         """Whether `expert_proba` of a demonstration may be shown: it has a verdict, or an adversary was named. Else its
         place in the ranking is."""
-        return self.anchor == "named adversary" or SIDES[self.verdicts[index]] != "open"
+        verdict, named = self.verdicts[index], (self.vocabulary.upper, self.vocabulary.lower)
+        return self.anchor == "named adversary" or (verdict in named and verdict != "open")
 
     def place(self, index: int) -> str:
         """The probability of a demonstration where it has a verdict, or else its place in the ranking, as text."""

@@ -2,9 +2,9 @@
 
 For any training they are 1 until two answers contrast, one good or better and one bad or worse; then P(good) of the
 demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). Those of the
-learner, 1 or 0, say who is of the part that it trusts (`rpil.inference.two_parts`), also where contrasting answers call
-one part good and the other bad; where they divide the demonstrations in another way, they are P(good). A label, or a
-flag of 0, decides about its own demonstration. In all, where a person took over from a policy, weights move within a
+learner, 1 or 0, say who is of the part that it trusts (`rpil.inference.two_parts`), also where labels and pairs call
+one part good and the other bad; where answers predict others in another way, they are P(good). A label, or a flag of 0,
+decides about its own demonstration. In all, where a person took over from a policy, weights move within a
 demonstration of weight W_m, with z_n = 1 in the steps of the person, -1 just before, else 0, and b_m such that their
 mean stays W_m:
 
@@ -71,20 +71,23 @@ def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
     if not audit.settings.weighs_for_learner:
         acts = audit.anchor == "answers" and once.contrast
         return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
-    said = audit.answers.shared(audit.copy_of).said
-    if (side := side_of_answers(audit)) or once.count < 2:
-        trusted = audit.part * side > 0 if side else audit.part > -1
-        return np.where(said == 0, trusted, said > 0).astype(float)
-    return proba
+    said, verdicts = audit.answers.shared(audit.copy_of).said, np.array(audit.verdicts)
+    side = side_of_answers(audit)
+    if not side and once.contrast and np.isin(verdicts[said == 0], ["good", "bad"]).any():
+        return proba
+    trusted = audit.part * side > 0 if side else audit.part > -1
+    weight = np.where(said == 0, trusted, said > 0).astype(float)
+    return weight if weight.any() else proba
 
 
 def side_of_answers(audit: Judged) -> int:
-    """1 where contrasting answers call the part good that the learner trusts without them, -1 where they call the other
-    one good; 0 where they divide the demonstrations in another way."""
+    """1 where labels and pairs call the part good that the learner trusts without them, -1 where they call the other
+    one good; 0 where they divide the demonstrations in another way, or do not contrast. Each task has parts of its own.
+    """
     known = audit.answers
     better, worse = known.pairs.T
-    good, bad = np.append(np.flatnonzero(known.said > 0), better), np.append(np.flatnonzero(known.said < 0), worse)
-    if not known.once(audit.copy_of).contrast:
+    good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
+    if audit.within or not (len(good) and len(bad) and known.once(audit.copy_of).contrast):
         return 0
     votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
     return int(votes.pop()) if len(votes) == 1 else 0

@@ -78,7 +78,8 @@ def audit_from_judgement(
         copy_of=judgement.copy_of,
         settings=settings,
     )
-    return with_answers(replace(audit, step_weight=weights_of(audit)), answers)
+    notes = (*audit.notes, *filter(None, [whom_it_trusts(audit)]))
+    return with_answers(replace(audit, step_weight=weights_of(audit), notes=notes), answers)
 
 
 def notes_of(claims: Claims, columns: Float[Array, "M D"], data: FitData) -> tuple[str, ...]:

@@ -103,15 +103,16 @@ def join_audits(
         copy_of[own] = own[audit.copy_of]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
     anchors = {audit.anchor for audit in parts}
-    opposed = next((audit for audit in parts if not audit.identifiable), None)
+    finding = min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1])
+    opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
     return kind(
         **columns,
         ids=tuple(ids),
         offsets=offsets,
-        finding=min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1]),
+        finding=finding,
         prior=Interval(*np.average(shares, axis=0, weights=[*map(len, rows)] or None).tolist()),
         adversary=parts[0].adversary if parts else "",
-        identifiable=opposed is None,
+        identifiable=all(audit.identifiable for audit in parts),
         competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
