@@ -87,12 +87,6 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
             )
 
 
-def names_in_folder(paths: Sequence[Path]) -> dict[str, Path]:
-    """Files by their names, with the folders below the one that holds all of them."""
-    folder = os.path.commonpath([path.absolute().parent for path in paths])
-    return {path.absolute().relative_to(folder).as_posix(): path for path in paths}
-
-
 def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str | None = None) -> Columns:
     """The columns by the first block of the file, which tells their types."""
     if len(file.names) == 1:

@@ -5,8 +5,8 @@
     groups           one group of scores, or two
     scores           scores of demonstrations, their variances and their groups
     parts            the parts of a continuous action that are judged, and their scales
-    rivals           a second group of demonstrations with a policy of its own
-    claims           what the scores support without answers: verdicts, doubts, the pair of the question
+    outliers         outliers, a group apart or two groups by the scores, and the pair of the question
+    two_parts        the part of the demonstrations that a learner trusts
     channels         numbers that describe a demonstration, from which answers learn
     answers          what labels, pairs and outcomes say: a Bayesian logistic regression
     answered         P(good), verdicts and contradicting labels by answers, and what to ask next

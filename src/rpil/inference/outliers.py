@@ -92,11 +92,9 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
     if claims.finding == "two groups":
         return replace(claims, lower=~scores.groups.upper(scores.score, scores.variance))
     lower = lower_part(scores, settings) & claims.lower.any()
-    return replace(claims, lower=lower) if lower.any() else Claims(_without(claims), lower)
-
-
-def _without(claims: Claims) -> Finding:
-    return "no outliers" if claims.lower.any() else claims.finding
+    if claims.lower.any() and not lower.any():
+        return Claims("no outliers", lower)
+    return replace(claims, lower=lower)
 
 
 def own_gain(scoring: Scoring, group: Bool[Array, " M"], ridge: float) -> float:

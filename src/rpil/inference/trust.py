@@ -40,7 +40,7 @@ class Judgement:
     log_ratio: Float[Array, " N"]
     """Held-out log pi - log q of every step; empty where steps are not kept."""
     part: Float[Array, " M"]
-    """Whom a learner trusts, see `rpil.inference.two_parts`; 0 where nothing is learned."""
+    """1 in the part that a learner trusts, see `rpil.inference.two_parts`; 0 where no policy is learned."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:

@@ -1,4 +1,4 @@
-"""Whom a learner trusts without answers: the larger of two parts that each have a policy of their own.
+"""The part of the demonstrations that a learner trusts: the larger of two that each have a policy of their own.
 
 An audit must not act where nobody knows which group is good. A learner assumes more: experts are the largest part that
 agrees. The parts are those of the paper's mixture (eq. 7, 9) whose adversary has a policy of its own, with held-out

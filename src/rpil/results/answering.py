@@ -121,7 +121,7 @@ def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, 
 
 
 def is_over(sentence: str) -> bool:
-    """Whether a sentence holds until answers contrast: on two groups, outliers, or whom a learner trusts until then."""
+    """Whether a sentence of an audit holds only until answers contrast."""
     return any(said in sentence for said in (TWO_GROUPS, "two labels", "All outliers are of one operator"))
 
 
